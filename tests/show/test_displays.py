@@ -156,7 +156,7 @@ def test_noise_is_one_number_in_every_result(nouns):
     for card in cards:
         assert {bar.joint: bar.noise for bar in card.bars} == fit.noise
         assert "Good enough? Not in" in card.sure
-    assert cards[-1].then.startswith("Next experiment: ")
+    assert cards[-1].then.startswith("Next: Add ")
 
 
 def test_parts_of_work_follow_each_other():

@@ -185,7 +185,13 @@ def first_motion(d: Diagnosis, planned: bool) -> str:
         return ""
     way = ", planned by this command or by hand" if planned else ""
     first, *_ = experiment_steps(d.next_experiment)
-    return f"Next experiment{way}: {first}" if first else ""
+    return _next(first, way)
+
+
+def _next(step: str, way: str = "") -> str:
+    """Return the first step under its title: adding an effect is no experiment."""
+    title = "Next" if step.startswith("Add ") else f"Next experiment{way}"
+    return f"{title}: {step}" if step else ""
 
 
 def experiment_steps(advice: str) -> list[str]:
@@ -310,7 +316,7 @@ def story(d: Diagnosis, experiment: str | None = None) -> dict[str, list[str]]:
         "Curve and formula": form,
         "Invisible in this data": _invisible(d),
         "In the model, but not supported": _unsupported(d),
-        "What to log next": [f"Next experiment: {first}", *more] if first else [],
+        "What to log next": [_next(first), *more] if first else [],
     }
 
 

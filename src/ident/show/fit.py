@@ -249,6 +249,8 @@ def card(fit: Fit) -> Card:
     trust = " ".join([*wrong, good, f"{words}."]).strip() * bool(bars)
     if fit.changes is None:
         return Card(headline(fit), trust, bars, command)
+    if fit.changes.changed:  # with the earlier bodies known, which names the cause
+        command = next_command("diagnose")
     then = earlier.errors if earlier else {}
     worse = fit.residual.risen(then.get("held out") or then.get("train") or {})
     line = changes_line(fit.changes, worse)
@@ -275,10 +277,13 @@ def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
             f"{x.least:.2g} standard errors, the most {abs(x.compared[0].z):.2g}{apart}."
         )
     first = [f"{shortened(c.after.name, 40)} ({_then_now(c)} {c.after.unit})" for c in x.changed]
-    found = f"{some(first, 2)}, of {n} parameters{apart}"
-    most = f" Most have: {OTHER}" * (2 * len(first) > n)
+    count = len(first)
+    several = f"{count} of {n} parameters, most of all {listed(first[:2])}"
+    found = (several if count > 2 else f"{listed(first)}, of {n} parameters") + apart
+    most = f" Most have: {OTHER}" * (2 * count > n)
     if worse:  # what differs may stand in for a cause that the model does not have
-        return f"Changed since {since}: {beside}; perhaps in its place, {found} differ.{most}"
+        cause = f"in {listed(worse)} an effect that the model does not contain"
+        return f"New since {since}: {cause}. Changed, perhaps only to make up for it: {found}.{most}"
     return f"Changed since {since}: {found}.{most}"
 
 
