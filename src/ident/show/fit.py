@@ -282,8 +282,8 @@ def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
     found = (several if count > 2 else f"{listed(first)}, of {n} parameters") + apart
     most = f" Most have: {OTHER}" * (2 * count > n)
     if worse:  # what differs may stand in for a cause that the model does not have
-        cause = f"in {listed(worse)} an effect that the model does not contain"
-        return f"New since {since}: {cause}. Changed, perhaps only to make up for it: {found}.{most}"
+        cause = f"New since {since}: in {listed(worse)} an effect that the model does not contain"
+        return f"{cause}. Changed, perhaps only to make up for it: {found}.{most}"
     return f"Changed since {since}: {found}.{most}"
 
 
