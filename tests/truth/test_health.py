@@ -14,7 +14,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Column, Log, Noise, health
-from ident.fit.channel_fits import common_delay
+from ident.fit.common_delay import common_delay
 from identification import motion_log, plant, robot
 
 NAMES = ("arm", "five_bar", "four_bar", "slider_crank")

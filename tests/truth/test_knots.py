@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 import ident
 from helpers import ROBOTS
 from ident.motion.knots import ROUGH, common
-from ident.motion.signals import grain
+from ident.motion.noise import grain
 
 FRICTION = 0.3  # N m s/rad, N m: of all joints
 

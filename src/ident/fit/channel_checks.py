@@ -18,16 +18,9 @@ from ident.information.linear import Array
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion, State
+from ident.motion.noise import noise_level, noise_share
 from ident.motion.recipe import ROWS_OVER_MOTION
-from ident.motion.signals import (
-    CLIPPED,
-    LARGEST,
-    absurd_samples,
-    at_limit,
-    noise_level,
-    noise_share,
-    runs,
-)
+from ident.motion.signals import CLIPPED, LARGEST, absurd_samples, at_limit, runs
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 

@@ -30,11 +30,10 @@ from ident.fit.channel_fits import (
     RIVAL,
     SMALL,
     ChannelEquations,
-    common_delay,
     credible_t,
-    delay_shows,
     limits_of_machines,
 )  # fmt: skip
+from ident.fit.common_delay import common_delay, delay_shows
 from ident.fit.faults import (
     CredibleFault,
     Fault,

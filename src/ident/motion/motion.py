@@ -18,6 +18,7 @@ from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
 from ident.motion.knots import by_torques, doubtful, without_time_errors
+from ident.motion.noise import grain, noise_level
 from ident.motion.recipe import (
     AUTO,
     CLEAN,
@@ -28,15 +29,7 @@ from ident.motion.recipe import (
     thresholds,
     top_speeds,
 )
-from ident.motion.signals import (
-    LogSignals,
-    Smoothed,
-    channels_of,
-    grain,
-    measure,
-    noise_level,
-    runs,
-)
+from ident.motion.signals import LogSignals, Smoothed, channels_of, measure, runs
 from ident.motion.smoothing import (
     AS_LOGGED,
     Derived,

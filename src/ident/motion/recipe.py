@@ -15,9 +15,7 @@ import numpy as np
 from ident.errors import MotionError
 from ident.information import linear
 from ident.mechanism.mechanism import Mechanism
-from ident.motion.signals import (
-    Clock,
-    LogSignals,
+from ident.motion.noise import (
     acceleration_size,
     grain,
     is_white,
@@ -25,6 +23,7 @@ from ident.motion.signals import (
     noise_level,
     noise_share,
 )
+from ident.motion.signals import Clock, LogSignals
 from ident.motion.state import HOPELESS, State, largest_nearness, nearness
 
 AUTO = "auto"

@@ -22,7 +22,8 @@ from ident.fit.files import Saved
 from ident.fit.result import Fit
 from ident.information.blocks import Error, Squares
 from ident.motion import Motion, State
-from ident.simulate.dynamics import Dynamics, Integration
+from ident.simulate.dynamics import Dynamics
+from ident.simulate.events import Integration
 from ident.simulate.integrate import STEPS, interpolated, rough_times, torque_series
 from ident.simulate.plant import Plant
 

@@ -35,7 +35,7 @@ from ident.information.chance import covariance, prior_covariance
 from ident.information.estimate import Estimate, estimate
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
-from ident.motion.signals import noise_level
+from ident.motion.noise import noise_level
 from ident.streams.samples import DataWatch, Sample, SampleParser, Since, log_of
 from ident.streams.stream import (
     LATENCY,
