@@ -145,3 +145,10 @@ def test_one_absurd_cell_beside_gaps(gappy, mechanism, reference):
     alike(fit, reference, 12.0)
     assert any("tau.elbow = 1e+20 in row" in warning for warning in fit.warnings)
     assert not any("least noise" in warning for warning in fit.warnings)
+
+
+def test_a_torque_without_any_value_is_refused_as_such(log, mechanism):
+    columns = {**log.columns, "tau.elbow": np.full(len(log.t), np.nan)}
+    empty = ident.Log.from_arrays("empty.csv", log.t, columns)
+    with pytest.raises(ident.errors.MotionError, match=r"'tau\.elbow' has no value in any"):
+        ident.complete(mechanism, empty)

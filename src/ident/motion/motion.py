@@ -318,9 +318,11 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
     missing = [name for name in mechanism.driven if f"tau.{name}" not in columns]
     if missing and needed:
         name, present = missing[0], [c for c in columns if c.startswith("tau.")]
+        lacking = f"there is no column 'tau.{name}' ({one_of('tau.' + name, present or columns)})"
+        if f"tau.{name}" in signals.log.columns:
+            lacking = f"column 'tau.{name}' has no value in any of {len(signals.log.t)} rows"
         raise MotionError(
-            f"{log}: joint '{name}' is driven, but there is no column 'tau.{name}'"
-            f" ({one_of('tau.' + name, present or columns)}); log it, map it in "
+            f"{log}: joint '{name}' is driven, but {lacking}; log it, map it in "
             f"{entry_for('tau', missing, columns) or '[log]'}, put '{name}' among the passive "
             f"joints, or hold it: --lock {name}, in Python load(…, locked={{'{name}': None}})"
         )
