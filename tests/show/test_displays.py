@@ -115,6 +115,12 @@ def test_bars_of_a_card_are_in_proportion_to_the_errors():
     assert b.endswith("1 N")
 
 
+def test_noise_beside_a_bar_is_a_share_of_the_torque_of_the_present_log():
+    """The log of the earlier fit needed four times as much torque."""
+    bar = Bar("a", Error(2.0, 0.05, "N m"), Error(1.0, 0.1, "N m"), noise=1.0)
+    assert bar.sizes == (0.05, 0.1, 0.1)
+
+
 def test_a_card_explains_the_marks_that_it_has():
     error = Error(1.0, 0.1, "N m")
     still, changed = Bar("elbow", error), Bar("elbow", error, error)

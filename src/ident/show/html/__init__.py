@@ -51,15 +51,18 @@ class Bar:
 
     @property
     def sizes(self) -> tuple[float, float, float | None]:
-        """Before, after and noise as shares of the measured torque; 0 where there is none."""
+        """Before, after and noise as shares of the measured torque; 0 where there is none. After
+        and noise are those of one log, which may be another than that of before.
+        """
         error = self.before
         if not error.relative or not error.rms:
             return 0.0, 0.0, None
         torque = error.rms / error.relative
         after = error if self.after is None else self.after
-        noise = self.noise / torque if self.noise else None
-        share = after.rms / torque if after.relative is None else after.relative  # of its own log
-        return error.relative, share, noise
+        if after.relative and after.rms:
+            torque = after.rms / after.relative
+        share = after.rms / torque if after.relative is None else after.relative
+        return error.relative, share, self.noise / torque if self.noise else None
 
     @property
     def rises(self) -> bool:
