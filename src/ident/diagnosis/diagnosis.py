@@ -322,7 +322,8 @@ def refitted(fit: Fit, found: FoundLaw, beside: Collection[Member | Law]) -> Law
         start=start,
         estimator="least-squares",
     )
-    own = next(e for e in refit.effects if e.effect.label == law.label)
+    effects = refit.effects_with(refit.without_bias)  # beside wrong data there is no law
+    own = next(e for e in effects if e.effect.label == law.label)
     assert isinstance(own.effect, Formula)
     values = {v.name.rpartition(".")[2]: v.value for v in own.parameters}
     effect = replace(own.effect, found={n: (values[n], *at[n][1:]) for n in at})
@@ -396,12 +397,15 @@ def _explanations(fit: Fit, selection: Selection, best: Member | None) -> list[E
 
 
 def explain(fit: Fit, found: Evidence, rivals: tuple[Effect, ...] = ()) -> Explanation:
-    """The refit with a candidate; searched shapes set out from where they were found."""
+    """The refit with a candidate; searched shapes set out from where they were found. Its standard
+    errors hold no bias of wrong data, beside which nothing is named.
+    """
     refit = identify(
         fit.mechanism + found.effect, fit.motion, start=started(fit.point, fit, [found]),
         estimator="least-squares",
     )  # fmt: skip
-    values = next(e.parameters for e in refit.effects if e.effect.label == found.effect.label)
+    effects = refit.effects_with(refit.without_bias)
+    values = next(e.parameters for e in effects if e.effect.label == found.effect.label)
     return Explanation.of(fit, found, refit, errors_of(refit), values, rivals)
 
 

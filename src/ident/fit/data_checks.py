@@ -353,9 +353,9 @@ class DataChecks:
     def _motion(self, noise: Array) -> tuple[CredibleFault, ChannelEquations] | None:
         """Return the hypothesis on the motion that explains the log by far best, if any does better
         than what wrong torques leave, the relative errors `noise` (d,); and the model's equations
-        in that motion.
+        in that motion. Where those are small, or what a diagnosis found leaves little, none does.
         """
-        if noise.max() < DOUBT:
+        if min(noise.max(), np.sqrt(self._unexplained.max())) < DOUBT:
             return None
         motion, mechanism = self.problem.motion, self.mechanism
         every = -(-sum(int(e.usable.sum()) for e in motion.experiments) // FEW)

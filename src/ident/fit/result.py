@@ -160,17 +160,22 @@ class Fit(Charted):
         return again if again and max(again.rho.values()) >= again.chance else None
 
     @cached_property
-    def covariance(self) -> np.ndarray:
-        """Covariance (n_ind, n_ind) of the base parameters: that of the residual's scatter, wider
-        by what a repeated motion repeats, and by the bias of the faults that `health` names.
+    def without_bias(self) -> np.ndarray:
+        """Covariance (n_ind, n_ind) of the base parameters of the residual's scatter, wider by what
+        a repeated motion repeats.
         """
-        cov = self.scatter
-        if self.repeated is not None:
-            cov = self.repeated.variance(self.motion.duration) * cov
+        again = self.repeated
+        return self.scatter * (1.0 if again is None else again.variance(self.motion.duration))
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Covariance (n_ind, n_ind) of the base parameters: that `without_bias`, and the bias of
+        the faults that `health` names.
+        """
         if max(self.relative.values(), default=0.0) < SMALL:  # no fault is named
-            return cov
+            return self.without_bias
         moved = self.estimate.base.combined(self.checks.moved)
-        return cov + np.outer(moved, moved)
+        return self.without_bias + np.outer(moved, moved)
 
     @cached_property
     def parameters(self) -> tuple[Value, ...]:
@@ -206,9 +211,13 @@ class Fit(Charted):
     @cached_property
     def effects(self) -> tuple[EffectValues, ...]:
         """The effects with their parameters."""
+        return self.effects_with(self.covariance)
+
+    def effects_with(self, covariance: np.ndarray) -> tuple[EffectValues, ...]:
+        """Return the effects with their parameters, of a covariance (n_ind, n_ind)."""
         at = self.binding.at_bound if self.binding else ()
         prior = self.earlier.point.values if self.earlier else None
-        return effect_values(self.columns, self.estimate, self.covariance, self.point, at, prior)
+        return effect_values(self.columns, self.estimate, covariance, self.point, at, prior)
 
     @cached_property
     def correlation(self) -> Correlation:
