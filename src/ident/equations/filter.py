@@ -21,6 +21,7 @@ STANDING = 0.02  # share of a row in motion that may come from standstill
 CHUNK = 4096  # samples that are in memory at once
 FEW = 8192  # numbers of a series that are filtered at all samples: faster than products at some
 ROUNDING = 1e-6  # of a sample: parts of a log, whose rates differ by it, are decimated alike
+Product = tuple[slice, np.ndarray]  # samples m, and weights (rows, m) of some filtered rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,16 +89,20 @@ class Decimator:
 
 
 def decimated(x: np.ndarray, taps: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Filtered series Σ_i taps_i x[at − half + i] (N, c) at samples `at` (N,) of series x (n, c).
-
-    Rows within the length of the filter are one product.
-    """
+    """Filtered series Σ_i taps_i x[at − half + i] (N, c) at samples `at` (N,) of x (n, c)."""
+    if x.size > FEW:
+        return multiplied(products(taps, at), x)
     out, half = np.empty((len(at), x.shape[1])), len(taps) // 2
-    if x.size <= FEW:
-        for i, column in enumerate(x.T):
-            out[:, i] = np.convolve(column, taps, "valid")[at - half]
-        return out
-    padded = np.concatenate([[0.0], taps, [0.0]])
+    for i, column in enumerate(x.T):
+        out[:, i] = np.convolve(column, taps, "valid")[at - half]
+    return out
+
+
+def products(taps: np.ndarray, at: np.ndarray) -> list[Product]:
+    """The products that filter a series at samples `at` (N,): rows within the length of the filter
+    are one.
+    """
+    padded, found = np.concatenate([[0.0], taps, [0.0]]), list[Product]()
     first, near, weights = 0, np.zeros(0, int), np.zeros((0, 0))
     while first < len(at):
         last = int(np.searchsorted(at, at[first] + len(taps), side="right"))
@@ -105,10 +110,15 @@ def decimated(x: np.ndarray, taps: np.ndarray, at: np.ndarray) -> np.ndarray:
         if not np.array_equal(offsets, near):
             near, place = offsets, np.arange(offsets[-1] + len(taps)) - offsets[:, None] + 1
             weights = padded[np.clip(place, 0, len(padded) - 1)]
-        start = at[first] - half
-        out[first:last] = weights @ x[start : start + weights.shape[1]]
+        start = int(at[first]) - len(taps) // 2
+        found.append((slice(start, start + weights.shape[1]), weights))
         first = last
-    return out
+    return found
+
+
+def multiplied(found: Sequence[Product], x: np.ndarray) -> np.ndarray:
+    """The filtered series (N, c) of a series x (n, c)."""
+    return np.concatenate([weights @ x[samples] for samples, weights in found])
 
 
 def filtered_windows(

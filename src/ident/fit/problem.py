@@ -26,7 +26,7 @@ import numpy as np
 
 from ident.display import Progress, part
 from ident.effects import Effect, Signals
-from ident.equations.filter import Decimator, decimated
+from ident.equations.filter import Decimator, Product, multiplied, products
 from ident.equations.motion_noise import EliminatedRun, time_blocks
 from ident.equations.rows import (
     Rows,
@@ -389,12 +389,21 @@ class Table:
 
     def filtered(self, number: int, x: np.ndarray) -> np.ndarray:
         """Return a series x (n, …) of one experiment at full rate, in its rows (N_e, …)."""
-        at = self.sample[self.experiment == number]
-        taps = Decimator.of(self.motion.band.cutoff, self.scenes[number].e.rate).taps
-        if taps is None:
+        at, found = self._products[number]
+        if not found:
             return x[at]
-        flat = decimated(x.reshape(len(x), -1), taps, at)
+        flat = multiplied(found, x.reshape(len(x), -1))
         return flat.reshape(len(flat), *x.shape[1:])
+
+    @cached_property
+    def _products(self) -> list[tuple[np.ndarray, list[Product]]]:
+        """Samples (N_e,) of the rows of each experiment, and the products that filter a series."""
+        found = []
+        for number, scene in enumerate(self.scenes):
+            at = self.sample[self.experiment == number]
+            taps = Decimator.of(self.motion.band.cutoff, scene.e.rate).taps
+            found.append((at, [] if taps is None else products(taps, at)))
+        return found
 
     def effect_columns(
         self, effect: Effect, shapes: Sequence[Mapping[str, float]]
