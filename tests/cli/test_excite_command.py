@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import islice
+
 import pytest
 
 from helpers import ROBOTS
+from ident.excite.design import DesignProblem
 
 QUICK = ("--duration", "8", "--periods", "2", "--harmonics", "2", "--rate", "50", "--tries", "1")
 
@@ -39,6 +42,49 @@ def test_separate_from_the_command(run):
     status, out, err = run("excite", ROBOTS / "four_bar", *words)
     assert status == 0, err
     assert "coulomb:crank and coulomb:rocker: cosine 0." in out
+
+
+@pytest.fixture
+def stopped(monkeypatch):
+    """Ctrl-C after three steps of the first search."""
+    search = DesignProblem.search
+
+    def until(self, start, criterion):
+        yield from islice(search(self, start, criterion), 3)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(DesignProblem, "search", until)
+
+
+def test_ctrl_c_keeps_the_best_motion(run, tmp_path, stopped):
+    arm = ROBOTS / "arm"
+    status, out, err = run("excite", arm, *QUICK, "--out", "x.csv", "--plot", "x.png")
+    assert status == 130
+    assert "identifies 22 base parameters" in out
+    assert "the search was interrupted" in out
+    assert "interrupted: x.csv has the best motion so far" in err
+    assert (tmp_path / "x.png").stat().st_size > 1000
+    assert run("check", arm, "x.csv")[0] == 0
+
+
+def test_ctrl_c_without_a_file_overwrites_none(run, tmp_path, stopped):
+    (tmp_path / "arm_excited.csv").write_text("of yesterday")
+    status, _, err = run("excite", ROBOTS / "arm", *QUICK)
+    assert status == 130
+    assert "arm_excited1.csv has the best motion so far" in err
+    assert (tmp_path / "arm_excited.csv").read_text() == "of yesterday"
+    assert run("check", ROBOTS / "arm", "arm_excited1.csv")[0] == 0
+
+
+def test_ctrl_c_before_the_first_motion(run, tmp_path, monkeypatch):
+    def drawn(self, random, criterion):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(DesignProblem, "draw", drawn)
+    status, out, err = run("excite", ROBOTS / "arm", *QUICK, "--out", "x.csv")
+    assert (status, out) == (130, "")
+    assert "no file was written" in err
+    assert not (tmp_path / "x.csv").exists()
 
 
 WRONG = {

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from ident.excite.excitation import Criterion
-from ident.excite.trajectory import Fourier, LimitBox
+from ident.excite.interior import Walls, climb
+from ident.excite.limits import LimitBox
+from ident.excite.trajectory import Fourier
 
 
 def test_criteria_are_standard_errors():
@@ -55,3 +60,57 @@ def test_excess_of_a_box():
     assert box.excess(z)[0] == pytest.approx(max(-1 - z[:, 0].min(), z[:, 0].max() - 2) / 1.5)
     assert box.broken(z + np.array([0, 0, 9.0, 0])) == 2
     assert box.broken(z) is None
+
+
+@pytest.mark.parametrize(
+    "criterion",
+    [Criterion.of_all(5, 0.7), Criterion.of_pair(5, [1], [2, 4])],
+    ids=["all, balanced", "pair"],
+)
+def test_slope_of_a_criterion(criterion):
+    random = np.random.default_rng(5)
+    W, d = random.normal(size=(30, 5)), 1e-6 * random.normal(size=(30, 5))
+    assert (criterion.slope(W) * d).sum() == pytest.approx(
+        0.5 * (criterion.at(W + d) - criterion.at(W - d)), rel=1e-5
+    )
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of a problem of formulas."""
+
+    x: np.ndarray
+    z: np.ndarray
+    J: float
+
+
+def test_the_optimum_of_a_linear_problem():
+    """Against scipy's linear programming: 200 limits of both sides, some of them absent."""
+    random = np.random.default_rng(6)
+    G, gain = random.normal(size=(200, 4)), random.normal(size=4)
+    low, high = -random.uniform(1, 2, size=(2, 200)) * np.array([[1], [-1]])
+    low[::3] = -np.inf
+    high[::5] = np.inf
+
+    def place(x, near=None):
+        return Place(x, G @ x, float(gain @ x))
+
+    walls = Walls(low, high)
+    *steps, found = climb(place(np.zeros(4)), place, lambda c: (gain, G), walls, 1e-2)
+    for each in (*steps, found):
+        assert (walls.room(each.z) > 0).all()
+    finite = [x for x in (*np.c_[G, high], *np.c_[-G, -low]) if np.isfinite(x[-1])]
+    least = linprog(-gain, np.array(finite)[:, :4], np.array(finite)[:, 4], bounds=(None, None))
+    np.testing.assert_allclose(gain @ least.x, found.J, atol=1e-3)
+
+
+def test_the_optimum_on_a_curved_limit():
+    """The highest point of a ball; beyond x₀ = 0.9 there are no points at all."""
+    gain = np.array([3.0, 1.0, 0.0])
+
+    def place(x, near=None):
+        return None if x[0] > 0.9 else Place(x, np.array([x @ x]), float(gain @ x))
+
+    walls = Walls(np.array([-np.inf]), np.array([0.5]))
+    *_, found = climb(place(np.full(3, 0.1)), place, lambda c: (gain, 2 * c.x[None]), walls, 1e-2)
+    np.testing.assert_allclose(found.x, gain * np.sqrt(0.5 / 10), atol=1e-3)

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 import ident
 from helpers import ROBOTS, Series, Truth
 from ident import Excitation, Limits, Noise
+from ident.excite import search
 from ident.excite.design import DesignProblem
 from ident.fit.values import base_names
 
@@ -201,13 +202,44 @@ def test_the_search_stays_inside_and_gains():
     problem = DesignProblem(ident.load(ROBOTS / "five_bar"), Limits(), 6.0, 2, {}, 0)
     criterion = problem.criterion(None, 0.5)
     start = problem.draw(np.random.default_rng(0), criterion)
-    shares: list[float] = []
-    found = problem.search(start, criterion, shares.append)
+    *steps, found = problem.search(start, criterion)
     assert found.J > start.J + 0.1
-    assert problem.exact.excess(found.z).max() < 0
-    assert shares
-    assert shares[0] > 0
-    assert shares == sorted(shares)
+    for each in (*steps, found):
+        assert problem.exact.excess(problem.box.z(each.rows.e)).max() < 0
+
+
+@pytest.mark.parametrize(
+    ("name", "effect"), [("arm", "coulomb"), ("four_bar", ""), ("arm", "hysteresis:elbow")]
+)
+def test_slopes_are_those_of_differences(name, effect):
+    """Of an effect of the sample alone, a loop, and an effect with a memory."""
+    mechanism = ident.load(ROBOTS / name)
+    mechanism = mechanism.with_effect(effect) if effect else mechanism
+    problem = DesignProblem(mechanism, Limits(), 6.0, 3, {}, 0)
+    criterion, random = problem.criterion(None, 0.5), np.random.default_rng(1)
+    c = problem.draw(random, criterion)
+    dJ, dz = problem.slopes(c, criterion)
+    d = 1e-5 * random.normal(size=c.x.shape)
+    a, b = (
+        problem.candidate(x, problem.family.motion(x, c.rows.e), criterion)
+        for x in (c.x + d, c.x - d)
+    )
+    assert dJ @ d.ravel() == pytest.approx(0.5 * (a.J - b.J), rel=5e-3)
+    change = 0.5 * (a.z - b.z)
+    np.testing.assert_allclose(dz @ d.ravel(), change.ravel(), atol=1e-3 * np.abs(change).max())
+
+
+def test_motions_before_the_end_keep_the_limits_too(monkeypatch):
+    """All are handed out; each is better than the one before."""
+    monkeypatch.setattr(search, "KEPT", 0.0)
+    seen: list[Excitation] = []
+    x = ident.excite(ident.load(ROBOTS / "arm"), better=seen.append, **SHORT)
+    assert x.finished
+    assert not any(each.finished for each in seen)
+    assert len(seen) > 3
+    assert x.log_det >= max(each.log_det for each in seen) - 0.1 * len(x.base)
+    for each in (*seen, x):
+        assert all(use.lower <= use.low <= use.high <= use.upper for use in each.uses)
 
 
 HAND = """<robot name="hand"><link name="base"/>

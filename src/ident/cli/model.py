@@ -7,6 +7,7 @@ import os
 import sys
 from dataclasses import replace
 from functools import reduce
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -152,6 +153,7 @@ def view(
 
 
 if TYPE_CHECKING:
+    from ident.excite import Excitation
     from ident.mechanism import Mechanism
     from ident.simulate.integrate import Drive
 
@@ -329,6 +331,18 @@ def excite(
         reserve=value(reserve, "--reserve", "write a share, as 20% or 0.2", share)[0],
         singular=singular,
     )
+    written = list[Path]()
+
+    def better(found: Excitation) -> None:
+        if out is not None:
+            found.write(out)
+        if out is not None and not written:
+            written.append(out)
+            wrote([out])
+            notes(
+                ["it keeps all limits; better motions replace it until the search ends, or Ctrl-C"]
+            )
+
     with progress() as on_progress:
         found = excite_(
             mechanism,
@@ -342,15 +356,24 @@ def excite(
             balance=balance,
             tries=tries,
             seed=seed,
+            better=better,
             progress=on_progress,
         )
+    if out is None and not found.finished:  # no seed repeats it
+        free = (Path(f"{found.name}_excited{i or ''}.csv") for i in count())
+        out = next(path for path in free if not path.exists())
     for path, write in ((out, found.write), (plot, lambda path: found.plot().save(path))):
         if path is not None:
             write(path)
             wrote([path])
     result(found)
-    look = f": look at it, ident view {place_of(mechanism)} {out}" if out else ""
-    notes([f"planned with the masses of the file; collisions are not checked{look}"])
+    look = f"look at it: ident view {place_of(mechanism)} {out}" if out else (
+        "no file was written: repeat the command with --out next.csv"
+    )  # fmt: skip
+    notes([f"planned with the masses of the file; collisions are not checked; {look}"])
+    if not found.finished:
+        notes([f"interrupted: {out} has the best motion so far"])
+        sys.exit(130)
 
 
 def _limit(given: str, texts: Texts) -> float | dict[str, float] | None:

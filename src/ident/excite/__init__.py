@@ -1,7 +1,7 @@
 """Exciting motions: periodic, inside all limits, optimal for the unknown parameters."""
 
-from ident.excite.design import excite
 from ident.excite.excitation import Excitation, Separation
-from ident.excite.trajectory import Limits
+from ident.excite.limits import Limits
+from ident.excite.search import excite
 
 __all__ = ["Excitation", "Limits", "Separation", "excite"]

@@ -1,31 +1,19 @@
-"""The verb `excite`: a search for the periodic motion that determines the unknown parameters best.
-
-The problem, its candidates and their slopes come first.
-"""
+"""The problem of `excite`: motions inside the limits, their criterion, and slopes of both."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from itertools import count, islice
+from itertools import islice
 
 import numpy as np
-from scipy.optimize import NonlinearConstraint, minimize
 
-from ident.display import Progress
 from ident.equations.unknowns import Columns
-from ident.errors import MechanismError, MotionError, check_whole, one_of
-from ident.excite.excitation import Criterion, Determined, Excitation, places_of, with_rivals
-from ident.excite.trajectory import (
-    Family,
-    Fourier,
-    LimitBox,
-    Limits,
-    MotionRows,
-    at_rest,
-    moved_joints,
-)
+from ident.errors import MechanismError, MotionError, one_of
+from ident.excite.excitation import Criterion, Determined, Excitation, places_of
+from ident.excite.interior import Walls, climb
+from ident.excite.limits import LimitBox, Limits
+from ident.excite.trajectory import Family, Fourier, MotionRows, at_rest, moved_joints
 from ident.fit.shapes import initial
 from ident.information.estimate import TOLERANCE, rank_revealing
 from ident.information.linear import Triangle
@@ -41,10 +29,7 @@ SAMPLES = 24  # of the search, a period of the highest harmonic
 FINE = 10  # times these samples at which the result is checked
 MARGIN = 0.97  # share of the limits that follow from the drives' motion, at the samples
 PILOTS = 12, 40  # random motions whose rows give base and scale; draws at most
-STEPS, GAIN = 150, 1e-5  # steps of each search at most, and gain of J below which it ends
-SLACK = 1e-3  # of half a limit's width, by which the optimum may exceed the tightened limits
-STEP = 1e-5  # of a number of x, of differences
-WORTHLESS = 1e3  # −J of a motion that cannot be followed: no step of the search leads there
+CENTRED = 1e-2  # μ of the first problem of a search, times the number of drives
 SHRINK, SHRINKS = 0.99, 20  # of a motion that breaks a limit between the samples
 AWAY = 0.05  # of its range, the distance of home from a joint's limits
 SOFT = 0.02  # share of the top speed within which the search smooths the step of dry friction
@@ -53,7 +38,7 @@ NOISE = 0.01  # of the limit of torque: the noise expected of a torque signal
 
 @dataclass(frozen=True, eq=False)
 class ExcitingMotion:
-    """A motion: x (d, P), its rows, limited quantities z (n, Z), and criterion J."""
+    """A motion: x (d, P), its rows, quantities z (n, Z) that have a limit, and criterion J."""
 
     x: np.ndarray
     rows: MotionRows
@@ -116,6 +101,7 @@ class DesignProblem:
             raise MotionError(f"{mechanism.name}: the limits leave no motion: {why}")
         self.family, self.exact = family, exact  # of motions; their limits
         self.box = box = exact.tightened(names, series.between(n), MARGIN)  # for samples
+        self.limited = np.isfinite(box.low) | np.isfinite(box.high)  # of the quantities
         self.names, self.notes = names, tuple(notes)  # of the drives that are moved; assumptions
         self.pinv = size  # ‖K⁺‖ at home, 1 in a tree
         random = np.random.default_rng([seed, 1])
@@ -157,6 +143,10 @@ class DesignProblem:
         A = rows.A[:, :, self.base.independent] / self.size / self.sigma[:, None]
         return A.reshape(-1, len(self.size))
 
+    def z(self, rows: MotionRows) -> np.ndarray:
+        """Return (n, Z) of the quantities that have a limit."""
+        return self.box.z(rows.e)[:, self.limited]
+
     def draw(self, random: np.random.Generator, criterion: Criterion) -> ExcitingMotion | None:
         """Return a random motion inside the limits; None if it is home alone or not informative."""
         found = self.family.draw(self.box, random)
@@ -167,64 +157,37 @@ class DesignProblem:
     ) -> ExcitingMotion | None:
         """Evaluate a motion; None where it does not determine all unknowns."""
         J = criterion.at(self.W(rows))
-        return None if J is None else ExcitingMotion(x, rows, self.box.z(rows.e), J)
+        return None if J is None else ExcitingMotion(x, rows, self.z(rows), J)
 
-    def search(
-        self, start: ExcitingMotion, criterion: Criterion, on_progress: Callable[[float], None]
-    ) -> ExcitingMotion:
-        """Maximise J inside the tightened limits by sequential quadratic programming (SLSQP).
+    def search(self, start: ExcitingMotion, criterion: Criterion) -> Iterator[ExcitingMotion]:
+        """Yield the motion after each step of a climb from a start; all are inside the limits."""
+        n = len(start.rows.e)
 
-        It starts again with a fresh Hessian from the best motion until that gains no more. A motion
-        that cannot be followed is worth so little that the line search turns back. `on_progress`
-        is called with the share of the steps after each.
-        """
-        steps = count(1)
-        shape, box = start.x.shape, self.box
-        # amplitudes are at most 4/π of a function's
-        bound = max(2.0, 4 / np.pi * np.sqrt(self.family.series.harmonics))
-        best = near = start
-
-        @lru_cache(maxsize=4)  # objective and constraints are asked at the same x
-        def at(key: bytes) -> ExcitingMotion:
-            nonlocal best, near
-            x = np.frombuffer(key).reshape(shape)
+        def at(x: np.ndarray, near: ExcitingMotion) -> ExcitingMotion | None:
             rows = self.family.motion(x, near.rows.e)
-            c = rows and self.candidate(x, rows, criterion)
-            near = c or near
-            if c and c.J > best.J and box.excess(c.z).max() < SLACK:
-                best = c
-            return c or replace(near, J=-WORTHLESS)
+            return None if rows is None else self.candidate(x, rows, criterion)
 
-        @lru_cache(maxsize=1)
-        def slopes(key: bytes) -> tuple[np.ndarray, np.ndarray]:
-            """Return ∂J/∂x (d P,) and ∂z/∂x (n Z, d P)."""
-            c, x = at(key), np.frombuffer(key)
-            moved = [at((x + h).tobytes()) for h in STEP * np.eye(len(x))]
-            moved = [each if each.J > -WORTHLESS else c for each in moved]
-            dz = np.stack([(each.z - c.z)[:, limited] / half for each in moved], axis=-1)
-            return np.array([each.J - c.J for each in moved]) / STEP, dz.reshape(-1, len(x)) / STEP
+        walls = Walls(*(np.tile(x[self.limited], n) for x in (self.box.low, self.box.high)))
+        return climb(
+            start, at, lambda c: self.slopes(c, criterion), walls, CENTRED / len(self.names)
+        )
 
-        limited = np.isfinite(box.low) | np.isfinite(box.high)
-        half, n = box.half[limited], len(start.z)
-        low, high = (np.tile(each[limited] / half, n) for each in (box.low, box.high))
-        limits = NonlinearConstraint(
-            lambda x: (at(x.tobytes()).z[:, limited] / half).ravel(), low, high,
-            jac=lambda x: slopes(x.tobytes())[1],
-        )  # fmt: skip
-        while True:
-            before = best.J
-            minimize(
-                lambda x: -at(x.tobytes()).J,
-                best.x.ravel(),
-                jac=lambda x: -slopes(x.tobytes())[0],
-                method="SLSQP",
-                bounds=[(-bound, bound)] * best.x.size,
-                constraints=limits,
-                options={"maxiter": STEPS, "ftol": GAIN},
-                callback=lambda _: on_progress(min(next(steps) / STEPS, 1.0)),
-            )
-            if best.J - before < 100 * GAIN:
-                return best
+    def slopes(self, c: ExcitingMotion, criterion: Criterion) -> tuple[np.ndarray, np.ndarray]:
+        """Return ∂J/∂x (d P,) and ∂z/∂x (n Z, d P), from G = ∂J/∂A (n, d, k)."""
+        n = len(c.rows.e)
+        G = np.zeros(c.rows.A.shape[::-1]).T  # in the order of A in memory
+        slope = criterion.slope(self.W(c.rows)).reshape(n, -1, len(self.size))
+        G[:, :, self.base.independent] = slope / self.size / self.sigma[:, None]
+        changes = []
+        for m, rows in self.family.beside(c.rows.e):
+            found = np.zeros((m, n, 1 + c.z.shape[1]))
+            if rows is not None:
+                A = rows.A.reshape(m, *c.rows.A.shape)
+                found[:, :, 0] = np.einsum("mndk,ndk->mn", A - c.rows.A, G)
+                found[:, :, 1:] = self.z(rows).reshape(m, *c.z.shape) - c.z
+            changes.append(found)
+        by_x = self.family.by_x(np.concatenate(changes))
+        return by_x[:, 0].sum(axis=0), by_x[:, 1:].reshape(-1, by_x.shape[2])
 
     def inside(self, x: np.ndarray, rate: float) -> np.ndarray:
         """Return x (d, P), shrunk towards home where a limit is broken between the samples."""
@@ -249,6 +212,7 @@ class DesignProblem:
         rate: float,
         separate: tuple[str, str] | None,
         seed: int,
+        finished: bool = True,
     ) -> Excitation:
         """Return the excitation of the motion x (d, P), with the log of all periods."""
         family, series = self.family, self.family.series
@@ -280,6 +244,7 @@ class DesignProblem:
             separation=None if separate is None else result.separation(separate),
             seed=seed,
             notes=self.notes,
+            finished=finished,
         )
 
 
@@ -326,98 +291,3 @@ def _noise(
     rms = max(float(np.sqrt(np.mean(np.concatenate([p.e.tau for p in pilots]) ** 2))), 1e-9)
     usual = NOISE * np.where(np.isfinite(most), most, rms)
     return np.array([given.get(name, x) for name, x in zip(names, usual, strict=True)])
-
-
-DRAWS = 25  # random motions, the best of which each search starts from
-
-
-def excite(
-    mechanism: Mechanism,
-    *,
-    duration: float = 30.0,
-    periods: int = 3,
-    rate: float = 100.0,
-    harmonics: int = 5,
-    limits: Limits | None = None,
-    separate: tuple[str, str] | None = None,
-    noise: Mapping[str, float] | None = None,
-    balance: float = 0.5,
-    tries: int = 4,
-    seed: int = 0,
-    progress: Progress | None = None,
-) -> Excitation:
-    """Return the periodic motion of the drives that makes the base parameters most certain.
-
-    Args:
-        mechanism: with the effects that are to be identified too.
-        duration: of the whole log [s], `periods` times the same motion.
-        periods: 2 or more distinguish what repeats from noise.
-        rate: of the log [Hz].
-        harmonics: of the Fourier series, 2 or more; the highest frequency is that many a period.
-        limits: in place of the URDF's.
-        separate: two effects' labels; then the motion that distinguishes them best.
-        noise: expected of the torques, by drive [N m | N]; default 1 % of the limit of torque.
-        balance: weight of the condition number beside the log-determinant; 0 ignores it.
-        tries: searches, each from the best of 25 random motions.
-        seed: of these; the same seed gives the same motion.
-        progress: called with (what is being done, share done).
-
-    Raises:
-        MechanismError, MotionError: for limits that exclude every motion, with the one that does;
-            for a mechanism with fewer drives than degrees of freedom; for rivals that no motion
-            distinguishes.
-    """
-    check_whole("seed", seed)
-    _check(duration, periods, rate, harmonics, tries)
-    if not 0 <= balance < np.inf:
-        raise MotionError(f"balance {balance:g}; a number from 0 is expected")
-    if separate is not None:
-        if isinstance(separate, str) or len(separate) != 2:
-            raise MotionError(
-                f"separate {separate!r}; valid: two effects, as ('drag:a', 'viscous:a')"
-            )
-        mechanism = with_rivals(mechanism, separate)
-    problem = DesignProblem(
-        mechanism, limits or Limits(), duration / periods, harmonics, noise or {}, seed
-    )
-    criterion = problem.criterion(separate, balance)
-    best: ExcitingMotion | None = None
-    for i in range(tries):
-
-        def on_progress(share: float, i: int = i) -> None:
-            if progress:
-                progress(f"exciting {mechanism.name}, try {i + 1} of {tries}", (i + share) / tries)
-
-        on_progress(0.0)
-        random = np.random.default_rng([seed, 2, i])
-        starts = [problem.draw(random, criterion) for _ in range(DRAWS)]
-        known = [start for start in starts if start is not None]
-        if known:
-            found = problem.search(max(known, key=lambda c: c.J), criterion, on_progress)
-            best = found if best is None or found.J > best.J else best
-    if best is None:
-        raise MotionError(
-            f"{mechanism.name}: no random motion inside the limits determines all parameters; "
-            "give wider limits, or more harmonics"
-        )
-    if progress:
-        progress(f"exciting {mechanism.name}", 1.0)
-    return problem.excitation(problem.inside(best.x, rate), duration, periods, rate, separate, seed)
-
-
-def _check(duration: float, periods: int, rate: float, harmonics: int, tries: int) -> None:
-    if not 0 < duration < np.inf or not 0 < rate < np.inf:
-        raise MotionError(
-            f"duration {duration:g} s, rate {rate:g} Hz; numbers above 0 are expected"
-        )
-    if periods < 1 or harmonics < 2 or tries < 1:
-        raise MotionError(
-            f"periods {periods}, harmonics {harmonics}, tries {tries}; valid: 1 period and try or "
-            "more, 2 harmonics or more, for one alone cannot begin at rest"
-        )
-    top = harmonics * periods / duration
-    if rate < 10 * top:
-        raise MotionError(
-            f"rate {rate:g} Hz: the highest harmonic is at {top:.3g} Hz; give at least "
-            f"{10 * top:.3g} Hz, fewer harmonics or a longer period"
-        )

@@ -25,7 +25,8 @@ from ident.display import Plotted
 from ident.effects import KINDS, parse
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MechanismError
-from ident.excite.trajectory import LimitUse, MotionRows
+from ident.excite.limits import LimitUse
+from ident.excite.trajectory import MotionRows
 from ident.fit.values import base_names
 from ident.information import linear
 from ident.information.estimate import TOLERANCE, rank_revealing, solve
@@ -67,6 +68,29 @@ class Criterion:
             _, s, _ = linear.svd(R / np.linalg.norm(R, axis=0))
             value -= self.balance * float(np.log(s[0] / s[-1]))
         return value
+
+    def slope(self, W: np.ndarray) -> np.ndarray:
+        """Return ∂J/∂W (N, r) of rows W (N, r) that determine all unknowns.
+
+        J is a function of M alone, so this is W S with a symmetric S (r, r):
+
+            log det M_j    S = 2 M_j⁻¹
+            log s_k        S = u uᵀ / s_k² − diag(u²),   u = v_k / norms of W's columns
+
+        s_k, v_k are the singular values and right singular vectors of W with unit columns.
+        """
+        R = np.asarray(np.linalg.qr(W, mode="r"))
+        S = np.zeros((len(R), len(R)))
+        for weight, columns in self.parts:
+            inverse = np.linalg.inv(np.linalg.qr(R[:, columns], mode="r"))
+            S[np.ix_(columns, columns)] += 2 * weight * inverse @ inverse.T
+        if self.balance:
+            norms = np.linalg.norm(R, axis=0)
+            _, s, V = linear.svd(R / norms)
+            for k, sign in ((0, -1), (-1, 1)):
+                u = V[k] / norms
+                S += sign * self.balance * (np.outer(u, u) / s[k] ** 2 - np.diag(u**2))
+        return np.asarray(W @ S)
 
 
 @dataclass(frozen=True)
@@ -115,6 +139,7 @@ class Excitation(Plotted):
         noise: expected of the torques, by drive [N m | N].
         separation: of two effects, if that was requested.
         seed: of the random motions from which the search started; notes: assumptions.
+        finished: false for the best motion of a search that has not ended.
     """
 
     name: str
@@ -133,6 +158,7 @@ class Excitation(Plotted):
     separation: Separation | None
     seed: int
     notes: tuple[str, ...] = ()
+    finished: bool = True
 
     def use(self, joint: str, kind: str) -> LimitUse:
         """Return the use of one limit: of `joint`, its `kind` (position, speed, …)."""

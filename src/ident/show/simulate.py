@@ -133,7 +133,7 @@ def excitation_sheet(x: Excitation) -> Sheet:
     title = (
         f"excitation of {x.name}: {x.periods} × {x.period:.4g} s, {x.harmonics} harmonics, "
         f"{len(x.log.t)} samples at {x.log.rate:.4g} Hz; seed {x.seed}"
-    )
+    ) + ", the search was interrupted" * (not x.finished)
     facts = {"every period begins and ends": f"at rest, at {start}"}
     if x.home:
         size = next(each for each in x.uses if each.kind == "singularity")
