@@ -307,14 +307,17 @@ def excite(
     singular: float = setting("Largest ‖K⁺‖ over that at the start.", "X", default=3.0),
     noise: Texts = setting("Expected noise of a torque. Default: 1 % of its limit.", "JOINT=VALUE"),
     balance: float = setting("Weight of the condition number beside log det.", "W", default=0.5),
-    tries: int = setting("Searches; the best one counts.", "N", default=4),
+    tries: int = setting("Searches begun; the best one is finished.", "N", default=4),
     seed: int = setting("Seed of the searches.", "N", default=0, min=0),
     plot: Plot = None,
-    out: Path | None = setting("Write the motion, a .csv, .parquet or .npz.", "FILE"),
+    out: Path | None = setting(
+        "Write the motion, a .csv, .parquet or .npz: one within seconds, then better ones.", "FILE"
+    ),
 ) -> None:
     """Plan a periodic motion that determines most, within limits.
 
-    What it uses of the limits, and the standard errors to be expected of a log of it.
+    What it uses of the limits, and the standard errors to be expected of a log of it. Ctrl-C ends
+    the search and keeps the best motion so far.
     """
     from ident.excite import Limits
     from ident.excite import excite as excite_

@@ -159,8 +159,13 @@ class DesignProblem:
         J = criterion.at(self.W(rows))
         return None if J is None else ExcitingMotion(x, rows, self.z(rows), J)
 
-    def search(self, start: ExcitingMotion, criterion: Criterion) -> Iterator[ExcitingMotion]:
-        """Yield the motion after each step of a climb from a start; all are inside the limits."""
+    def search(
+        self, start: ExcitingMotion, criterion: Criterion, centred: float = CENTRED
+    ) -> Iterator[ExcitingMotion]:
+        """Yield the motion after each step of a climb from a start; all are inside the limits.
+
+        `centred` is μ of its first problem (see `interior`), times the number of drives.
+        """
         n = len(start.rows.e)
 
         def at(x: np.ndarray, near: ExcitingMotion) -> ExcitingMotion | None:
@@ -169,7 +174,7 @@ class DesignProblem:
 
         walls = Walls(*(np.tile(x[self.limited], n) for x in (self.box.low, self.box.high)))
         return climb(
-            start, at, lambda c: self.slopes(c, criterion), walls, CENTRED / len(self.names)
+            start, at, lambda c: self.slopes(c, criterion), walls, centred / len(self.names)
         )
 
     def slopes(self, c: ExcitingMotion, criterion: Criterion) -> tuple[np.ndarray, np.ndarray]:

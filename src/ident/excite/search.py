@@ -10,13 +10,14 @@ import numpy as np
 
 from ident.display import Progress, quiet
 from ident.errors import MotionError, check_whole
-from ident.excite.design import DesignProblem, ExcitingMotion
+from ident.excite.design import CENTRED, DesignProblem, ExcitingMotion
 from ident.excite.excitation import Criterion, Excitation, with_rivals
 from ident.excite.limits import Limits
 from ident.mechanism.mechanism import Mechanism
 
 DRAWS = 25  # random motions, the best of which each search starts from
 ROUND, STEPS = 30, 150  # steps of every search, and of the best one after these, at most
+DIRECT = 1e-3  # μ, likewise, of every second search for a separation: either may end higher
 KEPT = 5.0  # s between two motions that are handed out before the end
 
 
@@ -119,7 +120,8 @@ def _searches(
         if not known:
             continue
         start = max(known, key=lambda c: c.J)
-        steps, J = problem.search(start, criterion), start.J
+        centred = DIRECT if i % 2 and len(criterion.parts) > 1 else CENTRED
+        steps, J = problem.search(start, criterion, centred), start.J
         for k, c in enumerate(chain([start], islice(steps, ROUND))):
             yield f"search {i + 1} of {tries}", (i * ROUND + k) / most, c
             J = c.J
