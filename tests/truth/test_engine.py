@@ -49,11 +49,14 @@ def logged(case: Planted, mechanism: Mechanism) -> Motion:
 
 
 def diagnosed(case: Planted, *present: str) -> Diagnosis:
-    """By a model with none of the log's effects but these."""
-    mechanism = robot("arm")
+    """By a model with none of the log's effects but these; progress never runs backward."""
+    mechanism, shares = robot("arm"), list[float]()
     for effect in present:
         mechanism = mechanism.with_effect(effect)
-    return ident.diagnose(ident.identify(mechanism, logged(case, mechanism)))
+    fit = ident.identify(mechanism, logged(case, mechanism))
+    found = ident.diagnose(fit, progress=lambda what, share: shares.append(share))
+    assert shares == sorted(shares)
+    return found
 
 
 @cache

@@ -79,10 +79,11 @@ def diagnose(
     on_progress = part(progress, 0.0, 1.0)
     decision = Decision(alpha, material, rival_se)
     check_whole("seed", seed)
-    contest = Contest.of(fit, candidates_of(fit), part(on_progress, 0.0, 0.4))
-    on_progress("noise of the sensors", 0.4)
-    found = concluded(contest, noise(contest, seed), decision, seed, on_progress)
-    return at_reversals(contest, found, decision, seed, on_progress)
+    contest = Contest.of(fit, candidates_of(fit), part(on_progress, 0.0, 0.3))
+    on_progress("noise of the sensors", 0.3)
+    draws, here = noise(contest, seed), part(on_progress, 0.3, 0.9)
+    found = concluded(contest, draws, decision, seed, here)
+    return at_reversals(contest, found, decision, seed, part(on_progress, 0.9, 1.0))
 
 
 def at_reversals(
@@ -93,12 +94,12 @@ def at_reversals(
     an effect that acts there. What else is found there is left open: dry friction is least exact.
     `other`: the contest on those rows, if it is made already.
     """
-    here = part(on_progress, 0.9, 1.0)
     if found.verdict == "missing":
         return found
-    other = other or contest.at_reversals(here)
+    other = other or contest.at_reversals(part(on_progress, 0.0, 0.4))
     if other is None:
         return found
+    here = part(on_progress, 0.4, 1.0)
     again = concluded(other, noise(other, seed), decision, seed, here)
     if again.best and again.best.at_reversals and _explains_most(again.candidates[0], found.fit):
         return again
@@ -117,7 +118,7 @@ def concluded(
 ) -> Diagnosis:
     """The diagnosis of a fit from the rows of all candidates and draws of the sensors' noise."""
     fit = contest.fit
-    selection = select(contest, draws, decision, seed, on_progress)
+    selection = select(contest, draws, decision, seed, part(on_progress, 0.0, 0.5))
     names = fit.motion.independent
     floor = dict(zip(names, map(float, draws.floor), strict=True))
     left = louder(contest, draws, selection.last, decision)
@@ -127,9 +128,9 @@ def concluded(
     laws: tuple[Law, ...] = ()
     unsearched: tuple[str, ...] = ()
     if not data.faults:
-        here = part(on_progress, 0.7, 0.8)
+        here = part(on_progress, 0.5, 0.7)
         lawful, found, unsearched = laws_of(contest, selection, loud, floor, decision, here)
-        on_progress("refitting", 0.8)
+        on_progress("refitting", 0.7)
         selection, laws = _refitted(fit, lawful, found, decision)
     best = selection.named[0] if selection.named else None
     candidates = _explanations(fit, selection, best)

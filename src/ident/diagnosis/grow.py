@@ -246,11 +246,13 @@ def grow(
         # curves judge what is left in the end, the search needs none
         contest = Contest.of(fit, candidates_of(fit), part(here, 0.0, 0.4), curved=number > 0)
         draws = noise(contest, seed)
-        search = Search(contest, draws, decision, seed, given, here, visited)
+        search = Search(contest, draws, decision, seed, given, part(here, 0.4, 0.6), visited)
         found = search.run()
-        turning = contest.at_reversals(here) if found.labels == search.start.labels else None
+        same, turns = found.labels == search.start.labels, part(here, 0.6, 0.65)
+        turning = contest.at_reversals(turns) if same else None
         if turning:
-            search = Search(turning, noise(turning, seed), decision, seed, given, here)
+            turns = part(here, 0.65, 0.7)
+            search = Search(turning, noise(turning, seed), decision, seed, given, turns)
             found = led_at_reversals(search, search.run()) or search.start
         if found.labels == search.start.labels:
             break
@@ -277,8 +279,9 @@ def grow(
         turning = None
         contest = Contest.of(fit, candidates_of(fit), part(rest, 0.35, 0.4))
         draws = noise(contest, seed)
-    last = concluded(contest, draws, decision, seed, rest)
-    return History(tuple(steps), at_reversals(contest, last, decision, seed, rest, turning))
+    last = concluded(contest, draws, decision, seed, part(rest, 0.4, 0.8))
+    here = part(rest, 0.8, 1.0)
+    return History(tuple(steps), at_reversals(contest, last, decision, seed, here, turning))
 
 
 def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:

@@ -262,9 +262,10 @@ def _law(
     one = replace(last.contest, regression=regression)
     floors = np.array([floor[name] for name in contest.fit.motion.independent])
     noise = regression.rows * (floors * regression.weight) ** 2
-    search = LawSearch(one, regression, joint, "", limit, LOUD**2 * noise, on_progress, drawn=drawn,
+    here = [part(on_progress, i / (1 + OTHERS), (i + 1) / (1 + OTHERS)) for i in range(1 + OTHERS)]
+    search = LawSearch(one, regression, joint, "", limit, LOUD**2 * noise, here[0], drawn=drawn,
                        alpha=decision.alpha / regression.d)  # fmt: skip
-    found = _formulas(contest, search)
+    found = _formulas(contest, search, here[1:])
     if not found:
         return None
     best = min(found, key=lambda each: float(each.loss.sum()))
@@ -315,9 +316,11 @@ def _columns(members: Iterable[Member]) -> Index:
     return np.concatenate([np.zeros(0, dtype=np.intp), *(m.columns for m in members)])
 
 
-def _formulas(contest: Contest, search: LawSearch) -> list[FittedFormula]:
+def _formulas(
+    contest: Contest, search: LawSearch, parts: Sequence[OnProgress]
+) -> list[FittedFormula]:
     """Return all formulas of a joint's signals and, where they leave more than noise, of another
-    joint's.
+    joint's; progress of each of those goes to one of `parts`.
     """
     found = search.run()
     best = min(found, key=lambda each: float(each.loss.sum()), default=None)
@@ -325,7 +328,9 @@ def _formulas(contest: Contest, search: LawSearch) -> list[FittedFormula]:
         return found
     others = [replace(search, other=name) for name in _moving(contest, search.joint)]
     falls = {each.other: each.probed(PROBE) for each in others}
-    for each in sorted(others, key=lambda each: -falls[each.other])[:OTHERS]:
+    likely = sorted(others, key=lambda each: -falls[each.other])
+    for each, here in zip(likely, parts, strict=False):
+        each.on_progress = here
         if at_most(each.regression, [falls[each.other]])[0] > search.limit:
             found += each.run(best)
     return found

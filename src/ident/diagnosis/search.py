@@ -87,7 +87,7 @@ class Search:
         self.chance, self.judged, self.first = first.chance, first.regression, first
         now = self.grouped(self.joined(now, first))
         for number in range(MOST):
-            self.on_progress(f"set of {len(now.members)} effects", 0.4 + 0.3 * number / MOST)
+            self.on_progress(f"set of {len(now.members)} effects", number / MOST)
             ranking = first if now is self.start else self.ranked(now)
             following = self.forward(now, ranking) or self.exchanged(now) or self.grouped(now)
             if following is now and not self.new(now):
