@@ -80,9 +80,9 @@ def plot_candidates(d: Diagnosis) -> Chart:
         label = "with it: named, or not distinguishable from that"
         marks.append(Dots(at[:n], after[:n], none[:n], label, 0))
     if others:
-        marks.append(Dots(at[n:], after[n:], none[n:], "with it: others", MEASURED))
+        marks.append(Dots(at[n:], after[n:], none[n:], "with it: others", 1))
     panel = Panel(
-        (*marks, Dots(at, noise, none, "noise alone", RESIDUAL)),
+        (*marks, Dots(at, noise, none, "noise alone", RESIDUAL, upright=True)),
         "held-out error of the joint [%]",
         y_names=tuple(
             x.effect.label

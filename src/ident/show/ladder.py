@@ -323,7 +323,9 @@ def sheet(history: History) -> Sheet:
 def plot(history: History) -> Chart:
     """Draw the held-out error of every joint against the rungs."""
     names = [
-        f"+ {step.added[0].kind} in {len(step.added)}" if len(step.added) > 1 else changed(step)
+        f"+ {step.added[0].kind} in {len(step.added)} places"
+        if len(step.added) > 1
+        else changed(step)
         for step in history.steps
     ]  # as it fits below a chart
     return plot_rungs(names, [step.errors for step in history.steps], noise_errors(history.fit))

@@ -17,7 +17,18 @@ from ident.fit.prediction import RIGID, Prediction, Trace
 from ident.fit.residual import Failure, Residual, zero_of
 from ident.fit.result import Fit
 from ident.information.blocks import Error
-from ident.show.charts import FAINT, MEASURED, RESIDUAL, Chart, Colour, Level, Line, Panel, Points
+from ident.show.charts import (
+    BELOW,
+    FAINT,
+    MEASURED,
+    RESIDUAL,
+    Chart,
+    Colour,
+    Level,
+    Line,
+    Panel,
+    Points,
+)
 from ident.show.html import LOGS, Block, Choice, Option, Section, by_log, paragraph
 from ident.show.html import table as html_table
 from ident.show.sheet import Sheet
@@ -32,7 +43,7 @@ FUNCTION = 0.5  # share of an effect's torque that means of a signal explain, fr
 OWN = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
 SUM = "the sum taken apart, rms: rigid bodies + effects = predicted"
 MAPS = (
-    "Each dot is a row of the fit; the dark line is the mean. A model that lacks nothing leaves a "
+    "Each dot is a row of the fit; the line is their mean. A model that lacks nothing leaves a "
     "flat band. What the residual depends on most is framed."
 )
 Models = Mapping[str, Residual]
@@ -179,7 +190,7 @@ def plot_predictions(
         ) -> Line:
             return Line(t, np.where(p.usable, getattr(p, of)[:, u], np.nan), label, colour, width)
 
-        above = [line(one, "measured", "measured", MEASURED, 2.2)]
+        above = [line(one, "measured", "measured", MEASURED, BELOW)]
         above += [line(p, "predicted", "the URDF alone", 5, 1.0) for p in prior[experiment:][:1]]
         below = [line(one, "residual", "difference, unfiltered", FAINT, 0.8)] if alone else []
         for i, (name, p) in enumerate(models.items()):
@@ -213,7 +224,7 @@ def plot_parts(residuals: Models, experiment: int = 0) -> Chart:
             parts = {key: x[:, u] for key, x in trace.parts.items()}
             whole, measured = np.sum(list(parts.values()), axis=0), trace.measured[:, u]
             series: list[tuple[np.ndarray, str, Colour, float]] = []
-            series.append((measured, "measured", MEASURED, 2.2))
+            series.append((measured, "measured", MEASURED, BELOW))
             for key, x in parts.items():
                 if key == RIGID or np.abs(x).max() > 0:
                     kind = key.split(":")[0]
@@ -469,7 +480,7 @@ def plot_forces(
         lines: list[Line] = []
         for label, (t, values) in series.items():
             y, known = values[:, i], label == "known"
-            colour, width = MEASURED if known else len(lines), 2.4 if known else 1.2
+            colour, width = MEASURED if known else len(lines), BELOW if known else 1.2
             lines.append(Line(t - zero, y, label, colour, width))
         if np.isfinite(lines[-1].y).any():
             label = f"{name} [{unit}]"

@@ -11,7 +11,7 @@ import polars as pl
 from ident.display import renders
 from ident.excite.excitation import Excitation, LimitUse
 from ident.log import Log
-from ident.show.charts import MEASURED, RESIDUAL, Chart, Level, Line, Mark, Panel
+from ident.show.charts import BELOW, MEASURED, RESIDUAL, Chart, Level, Line, Mark, Panel
 from ident.show.html import Section, by_log, paragraph
 from ident.show.sheet import Sheet
 from ident.simulate.integrate import Run
@@ -84,7 +84,7 @@ def plot(x: Replay, experiment: int = 0) -> Chart:
     first = next(iter(x.runs.values()))[experiment]
     rows = []
     for j, (joint, unit) in enumerate(zip(first.joints, first.units, strict=True)):
-        above = [Line(first.t, first.measured[:, j], "measured", MEASURED, 2.4)]
+        above = [Line(first.t, first.measured[:, j], "measured", MEASURED, BELOW)]
         below = []
         for i, (name, logs) in enumerate(x.runs.items()):
             run, label = logs[experiment], "simulated" if len(x.runs) == 1 else name

@@ -10,6 +10,7 @@ from typing import Any
 from markupsafe import Markup, escape
 
 SHORT = 32  # characters of a cell that stays on one line
+NUMBER = re.compile(r"[-−+≈<–]? ?\d")  # the beginning of one
 
 
 @cache
@@ -24,7 +25,8 @@ def _macros() -> Any:
     environment.globals["text_of"] = lambda name: Markup(text_of(name))
     environment.filters |= {
         "code": lambda words: Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(words)))),
-        "tied": lambda cell: cell.replace(" ", "\u00a0") if len(cell) <= SHORT else cell,
+        "tied": lambda cell: re.sub(" " if len(cell) <= SHORT else r"(?<=\d) ", "\u00a0", cell),
+        "worded": lambda rows: [not any(map(NUMBER.match, column)) for column in zip(*rows[1:])],
         "slug": lambda title: re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-"),
     }
     return environment.from_string(text_of("report.jinja")).module

@@ -212,7 +212,7 @@ class Monitor(Displayed):
         first = intervals_of(parts, interval, sigma, x)
         if len(first) < FEWEST:
             raise FitError(
-                f"normal running: {len(first)} intervals of {interval:g} s; valid: {FEWEST} or "
+                f"normal running has only {len(first)} intervals of {interval:g} s; valid: {FEWEST} or "
                 f"more, which is {FEWEST * interval:g} s, better a thousand: give longer logs, or "
                 "several"
             )

@@ -33,6 +33,7 @@ PIXELS = 75  # of one inch of a panel's height
 POINTS = 2000  # buckets of a line; more would not be seen
 SHORT = 6  # characters of names that stand upright beside each other
 LABEL = 34  # characters of a name in a legend
+BELOW = 3.2  # pixels: width of a measured line, which stays visible below a predicted one
 LEAST = 150  # pixels, below which nobody reads a panel
 MEASURED, RESIDUAL, PRIOR, FAINT = "measured", "residual", "prior", "faint"
 
@@ -40,8 +41,8 @@ ROLES = {  # legible on white and on black; FAINT is for marks in the background
     MEASURED: "#8f959e",
     PRIOR: "#8f959e",
     RESIDUAL: "#d1495b",
-    FAINT: "#b9bec6",
-    "mean": "#6b3fa0",
+    FAINT: "#8f959ea0",
+    "mean": "#8250df",
 }
 SERIES = (
     "#2b7bd1",  # blue
@@ -116,6 +117,7 @@ class Dots:
     errors: np.ndarray
     label: str = ""
     colour: Colour = 0
+    upright: bool = False  # strokes in place of dots, which hide no dot
 
 
 @dataclass(frozen=True)
@@ -411,6 +413,7 @@ def _draw(mark: Mark, axis: Axes) -> None:
         case Dots():
             errors = mark.errors if np.any(mark.errors) else None
             style = {"fmt": "o", "ms": 4, "capsize": 3, "lw": 1.2}
+            style |= {"fmt": "|", "ms": 9, "mew": 1.8} if mark.upright else {}
             axis.errorbar(mark.values, mark.at, xerr=errors, color=c, label=label, **style)
         case Level():
             across = axis.axvline if mark.upright else axis.axhline

@@ -66,7 +66,8 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     },
     Points: (fig, m, {x, y}) => [dots(fig, columns({x, y}), m, 3, 0.45)],
     Dots: (fig, m, {at, values, errors}) => [
-      dots(fig, columns({x: values, y: at}), m, 7), whiskers(fig, at, values, errors, m.colour)],
+      m.upright ? fig.scatter({...columns({x: values, y: at}), marker: "dash", angle: Math.PI / 2, size: 14, line_color: m.colour, line_width: 2.5})
+        : dots(fig, columns({x: values, y: at}), m, 7), whiskers(fig, at, values, errors, m.colour)],
   }
   const dots = (fig, data, m, size, fill_alpha = 1) => fig.scatter(
     {...data, size, line_color: null, fill_color: m.colour, fill_alpha})
@@ -140,7 +141,7 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
         new Bokeh.ResetTool(),
         new Bokeh.HoverTool({tooltips: [["", "$name"], ["x", "@x{0.0000}"], ["y", "@y{0.00000}"]]}),
       ],
-      background_fill_color: null, border_fill_color: null, min_border_left: inner ? 16 : 70,
+      background_fill_color: null, border_fill_color: null, min_border_left: inner ? 16 : 70, min_border_right: 12, // half a number
       // BokehJS paints once before it has a layout, and never clears the left half of the first pixels
       styles: {clip_path: "inset(0 0 0 2px)"},
       outline_line_color: panel.marked ? "#d1495b" : null, outline_line_width: panel.marked ? 3 : 1,
@@ -199,7 +200,7 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
       const line = mark.kind === "Line"
       sign.style = `display: inline-block; width: 16px; height: ${line ? 3 : 10}px; margin-right: 5px;
         vertical-align: middle; background: ${mark.colour}; border-radius: ${mark.kind === "Points" || mark.kind === "Dots" ? 5 : 0}px`
-      if (!line) sign.style.width = "10px"
+      if (!line) sign.style.width = mark.upright ? "3px" : "10px"
       button.type = "button"
       button.style = `all: unset; cursor: pointer; font: 12px/1.6 system-ui, sans-serif; color: ${GREY}`
       button.setAttribute("aria-pressed", "true")
