@@ -15,7 +15,7 @@ from helpers import ROBOTS
 from ident import Log, Noise
 from ident.show.streams import ThinnedSeries
 from identification import motion_log, plant, robot
-from pages import read_page
+from pages import WRITTEN, assert_legible, read_page
 
 CRANK = ROBOTS / "slider_crank"
 COMMAND = [sys.executable, "-m", "ident", "monitor"]
@@ -266,7 +266,9 @@ def test_the_page_shows_what_comes_and_the_report_stays(log, tmp_path, browser):
     growing = tmp_path / "growing.csv"
     growing.write_text("".join(lines[:500]))
     words = [CRANK, growing, "--like", log, "--follow", "--every", 0.5, "--page"]
-    page, faults = browser.new_page(), []
+    page, faults = browser.new_page(viewport={"width": 400, "height": 800}), []
+    page.add_init_script(WRITTEN)
+    page.on("console", lambda m: faults.append(m.text))
     page.set_default_timeout(1000 * PATIENCE)
     page.on("pageerror", lambda error: faults.append(str(error)))
     with started(*words, "--out", tmp_path / "out") as run:
@@ -280,6 +282,7 @@ def test_the_page_shows_what_comes_and_the_report_stays(log, tmp_path, browser):
                 "x => document.querySelector('header').innerText !== x", arg=before
             )
             assert page.locator("#shown canvas").count() > 0
+            assert assert_legible(page, 400) > 20
         finally:
             run.send_signal(signal.SIGINT)
         run.communicate(timeout=PATIENCE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,60 +12,18 @@ import pytest
 from PIL import Image
 
 import ident
+from helpers import ROBOTS
+from ident.cli.app import main
 from ident.show.charts import MEASURED, Chart, Level, Line, Panel
 from ident.show.html import Page, Section
 from identification import motion_log, plant, robot
-from pages import titles
+from pages import DRAWN, PAINTED, WRITTEN, assert_legible, overlapping, titles
 
 PATIENCE = 20_000  # ms, on a busy machine
-DRAWN = "figure.chart[data-drawn] canvas"
 N = 100_000
-
-
-# every text that is painted into a canvas since it was cleared, with its box in the canvas
-WRITTEN = """
-window.written = new Map()
-const art = CanvasRenderingContext2D.prototype
-const {fillText, clearRect} = art
-art.clearRect = function (...area) {
-  if (area[2] > 2) written.set(this.canvas, [])
-  return clearRect.apply(this, area)
-}
-art.fillText = function (text, x, y, ...more) {
-  const size = this.measureText(text), to = this.getTransform()
-  const corners = [-size.actualBoundingBoxLeft, size.actualBoundingBoxRight].flatMap((dx) =>
-    [-size.actualBoundingBoxAscent, size.actualBoundingBoxDescent].map((dy) =>
-      to.transformPoint(new DOMPoint(x + dx, y + dy))))
-  const xs = corners.map((p) => p.x), ys = corners.map((p) => p.y)
-  if (!written.has(this.canvas)) written.set(this.canvas, [])
-  const drawn = text.trim() && size.width > 0, tilted = to.a * to.b !== 0
-  if (drawn) written.get(this.canvas).push(
-    [text, Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys), tilted])
-  return fillText.call(this, text, x, y, ...more)
-}
-"""
-PAINTED = """() => [...written].filter(([canvas]) => canvas.isConnected && canvas.width > 40)
-  .map(([canvas, texts]) => [canvas.width, canvas.height, texts])"""
-# words of the page that are cut, or leave it: [what, right edge]; tables scroll in their own boxes
-CUT = """() => [...document.querySelectorAll(
-    "h1, h2, h3, p, li, dt, dd, caption, figcaption, button, pre, a, summary")]
-  .filter((e) => e.offsetParent && !e.closest(".skip") && e.textContent.trim())
-  .filter((e) => e.getBoundingClientRect().right > innerWidth + 1 && !e.closest(".wide")
-                 || e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).overflowX === "hidden")
-  .map((e) => [e.textContent.slice(0, 40), Math.round(e.getBoundingClientRect().right)])"""
-
-
-def overlapping(texts):
-    """Pairs of texts whose boxes overlap by more than a pixel."""
-    return [
-        (a[0], b[0])
-        for i, a in enumerate(texts)
-        for b in texts[:i]
-        if not a[5]
-        and not b[5]  # tilted names run beside each other, their boxes do not
-        and min(a[3], b[3]) - max(a[1], b[1]) > 1
-        and min(a[4], b[4]) - max(a[2], b[2]) > 1
-    ]
+REPORTS = (
+    "diagnosed", "fitted", "compared", "grew", "monitored", "studied", "viewed", "charted",
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -85,8 +44,9 @@ def opened(browser):
         page.on("request", lambda r: None if r.url.startswith(("file:", "data:", "blob:"))
                 else wrong.append(r.url))  # fmt: skip
         page.goto(path.as_uri())
-        page.get_by_role("button", name="Unfold all").click()
-        page.locator(DRAWN).first.wait_for()
+        for button in page.get_by_role("button", name="Unfold all").all():
+            button.click()
+        page.wait_for_function(DRAWN)
         return page, wrong
 
     yield open_
@@ -129,6 +89,46 @@ def grew(tmp_path_factory):
     return folder / "report.html"
 
 
+@pytest.fixture(scope="module")
+def monitored(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("monitored")
+    with pytest.MonkeyPatch.context() as words:
+        command = "ident", "monitor", ROBOTS / "arm", ROBOTS / "arm" / "run.csv", "--out", folder
+        words.setattr(sys, "argv", [*map(str, command), "--with", "viscous"])
+        with pytest.raises(SystemExit):
+            main()
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="module")
+def studied(tmp_path_factory):
+    pendulum = ident.load(ROBOTS / "pendulum")
+    folder = tmp_path_factory.mktemp("studied")
+    log = ident.read_log(ROBOTS / "pendulum" / "run.csv")
+    ident.monte_carlo(pendulum, log, snr=(60.0, 40.0), runs=2, jobs=1).write(folder)
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="module")
+def viewed(diagnosed, tmp_path_factory):
+    model = diagnosed[0].fit
+    return model.motion.view().write(tmp_path_factory.mktemp("viewed") / "v.html")
+
+
+@pytest.fixture(scope="module")
+def charted(tmp_path_factory):
+    """A chart alone, in the layout of a planned motion."""
+    t, titles = np.linspace(0, 10, 200), ("position", "speed", "acceleration", "torque")
+    rows = [
+        tuple(Panel((Line(t, k * np.sin(t)),), "t [s]", f"elbow_{k} [rad/s²]", name)
+              for name in (titles if k == 1 else ("",) * 4))
+        for k in (1, 20, 300)
+    ]  # fmt: skip
+    path = tmp_path_factory.mktemp("charted") / "chart.html"
+    Chart("a planned motion", tuple(rows), shared_x=True).save(path)
+    return path
+
+
 def drawn(figure):
     """Whether marks are in a figure's picture: axes and words are grey, series have a colour."""
     figure.scroll_into_view_if_needed()
@@ -149,24 +149,12 @@ def test_the_pictures_are_there_and_nothing_complains(opened, diagnosed):
 
 
 @pytest.mark.parametrize("width", [1400, 400])
-@pytest.mark.parametrize("report", ["diagnosed", "fitted", "compared", "grew"])
+@pytest.mark.parametrize("report", REPORTS)
 def test_no_label_overlaps_or_is_cut(opened, report, width, request):
     path = request.getfixturevalue(report)
     path = path if isinstance(path, Path) else path[1]
     page, wrong = opened(path, "light" if width > 400 else "dark", width)
-    figures = page.locator("figure.chart:visible")
-    for i in range(figures.count()):
-        figures.nth(i).scroll_into_view_if_needed()
-    page.wait_for_function("documents.length && documents.every((each) => each.is_idle)")
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert not page.evaluate(CUT)
-    painted = page.evaluate(PAINTED)
-    assert sum(len(texts) for *_, texts in painted) > 20
-    for wide, high, texts in painted:
-        assert not overlapping(texts)
-        outside = [each for each in texts if each[1] < -1 or each[2] < -1
-                   or each[3] > wide + 1 or each[4] > high + 1]  # fmt: skip
-        assert not outside
+    assert assert_legible(page, width) > 20 or report == "viewed"
     assert not wrong
 
 
@@ -273,7 +261,7 @@ def test_the_rest_of_a_report_is_folded(browser, diagnosed, width):
     assert page.evaluate("document.body.scrollHeight") < 2 * 900
     page.get_by_text("What is missing", exact=True).click()
     page.locator("figure.chart:visible").first.scroll_into_view_if_needed()
-    page.locator(DRAWN).first.wait_for()
+    page.locator("figure.chart[data-drawn] canvas").first.wait_for()
     page.close()
 
 
@@ -331,7 +319,7 @@ def test_words_beside_a_mark_at_the_edge_are_whole(opened, tmp_path):
         Page("front", "", (Section("x", (Chart("a front", ((Panel(marks),),)),)),)).html()
     )
     page, _ = opened(path, width=400)
-    page.wait_for_function("documents.length && documents.every((each) => each.is_idle)")
+    page.wait_for_function(DRAWN)
     found = [(text, wide) for wide, _, texts in page.evaluate(PAINTED) for text in texts]
     (text, wide), *_ = ((text, wide) for text, wide in found if text[0] == "chosen")
     assert text[3] <= wide
@@ -344,7 +332,7 @@ def test_long_names_leave_room_for_a_chart(opened, tmp_path):
     path = tmp_path / "report.html"
     path.write_bytes(Page("names", "", (Section("x", (Chart("bars", ((panel,),)),)),)).html())
     page, _ = opened(path, width=400)
-    page.wait_for_function("documents.length && documents.every((each) => each.is_idle)")
+    page.wait_for_function(DRAWN)
     for wide, _, texts in page.evaluate(PAINTED):
         assert not overlapping(texts)
         assert all(text[1] > -1 and text[3] < wide + 1 for text in texts), texts

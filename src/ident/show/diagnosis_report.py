@@ -18,7 +18,7 @@ from ident.files import json_bytes, plain, regular, write_all
 from ident.fit.data_checks import Health
 from ident.fit.prediction import predict
 from ident.fit.residual import Failure, Residual, residual_of
-from ident.show.charts import FAINT, MEASURED, RESIDUAL, Chart, Dots, Level, Line, Panel
+from ident.show.charts import FAINT, RESIDUAL, Chart, Dots, Level, Line, Panel
 from ident.show.diagnosis import CLAIMS, candidate_rows, card, held_out, mark, story, where_rows
 from ident.show.fit import fit_sections
 from ident.show.html import (

@@ -26,7 +26,9 @@ def _macros() -> Any:
     environment.filters |= {
         "code": lambda words: Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(words)))),
         "tied": lambda cell: re.sub(" " if len(cell) <= SHORT else r"(?<=\d) ", "\u00a0", cell),
-        "worded": lambda rows: [not any(map(NUMBER.match, column)) for column in zip(*rows[1:])],
+        "worded": lambda rows: [
+            not any(map(NUMBER.match, x)) for x in zip(*rows[1:], strict=False)
+        ],
         "slug": lambda title: re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-"),
     }
     return environment.from_string(text_of("report.jinja")).module

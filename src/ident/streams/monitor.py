@@ -212,9 +212,9 @@ class Monitor(Displayed):
         first = intervals_of(parts, interval, sigma, x)
         if len(first) < FEWEST:
             raise FitError(
-                f"normal running has only {len(first)} intervals of {interval:g} s; valid: {FEWEST} or "
-                f"more, which is {FEWEST * interval:g} s, better a thousand: give longer logs, or "
-                "several"
+                f"normal running has only {len(first)} intervals of {interval:g} s; valid: "
+                f"{FEWEST} or more, which is {FEWEST * interval:g} s, better a thousand: give "
+                "longer logs, or several"
             )
         x = moved_reference(Triangle.merge([each.triangle for each in first]), x)
         intervals = intervals_of(parts, interval, sigma, x)

@@ -14,6 +14,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from pages import WRITTEN
+
 PATIENCE = 60_000.0  # ms, on a busy machine
 Serve = Callable[..., "Served"]
 
@@ -80,7 +82,8 @@ def visit(browser) -> Iterator[Callable[[str], Seen]]:
         seen = Seen(contexts[-1].new_page())
         seen.page.set_default_timeout(PATIENCE)
         seen.page.on("pageerror", lambda error: seen.faults.append(str(error)))
-        seen.page.on("console", lambda m: seen.faults.append(m.text) if m.type == "error" else None)
+        seen.page.add_init_script(WRITTEN)
+        seen.page.on("console", lambda m: seen.faults.append(m.text))
         seen.page.on("request", lambda r: seen.hosts.add(_host(r.url)))
         seen.page.on("websocket", lambda s: seen.hosts.add(_host(s.url)))
         seen.page.goto(address)

@@ -31,11 +31,11 @@ from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.show.charts import Chart, pieces_of, scripts
-from ident.show.diagnosis import noise_errors
+from ident.show.diagnosis import card, noise_errors, sheet
 from ident.show.diagnosis_report import plot_before_after
 from ident.show.explore.exploration import Exploration, PredictedGain, fit_of
 from ident.show.fit import value_tables
-from ident.show.html import Bar, code, items, named, paragraph, table
+from ident.show.html import Bar, items, named, paragraph, table
 from ident.show.ladder import changed, plot_rungs
 from ident.show.laws import law_words
 from ident.show.local import Place, send
@@ -59,11 +59,10 @@ UNJUDGED = (
 
 
 def error_rows(e: Exploration) -> list[list[str]]:
-    """Return held-out errors joint by joint, from the last change to now."""
-    before, noise = e.rungs[max(len(e.rungs) - 2, 0)].errors, e.fit.noise
-    every = e.now.errors.items()
-    rows = [[j, Bar(j, before.get(j, now), now, noise[j]).words] for j, now in every]
-    return [["joint", "last change"], *rows]
+    """Return held-out errors joint by joint, since the last change where there was one."""
+    last = [rung.errors for rung in e.rungs[-2:]]
+    rows = [[j, Bar(j, *(x[j] for x in last), noise=e.fit.noise[j]).words] for j in last[-1]]
+    return [["joint", "last change" if last[1:] else "as given"], *rows]
 
 
 def effect_rows(e: Exploration) -> list[dict[str, Any]]:
@@ -130,7 +129,9 @@ def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
     if view == "Numbers":
         tables = [table(rows, title) for title, rows in value_tables(e.fit).items()]
         return [*tables, items(e.fit.warnings)]
-    return [paragraph(UNJUDGED) if e.diagnosis is None else code(str(e.diagnosis))]
+    if e.diagnosis is None:
+        return [paragraph(UNJUDGED)]
+    return [piece("card", card(e.diagnosis)), *sheet(e.diagnosis).blocks()]
 
 
 def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:

@@ -25,6 +25,7 @@ function preview(label) {
 const look = (what) => send({do: "look", view: state.view, joint: state.joint, ...what})
 const busy = () => ({"aria-disabled": String(state.busy)}) // not `disabled`, which loses the focus
 let listed = ""
+const MOST = 4 // places of a kind whose falls are written on its line
 
 function previews(line, label) {
   for (const enter of ["pointerenter", "focusin"]) line.addEventListener(enter, (event) => { event.stopPropagation(); preview(label) })
@@ -56,7 +57,8 @@ function effects() {
         toggled.has(key) || alike.some((y) => y.label === focused), together)
       const all = button("add all", () => change({do: "add", label: labels}),
         {"aria-label": `add ${title}`, "data-key": key, ...busy()})
-      const where = alike.map((y) => `${judged ? y.label : y.label.split(":").slice(1).join(":")} ${y.fall}`).join("; ").replaceAll(" %", "\u00a0%")
+      const best = alike.slice(0, MOST).map((y) => `${judged ? y.label : y.label.split(":").slice(1).join(":")} ${y.fall}`)
+      const where = [...best, ...(alike.length > MOST ? [`${alike.length - MOST} more`] : [])].join("; ").replaceAll(" %", "\u00a0%")
       lines.append(make("li", {class: "sure several"}, make("span", {class: "do"}, all), parts, make("span", {class: "about"}, where)))
       previews(lines.lastChild, labels)
     }
