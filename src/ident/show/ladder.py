@@ -322,20 +322,18 @@ def sheet(history: History) -> Sheet:
 @renders(History, "plot")
 def plot(history: History) -> Chart:
     """Draw the held-out error of every joint against the rungs."""
+    return plot_rungs(history.steps, noise_errors(history.fit))
+
+
+def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
+    """Draw the held-out error of every joint against models one after the other; dashed: noise."""
     names = [
         f"+ {step.added[0].kind} in {len(step.added)} places"
         if len(step.added) > 1
         else changed(step)
-        for step in history.steps
+        for step in steps
     ]  # as it fits below a chart
-    return plot_rungs(names, [step.errors for step in history.steps], noise_errors(history.fit))
-
-
-def plot_rungs(
-    names: Sequence[str], errors: Sequence[Mapping[str, Error]], noise: Mapping[str, Error]
-) -> Chart:
-    """Draw the held-out error of every joint against models one after the other; dashed: noise."""
-    at = np.arange(len(names), dtype=float)
+    errors, at = [step.errors for step in steps], np.arange(len(names), dtype=float)
     lines: list[Mark] = []
     for i, joint in enumerate(errors[0]):
         y = [each[joint].relative or 0.0 for each in errors]

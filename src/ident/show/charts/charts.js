@@ -100,13 +100,13 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     labelled.get(m.label).renderers.push(...drawn)
   }
 
-  function fitting(name, share) { // in a share of a panel's width: a longer name in several lines
-    const most = Math.max(16, Math.floor(share * width / rows[0].length / 7.5)), lines = [""]
-    for (const word of name.split(/(?<=[:,. _])/)) {
+  function fitting(name, pixels) { // a name that is longer than so many in several lines
+    const most = Math.max(16, Math.floor(pixels / 7.5)), lines = [""]
+    for (const word of name.split(/(?<=[:,. _\n])/)) {
       if (lines.at(-1) && lines.at(-1).length + word.length > most) lines.push("")
       lines[lines.length - 1] += word
     }
-    return lines.map((each) => each.length <= most ? each : `${each.slice(0, most - 1)}…`).join("\n")
+    return lines.join("\n").split(/\n+/).map((each) => each.length <= most ? each : `${each.slice(0, most - 1)}…`).join("\n")
   }
 
   function named(axis, names, text, looks) {
@@ -122,15 +122,16 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
 
   function figureOf(panel, row, left) {
     const last = row === rows.length - 1, along = chart.shared_x ? "width" : "both"
+    const across = width / rows[0].length
     const inner = left !== null && chart.shared_y // its y axis stands at the left of the row
-    const across = (names) => ({start: -0.5, end: names.length - 0.5})
+    const places = (names) => ({start: -0.5, end: names.length - 0.5})
     const downwards = () => ({start: panel.y_names.length - 0.5, end: -0.5}) // run downwards
-    const names = panel.y_names.map((name) => fitting(name, 0.5))
+    const names = panel.y_names.map((name) => fitting(name, across / 2))
     const lines = Math.max(0, ...names.map((name) => name.split("\n").length)) * names.length
     const fig = new Plotting.Figure({
       height: Math.max(panel.height, lines * 14 + 70), // title and axis below beside the names
       sizing_mode: "stretch_width", toolbar_location: null,
-      x_range: shared ?? (panel.x_names.length ? new Range1d(across(panel.x_names)) : new DataRange1d()),
+      x_range: shared ?? (panel.x_names.length ? new Range1d(places(panel.x_names)) : new DataRange1d()),
       y_range: chart.shared_y && scale ? scale
         : panel.y_names.length ? new Range1d(downwards()) : new DataRange1d(),
       y_axis_type: panel.logarithmic ? "log" : "linear",
@@ -150,8 +151,8 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     const bare = chart.shared_x && !last // numbers stand below the last row
     const tilted = Math.max(0, ...panel.x_names.map((name) => name.length)) > 6
     for (const axis of fig.xaxes) {
-      if (!panel.x_names.length) axis.ticker.setv({desired_num_ticks: width / rows[0].length < 450 ? 3 : 6})
-      named(axis, panel.x_names, bare ? "" : fitting(panel.x, 1), {
+      if (!panel.x_names.length) axis.ticker.setv({desired_num_ticks: across < 450 ? 3 : 6})
+      named(axis, panel.x_names, bare ? "" : fitting(panel.x, across), {
         major_label_text_font_size: bare ? "0px" : "11px",
         major_label_orientation: tilted ? 0.45 : "horizontal"})
     }
@@ -159,7 +160,7 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
       if (!panel.y_names.length && panel.height < 200) axis.ticker.setv({desired_num_ticks: 4})
     }
     for (const axis of fig.yaxes) {
-      named(axis, names, panel.y, {visible: !inner})
+      named(axis, names, fitting(panel.y, panel.height - 30), {visible: !inner})
     }
     for (const axis of [...fig.xaxes, ...fig.yaxes]) {
       const format = axis.formatter

@@ -36,7 +36,7 @@ from ident.show.diagnosis_report import plot_before_after
 from ident.show.explore.exploration import Exploration, PredictedGain, fit_of
 from ident.show.fit import value_tables
 from ident.show.html import Bar, items, named, paragraph, table
-from ident.show.ladder import changed, plot_rungs
+from ident.show.ladder import plot_rungs
 from ident.show.laws import law_words
 from ident.show.local import Place, send
 from ident.show.residual import failure_text, plot_maps, plot_predictions
@@ -60,9 +60,10 @@ UNJUDGED = (
 
 def error_rows(e: Exploration) -> list[list[str]]:
     """Return held-out errors joint by joint, since the last change where there was one."""
-    last = [rung.errors for rung in e.rungs[-2:]]
-    rows = [[j, Bar(j, *(x[j] for x in last), noise=e.fit.noise[j]).words] for j in last[-1]]
-    return [["joint", "last change" if last[1:] else "as given"], *rows]
+    before = e.rungs[-2].errors if e.rungs[1:] else {}
+    now = [(j, x, x if before else None) for j, x in e.now.errors.items()]
+    rows = [[j, Bar(j, before.get(j, x), after, e.fit.noise[j]).words] for j, x, after in now]
+    return [["joint", "last change" if before else "as given"], *rows]
 
 
 def effect_rows(e: Exploration) -> list[dict[str, Any]]:
@@ -124,8 +125,7 @@ def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
     if view == "Joint":
         return _joint(e, joint)
     if view == "Ladder":
-        errors = [rung.errors for rung in e.rungs]
-        return [plot_rungs([changed(rung) for rung in e.rungs], errors, noise_errors(e.fit))]
+        return [plot_rungs(e.rungs, noise_errors(e.fit))]
     if view == "Numbers":
         tables = [table(rows, title) for title, rows in value_tables(e.fit).items()]
         return [*tables, items(e.fit.warnings)]
