@@ -18,7 +18,7 @@ from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
 from ident.diagnosis.result import Diagnosis, Explanation, Law, announced, errors_of, known_of
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import MOST, Decision, Evidence, Ranking, torque_squares
+from ident.diagnosis.selection import MOST, NEGATIVE, Decision, Evidence, Ranking, torque_squares
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
 from ident.effects import Effect
@@ -222,12 +222,15 @@ def _explains(
     found: Explanation, contest: Contest, draws: NoiseDraws, selection: Selection,
     decision: Decision,
 ) -> bool:  # fmt: skip
-    """Whether the best is a cause: of a possible size, a length changed by no more than a third, a
-    curve that explains half of what exceeds the noise, as a law must, and of no joint of which it
-    and what was found with it leave most of the torque, whichever of those on which it acts it
-    mends.
+    """Whether the best is a cause: of a possible size that the log determines, a length changed by
+    no more than a third, a curve that explains half of what exceeds the noise, as a law must, and
+    of no joint of which it and what was found with it leave most of the torque, whichever of those
+    on which it acts it mends.
     """
     if found.effect.descriptive and not _explains_most(found, contest.fit):
+        return False
+    sizes = [v for v in found.parameters[: len(found.effect.unknowns) or None] if v.stderr]
+    if sizes and all(abs(v.value) < NEGATIVE * (v.stderr or 0.0) for v in sizes):
         return False
     lengths = contest.fit.mechanism.lengths if found.effect.sits == "place" else {}
     length = abs(lengths.get(found.effect.joints[0], np.inf)) if found.effect.joints else np.inf

@@ -34,7 +34,7 @@ from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 MOST = 0.5  # of a joint's squares: what explains less of them is no law, and not its main cause
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
-NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such effect can have
+NEGATIVE = 2.0  # standard errors from zero at which a value has a sign
 PASSED = 0.5  # share of the samples at which the filter must pass waves of position
 RARE = 2.0  # times the odds of the quantile for effects that few machines have
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
