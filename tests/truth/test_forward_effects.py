@@ -88,11 +88,12 @@ def test_what_a_motor_sees_through_a_soft_drive(kind):
         np.testing.assert_allclose(lead[far], 1e-3 * np.sign(torque[far]), rtol=1e-3)
 
 
-def test_all_frictions_at_one_joint_together():
+def test_all_frictions_at_one_joint_together_and_a_payload():
     effects = {
         label: ARM[label] for label in ARM if "friction" in label or label[:4] in "coul,stri"
     }
     effects |= {"viscous:elbow": {"Fv": 0.6}, "torque_gain:elbow": {"g": 0.05}}
+    effects["payload:hand"] = ARM["payload:hand"]  # a part of the load on which friction depends
     mechanism = planted(robot("arm"), {"viscous:elbow": effects.pop("viscous:elbow"), **effects})
     run = integrated(mechanism, moving("arm"))
     assert judged(mechanism, run) < 1e-8

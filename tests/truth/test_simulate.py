@@ -243,6 +243,21 @@ def test_wrong_columns_joints_and_noise_are_refused():
         ident.simulate(arm, motion, noise=[Noise("tau.elbo", 0.1)])
 
 
+def test_the_load_of_a_joint_has_the_bodies_that_links_carry():
+    """Of friction that depends on it, as if the body were the link's own."""
+    arm, motion = robot("arm").with_effect("load_friction:elbow"), motion_log("arm", 100.0, 2.0)
+    body, friction = {"m": 0.4, "mx": 0.02, "Lyy": 3e-3}, {"load_friction.elbow.mu": 0.06}
+    names = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
+    carried = {f"payload.hand.{name}": body.get(name, 0.0) for name in names}
+    own = dict(zip(arm.bodies.names, arm.prior, strict=True))
+    heavier = {f"hand.{name}": own[f"hand.{name}"] + x for name, x in body.items()}
+    with_body, as_link = (
+        ident.simulate(model, motion, values={**friction, **values})[0].columns["tau.elbow"]
+        for model, values in ((arm.with_effect("payload:hand"), carried), (arm, heavier))
+    )
+    np.testing.assert_allclose(with_body, as_link, atol=1e-9)
+
+
 def test_a_motion_with_holes_is_refused():
     motion = motion_log("arm", 100.0, 3.0)
     keep = (motion.t < 1.0) | (motion.t > 1.5)

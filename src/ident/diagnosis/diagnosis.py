@@ -229,7 +229,8 @@ def _explains(
     """
     if found.effect.descriptive and not _explains_most(found, contest.fit):
         return False
-    sizes = [v for v in found.parameters[: len(found.effect.unknowns) or None] if v.stderr]
+    several = 1 if found.effect.loaded_link else len(found.effect.unknowns)  # of a body, its mass
+    sizes = [v for v in found.parameters[: several or None] if v.stderr]
     if sizes and all(abs(v.value) < NEGATIVE * (v.stderr or 0.0) for v in sizes):
         return False
     lengths = contest.fit.mechanism.lengths if found.effect.sits == "place" else {}

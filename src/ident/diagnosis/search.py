@@ -435,6 +435,9 @@ def select(
     judged = [_judged(each, found, last) for each in found.members]
     # of what came together only what is more than chance beside the others is a name
     members = [m for m in judged if m.path is not None or m.evidence is None or m.evidence.credible]
+    if any(m.effect.loaded_link and not m.rejected for m in members):
+        # what depends on the load is judged once the body that is added is in the model
+        members = [m for m in members if m.evidence is None or not m.effect.implicit]
     return Selection(first, tuple(in_order(members, first, decision)), last)
 
 

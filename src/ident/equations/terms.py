@@ -212,7 +212,7 @@ class Samples:
     # --- predictions of the present model, none of which sees the measured torque of the joint ----
 
     def forces(self) -> tuple[np.ndarray, np.ndarray]:
-        """Generalised forces (n, nv): rigid bodies less wrenches; explicit effects."""
+        """Generalised forces (n, nv): bodies with their loads, less wrenches; explicit effects."""
         key = ("forces",)
         if key not in self.memo:
             n, nv = len(self.e), self.mechanism.model.nv
@@ -226,7 +226,8 @@ class Samples:
                 for effect in self.mechanism.effects:
                     c, shape = self.point.of(effect)
                     if not effect.implicit and effect.unknowns and len(shape) == len(effect.shapes):
-                        s.add_effect(found[1, part], effect, c, shape)
+                        own = 0 if effect.loaded_link else 1
+                        s.add_effect(found[own, part], effect, c, shape)
             self.memo[key] = found
         rigid, others = self.memo[key]
         return rigid[self.part], others[self.part]
@@ -241,8 +242,8 @@ class Samples:
     def predicted(self, joints: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         """(torque, load), both (n, joints) [N m | N]; zero at passive joints.
 
-        load  f_j = Γ_j π − f_e       torque  τ̂_j = f_j + Σ E_j c of effects that are explicit; in
-        a closure's own joint both are |λ|, the size of its force.
+        load  f_j = Γ_j π − f_e, π with loads on links       torque  τ̂_j = f_j + Σ E_j c of other
+        effects that are explicit; in a closure's own joint both are |λ|, the size of its force.
         """
         e, mechanism, part = self.e, self.mechanism, self.part
         rigid, others = self.forces()

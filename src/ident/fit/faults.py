@@ -291,7 +291,7 @@ WORDS = {  # by kind: in a rival's place, what it is, and the remedy
     "swapped": (
         "exchanging {tau}",
         "{tau}: exchanged: with one in the other's place",
-        "{tau_exchange}",
+        "{tau_exchange}; if the error stays, exchange {q} instead",
     ),
     "delay": (
         "shifting {tau} by {number:.3g} s",

@@ -317,13 +317,15 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
     columns, log = signals.columns, signals.log.name
     missing = [name for name in mechanism.driven if f"tau.{name}" not in columns]
     if missing and needed:
-        name, present = missing[0], [c for c in columns if c.startswith("tau.")]
-        lacking = f"there is no column 'tau.{name}' ({one_of('tau.' + name, present or columns)})"
+        name, joints = missing[0], {joint.name for joint in mechanism.joints}
+        free = [c for c in columns if c.partition(".")[2] not in joints]  # not another's channel
+        lacking = f"there is no column 'tau.{name}'"
+        lacking += f" ({one_of('tau.' + name, free)})" * bool(free)
         if f"tau.{name}" in signals.log.columns:
             lacking = f"column 'tau.{name}' has no value in any of {len(signals.log.t)} rows"
         raise MotionError(
             f"{log}: joint '{name}' is driven, but {lacking}; log it, map it in "
-            f"{entry_for('tau', missing, columns) or '[log]'}, put '{name}' among the passive "
+            f"{entry_for('tau', missing, free) or '[log]'}, put '{name}' among the passive "
             f"joints, or hold it: --lock {name}, in Python load(…, locked={{'{name}': None}})"
         )
     shown = ", ".join(f"tau.{name}" for name in missing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -68,8 +69,15 @@ def failing(d: Diagnosis) -> list[Failure]:
     return [f for f in d.where if errors[f.joint].rms > NOISY * d.floor[f.joint]] or [*d.where[:1]]
 
 
+def spoilt(d: Diagnosis) -> bool:
+    """Return whether a fault of the data explains the log, and no effect is named beside it."""
+    return bool(d.health.faults) and d.best is None
+
+
 def verdict_line(d: Diagnosis) -> str:
-    """Return the verdict in one sentence."""
+    """Return the verdict in one sentence; what is wrong with the data comes before effects."""
+    if spoilt(d):
+        return f"the data look wrong: {d.health.faults[0].meaning}"
     if d.best is not None:
         first = f"{d.best.label if d.rivals else named(d.group)} ({type(d.best).summary()})"
         names = ["other values of " * bool(d.candidates[0].known) + first, *_alike(d)]
@@ -168,9 +176,17 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
         command = add_command(d.fit.mechanism, added, files)
     bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
     bars.sort(key=lambda bar: bar.sizes[1] - bar.sizes[0])  # the largest fall first
+    loudest = max(bars, key=lambda bar: bar.before.rms / (bar.noise or math.inf), default=None)
+    if loudest in bars[2:]:  # it is named in the words beside the bars
+        bars.remove(loudest)
+        bars.insert(1, loudest)
     searched, doubts = d.verdict == "nothing", d.health.findings
     good = good_enough(errors, d.floor, d.fit.residual.away, searched, doubts=doubts)
-    sentences = " ".join([*_health(d), good, certainty(d), *_rest(d)]).strip()
+    told = [*_health(d), good, certainty(d), *_rest(d)]
+    if spoilt(d):
+        remedies = "; ".join(each.remedy for each in d.health.findings if each.remedy)
+        told = [f"Put this right, then diagnose again: {remedies}.", good]
+    sentences = " ".join(told).strip()
     line, command = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}", planned or command
     then = first_motion(d, bool(planned))
     command *= d.health.good and not d.reversing  # the slow motion is no work for excite
@@ -206,7 +222,7 @@ def experiment_steps(advice: str) -> list[str]:
 def short(d: Diagnosis, top: Card | None = None) -> str:
     """Return what a person needs first, in twenty lines: verdict, errors, what to do."""
     paragraphs = laws(d)
-    if d.verdict in ("unexplained", "undecided") and not d.laws:
+    if d.verdict in ("unexplained", "undecided") and not d.laws and not spoilt(d):
         paragraphs += [*_nearest(d), *curves(d)]
     hidden = f", {len(d.invisible)} effects this log hides" if d.invisible else ""
     shown: Card = top or card(d)

@@ -245,7 +245,8 @@ def card(fit: Fit) -> Card:
     good = good_enough(judged, floor, away, logs=[*fit.validation], doubts=doubts)
     fine = enough(judged, floor, doubts)
     command = next_command(following if fine else "diagnose")
-    wrong = [f"{each}." for each in scale_doubts(doubts)]
+    wrong = [f"The data look wrong: {each}." for each in fit.health.faults]
+    wrong += [f"{each}." for each in scale_doubts(doubts)]
     trust = " ".join([*wrong, good, f"{words}."]).strip() * bool(bars)
     if fit.changes is None:
         return Card(headline(fit), trust, bars, command)

@@ -384,6 +384,10 @@ class MonitorHistory:
         given = inputs.get()
         short = self._silent and given and given.like  # they would raise no alarm then either
         command = next_command("monitor" if fine else "diagnose") if not (fine and short) else ""
+        if self._alarms:  # its own model is fitted to the changed machine
+            how = "Identify the log of normal operation with --out DIR: `ident diagnose "
+            how += "DIR/identified` on this log then compares the machine with its normal values."
+            return Card(head, how, bars)
         return Card(head, good, bars, command)
 
     @property

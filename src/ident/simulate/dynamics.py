@@ -170,7 +170,7 @@ class _Instant:
         """Return g(x): the model's predictions where effects take x for them."""
         m, laws = self.m, self.plant.laws
         a, f, F, *_ = self._respond(x)
-        rigid = self.plant.bare(pin.rnea, m.q, m.v, a)
+        rigid = self.plant.rigid(pin.rnea, m.q, m.v, a)
         others = m.M @ a + m.h - rigid + self.explicit - self.aside
         for law in laws.smooth:
             if law.effect.asks and not law.effect.implicit:

@@ -248,8 +248,7 @@ class Plant:
         model, joints = mechanism.model, mechanism.joints
         self.mechanism = mechanism
         self.laws = laws = ForwardLaws(mechanism, point)
-        self.bare = Rigid.of(model, point.pi)  # its bodies without payloads
-        self.rigid = Rigid.of(model, laws.pi) if (laws.pi != point.pi).any() else self.bare
+        self.rigid = Rigid.of(model, laws.pi)
         self.driven = [mechanism.joint_index[name] for name in mechanism.driven]
         self.dry = np.zeros((len(laws.dry), len(joints)))  # joints whose rates add up in friction
         for row, each in zip(self.dry, laws.dry, strict=True):
