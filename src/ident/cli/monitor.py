@@ -136,9 +136,10 @@ def monitor(
             while not interrupted():
                 time.sleep(0.2)
     if session.raised:
+        count = f"{n} alarms, first" if (n := len(session.raised)) > 1 else "1 alarm,"
         notes(
             [
-                f"{len(session.raised)} alarm(s), first {session.raised[0].headline}; parameters "
+                f"{count} {session.raised[0].headline}; parameters "
                 "of all samples are a mean of before and after it: --forget S, or a new start, "
                 "tells what they are now"
             ]

@@ -208,7 +208,7 @@ class Elasticity(Correcting):
     rare = True
     sits = "driven"
     shapes = (Unknown("compliance", ("rad/(N m)", "m/N"), "1/K, twist a unit of torque", True),)
-    equation = "q = q_logged − load/K; load: rigid-body torque, friction is before it"
+    equation = "q = q_logged − load/K; load: torque of all bodies, friction is before it"
     signature = "the residual follows the second derivative of the load"
     confused_with = ("delay", "rotor_inertia")
     source = "Spong, ASME J. Dyn. Syst. Meas. Control 109(4), 1987"

@@ -135,7 +135,7 @@ class LoadFriction(Dry):
     unknowns = (
         Unknown("mu", ("1", "1"), "share of the load (closures: a lever in m)", True, acts="dry"),
     )
-    equation = "mu |load| sign(v); load: rigid-body torque, in closures |λ|"
+    equation = "mu |load| sign(v); load: torque of all bodies, in closures |λ|"
     signature = "the two bands of the residual against speed widen with the load"
     confused_with = ("coulomb", "torque_gain")
     source = "Dohring, Lee, Newman, IEEE ICRA 1993; Hamon, Gautier, Garrec, IROS 2010"

@@ -105,8 +105,8 @@ def comparison_card(c: Comparison) -> Card:
     elif alone:
         larger = [bar.joint for bar in bars if bar.rises] if before else []
         if larger:
-            line += f": the error is larger in {places(larger)}, but by no more than stretches of "
-            line += "time of the log that was fitted differ from each other"
+            line += f": unchanged; the error is larger in {places(larger)}, by no more than it "
+            line += "differs between parts of the log that was fitted"
         elif before:
             line += ": in all joints as when it was fitted"
     else:

@@ -374,7 +374,8 @@ class MonitorHistory:
         head = f"{self._mechanism.name} at t = {self._last.t:.6g} s: "
         if self._alarms:
             last = self._alarms[-1].headline
-            head += f"{len(self._alarms)} alarm(s), the last: {last}"
+            count = f"{n} alarms, the last" if (n := len(self._alarms)) > 1 else "1 alarm"
+            head += f"{count}: {last}"
         else:
             head += self._silent or "no alarm"
         errors, noise = self._last.errors, self._last.noise
