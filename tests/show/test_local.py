@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import base64
+import logging
 import os
 import socket
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 import pytest
+from websockets.exceptions import ConnectionClosedError
 
 import ident
 from helpers import ROBOTS
@@ -70,6 +72,15 @@ def test_a_connection_that_is_closed_unused_is_no_fault(address, caplog, capfd):
     assert status(address) == 200
     assert not caplog.records
     assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.usefixtures("address")
+def test_a_page_that_leaves_without_a_word_is_no_fault(caplog):
+    log, left = logging.getLogger("ident.page"), ConnectionClosedError(None, None)
+    log.error("unexpected internal error", exc_info=left)
+    assert not caplog.records
+    log.error("unexpected internal error", exc_info=ValueError("another"))
+    assert len(caplog.records) == 1
 
 
 def test_every_address_has_its_own_token():

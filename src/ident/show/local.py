@@ -71,7 +71,8 @@ class Place:
             page: HTML.
             talk: called with each web socket, in a thread of its own.
         """
-        from websockets.sync.server import serve  # loaded only where something is served
+        from websockets.exceptions import ConnectionClosed  # loaded only where a page is served
+        from websockets.sync.server import serve
 
         hosts = {f"{HOST}:{self.port}", f"localhost:{self.port}"}
 
@@ -95,9 +96,14 @@ class Place:
             response.headers["Content-Type"] = "text/html; charset=utf-8"
             return response
 
+        def faulty(record: logging.LogRecord) -> bool:
+            # browsers open connections ahead and close them unused, or leave without a word when a
+            # page is loaded again: neither is a fault
+            left = record.exc_info and isinstance(record.exc_info[1], ConnectionClosed)
+            return not left and record.msg != "opening handshake failed"
+
         log = logging.getLogger("ident.page")
-        # browsers open connections ahead and close them unused, which is no fault
-        log.addFilter(lambda record: record.msg != "opening handshake failed")
+        log.addFilter(faulty)
         server = serve(talk, sock=self.socket, process_request=answer, close_timeout=1, logger=log)
         threading.Thread(target=server.serve_forever, name="ident page", daemon=True).start()
         return Served(self.port, self.address, server.shutdown)
