@@ -337,9 +337,10 @@ def excite(
     written = list[Path]()
 
     def better(found: Excitation) -> None:
-        if out is not None:
-            found.write(out)
-        if out is not None and not written:
+        if out is None:
+            return
+        found.write(out)
+        if not written:
             written.append(out)
             wrote([out])
             notes(

@@ -6,8 +6,7 @@
 
 B estimates the Hessian of −J − λᵀs alone by damped BFGS: the curvature of φ near a limit, which is
 much larger, is in D. So thousands of limits cost one product ZᵀDZ a step, and every point is inside
-all of them: a motion can be used before the search ends. IPOPT and SciPy's searches meet limits
-only at their end.
+all of them: a motion can be used before the search ends.
 
 Source: Nocedal, Wright, Numerical Optimization, 2nd ed. 2006, chapter 19 and procedure 18.2.
 """
