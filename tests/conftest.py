@@ -56,13 +56,28 @@ ARGUMENTS = [
 ]  # fmt: skip
 
 
+PATIENCE = 60_000  # ms, for a page drawn in software on a busy machine
+
+
+def patient(make):
+    """`make`, what it makes waiting for `PATIENCE` where nothing else is asked for."""
+
+    def made(**options):
+        new = make(**options)
+        new.set_default_timeout(PATIENCE)
+        return new
+
+    return made
+
+
 @pytest.fixture(scope="session")
 def browser():
-    """Debian's browser, drawing in software."""
+    """Debian's browser, drawing in software, whose pages are waited for."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     if not CHROMIUM.exists():
         pytest.skip(f"there is no browser at {CHROMIUM}; apt-get install chromium")
     with playwright.sync_playwright() as started:
         opened = started.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
+        opened.new_page, opened.new_context = map(patient, (opened.new_page, opened.new_context))
         yield opened
         opened.close()

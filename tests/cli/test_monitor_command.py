@@ -269,7 +269,6 @@ def test_the_page_shows_what_comes_and_the_report_stays(log, tmp_path, browser):
     page, faults = browser.new_page(viewport={"width": 400, "height": 800}), []
     page.add_init_script(WRITTEN)
     page.on("console", lambda m: faults.append(m.text))
-    page.set_default_timeout(1000 * PATIENCE)
     page.on("pageerror", lambda error: faults.append(str(error)))
     with started(*words, "--out", tmp_path / "out") as run:
         try:

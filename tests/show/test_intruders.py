@@ -13,8 +13,6 @@ import ident
 from helpers import ROBOTS
 from ident.show.explore import Board
 
-PATIENCE = 60_000  # ms
-
 # what the script of another site can try; what it could read or open
 ATTACK = """async address => {
   const got = [], socket = address.replace("http", "ws");
@@ -87,7 +85,6 @@ def address(request, tmp_path_factory) -> Iterator[str]:
 def page(browser):
     context = browser.new_context()
     page = context.new_page()
-    page.set_default_timeout(PATIENCE)
     yield page
     context.close()
 

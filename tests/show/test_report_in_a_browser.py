@@ -19,7 +19,6 @@ from ident.show.html import Page, Section
 from identification import motion_log, plant, robot
 from pages import DRAWN, PAINTED, WRITTEN, assert_legible, overlapping, titles
 
-PATIENCE = 20_000  # ms, on a busy machine
 N = 100_000
 REPORTS = (
     "diagnosed", "fitted", "compared", "grew", "monitored", "studied", "viewed", "charted",
@@ -38,7 +37,6 @@ def opened(browser):
         contexts.append(context)
         page, wrong = context.new_page(), []
         page.add_init_script(WRITTEN)
-        page.set_default_timeout(PATIENCE)
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else 0)
         page.on("request", lambda r: None if r.url.startswith(("file:", "data:", "blob:"))

@@ -16,7 +16,6 @@ import pytest
 
 from pages import WRITTEN
 
-PATIENCE = 60_000.0  # ms, on a busy machine
 Serve = Callable[..., "Served"]
 
 
@@ -80,7 +79,6 @@ def visit(browser) -> Iterator[Callable[[str], Seen]]:
     def opened(address: str) -> Seen:
         contexts.append(browser.new_context(viewport={"width": 1280, "height": 800}))
         seen = Seen(contexts[-1].new_page())
-        seen.page.set_default_timeout(PATIENCE)
         seen.page.on("pageerror", lambda error: seen.faults.append(str(error)))
         seen.page.add_init_script(WRITTEN)
         seen.page.on("console", lambda m: seen.faults.append(m.text))

@@ -70,7 +70,7 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     page.get_by_text("− coulomb:elbow", exact=True).wait_for()
     settled(page)
     page.get_by_role("button", name="back to rung 1: + viscous:elbow").click()
-    page.wait_for_function("document.title")
+    page.wait_for_function("() => document.title")
     page.get_by_text("− coulomb:elbow", exact=True).wait_for(state="detached")
     settled(page)
     assert len(rungs(page)) == 2
@@ -183,7 +183,7 @@ def test_long_names_on_a_phone(serve, visit, tmp_path):
         settled(page)
         assert assert_legible(page, width) > 20
     page.get_by_role("button", name="add coulomb in 4 places", exact=True).click()
-    page.wait_for_function("document.querySelectorAll('.ladder tbody tr').length > 1")
+    page.wait_for_function("() => document.querySelectorAll('.ladder tbody tr').length > 1")
     settled(page)
     for view in page.locator("#views button").all():
         view.click()

@@ -69,7 +69,6 @@ def look(browser) -> Callable[..., Looked]:
         try:
             page.goto(address)
             if do is not None:
-                page.set_default_timeout(1000 * PATIENCE)
                 do(page)
             end = time.monotonic() + PATIENCE
             while time.monotonic() < end:

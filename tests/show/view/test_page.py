@@ -105,7 +105,7 @@ def test_a_cursor_over_a_chart_moves_the_machine_and_the_other_charts(five_bar, 
     page = browser.new_page(viewport={"width": 1280, "height": 900})
     page.goto(path.as_uri())
     chart = page.locator("figure.chart").first
-    page.wait_for_function("ranges.size > 0 && documents.every((each) => each.is_idle)")
+    page.wait_for_function("() => ranges.size > 0 && documents.every((each) => each.is_idle)")
     cursor = """() => [...documents[0]._all_models.values()]
         .filter((m) => m.type === 'Span' && m.dimension === 'height').map((m) => m.location)"""
     page.locator("figure.scene input").fill("0.5")
@@ -113,7 +113,7 @@ def test_a_cursor_over_a_chart_moves_the_machine_and_the_other_charts(five_bar, 
     box = chart.bounding_box()
     for x in (0.7, 0.71):
         page.mouse.move(box["x"] + x * box["width"], box["y"] + 150)
-    page.wait_for_function("document.querySelector('figure.scene input').value > 1")
+    page.wait_for_function("() => document.querySelector('figure.scene input').value > 1")
     at = float(page.locator("figure.scene input").input_value())
     assert page.evaluate(cursor) == [pytest.approx(at)] * 4
     page.wait_for_function(
