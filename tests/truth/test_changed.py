@@ -61,6 +61,33 @@ def test_nothing_has_changed():
     assert d.fit.rank == 0
 
 
+def test_the_errors_of_the_earlier_fit_are_no_change(tmp_path):
+    """The earlier log was short and its torques noisy; the present ones are not."""
+    short = plant(
+        robot("arm").with_effect("viscous").with_effect("coulomb"), motion_log("arm", 100.0, 4.0),
+        noise=[Noise("tau", 0.03, relative=True)], seed=1,
+    )  # fmt: skip
+    short.fit(cutoff="auto").write(tmp_path)
+    mechanism = ident.load(tmp_path / "identified")
+    exact = [Noise("tau", 0.001, relative=True)]
+    motion = motion_log("arm", 100.0, 8.0)
+    now = ident.simulate(short.mechanism, motion, values=short.values, noise=exact, seed=5)[0]
+    verdicts = [
+        ident.diagnose(ident.identify(model, ident.complete(model, now))).verdict
+        for model in (mechanism, replace(mechanism, covariance=None))
+    ]
+    assert verdicts[0] == "nothing"
+    assert verdicts[1] != "nothing"
+
+
+@pytest.mark.parametrize("wrong", ["a,b\n1,2\n", "parameter,x\nx,high\n", "parameter,x\nx,nan\n"])
+def test_a_covariance_that_is_none(wrong, tmp_path):
+    planted().fit(cutoff="auto").write(tmp_path)
+    (tmp_path / "identified/covariance.csv").write_text(wrong)
+    with pytest.raises(MechanismError, match="covariance.csv"):
+        ident.load(tmp_path / "identified")
+
+
 def test_a_payload_picked_up():
     d = diagnosed("payload:hand")
     assert d.best is not None

@@ -1,9 +1,10 @@
 """Residuals in which nothing is missing: what chance and the noise of the sensors make.
 
 Surrogates have the spectrum of the present residual in each coordinate and random phases. Draws of
-the sensors' noise are what the torques' white noise and the motion's noise leave of the torques,
+noise are what the torques' white noise, the motion's noise and the errors of values that an earlier
+fit has found leave of the torques,
 
-    δr = Σ_i Σ_k ∂r/∂u_i^(k) δu_i^(k) + δτ        u = B c, U (c − ĉ) of unit noise
+    δr = Σ_i Σ_k ∂r/∂u_i^(k) δu_i^(k) + δτ + Γ δp        u = B c, U (c − ĉ) of unit noise
 
 through the same filter; their rms is the noise floor.
 """
@@ -20,6 +21,7 @@ from scipy.sparse.linalg import splu
 
 from ident.diagnosis.candidates import Contest
 from ident.equations.motion_noise import gain
+from ident.equations.unknowns import Columns
 from ident.fit.problem import Table
 from ident.information import linear
 from ident.information.blocks import Part
@@ -59,7 +61,7 @@ def noise(contest: Contest, seed: int) -> NoiseDraws:
         if scene.e.smooth is not None:
             _add_motion(r, table, number, random)
         found.append(table.filtered(number, r))
-    rows = np.concatenate(found)
+    rows = np.concatenate(found) + _of_values(contest, random)
     regression = contest.regression
     judged = regression.judging(
         [rows[contest.use[:, p.coordinate], p.coordinate] for p in regression.parts]
@@ -104,6 +106,20 @@ def _add_motion(out: np.ndarray, table: Table, number: int, random: np.random.Ge
             share = share.astype(np.float32)[:, None, None]
             between = G[after - 1] + share * (G[after] - G[after - 1])
             out[sample] += between @ du.transpose(1, 0, 2).reshape(len(sample), 3 * J, DRAWS)
+
+
+def _of_values(contest: Contest, random: np.random.Generator) -> Array:
+    """(N, d, DRAWS) of the errors of known values, in the table's rows."""
+    table, known = contest.table, contest.table.mechanism.covariance
+    if known is None:
+        return np.zeros((1, 1, 1))
+    still = np.array([name not in table.columns.index for name in known.names])
+    model = table.mechanism.freed(np.array(known.names)[still])
+    columns = Columns.of(model)
+    A = Table.of(model, columns, table.motion, table.point).A
+    at = [columns.index[name] for name in np.array(known.names)[still]]
+    draws = known.root[still] @ random.standard_normal((len(still), DRAWS))
+    return np.asarray(A[:, :, at] @ draws)
 
 
 def _coefficients(spline: Spline, random: np.random.Generator) -> Array:

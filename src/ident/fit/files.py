@@ -26,7 +26,7 @@ from ident.fit.values import ALPHA, BaseValue, Changes, Value
 from ident.information.blocks import Error
 from ident.mechanism.description import read_description
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import pseudo_inertia
+from ident.mechanism.parameters import Covariance, pseudo_inertia
 from ident.mechanism.urdf import fixed_parameters, lock, parse_urdf, with_inertials
 from ident.mechanism.write import folder_files
 from ident.motion import Motion
@@ -72,8 +72,18 @@ def write_fit(
         (effect, {u.name: float(v) for u, v in zip(effect.parameters, values, strict=True)})
         for effect, values in fit.effect_solution
     ]
-    inside = folder_files(fit.mechanism, urdf, known, [], fit.found)
+    inside = folder_files(fit.mechanism, urdf, known, [], fit.found, covariance_of(fit))
     return write_all(Path(folder), files | {f"identified/{name}": x for name, x in inside.items()})
+
+
+def covariance_of(fit: Fit) -> Covariance | None:
+    """Return the errors of a fit's values, those that are regrouped left where they are; of a model
+    in which nothing was estimated, the errors that it came with.
+    """
+    names = tuple(fit.columns.names[i] for i in fit.estimate.base.independent)
+    if not names or not np.isfinite(fit.covariance).all():
+        return fit.mechanism.covariance
+    return Covariance(names, fit.covariance)
 
 
 def own_files(fit: Fit) -> dict[str, tuple[str, bytes]]:

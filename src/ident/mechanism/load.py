@@ -29,7 +29,7 @@ from ident.mechanism.closures import (
 )
 from ident.mechanism.description import Description, align_z, read_description
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
-from ident.mechanism.parameters import Bodies, read_consistency
+from ident.mechanism.parameters import Bodies, read_consistency, read_covariance
 from ident.mechanism.tree import Tree, build_tree, is_rotational, joint_axis
 from ident.mechanism.urdf import lock, parse_urdf
 from ident.plugins import suffixes
@@ -92,7 +92,7 @@ def load(
     passive, start = _passive_and_start(top.table("joints"), tree, joints, held)
     basis, parameters = top.table("multipliers"), top.table("parameters")
     basis.check("basis", "spacing")
-    parameters.check("unknown", "bounds", "total_mass")
+    parameters.check("unknown", "bounds", "total_mass", "covariance")
     asked = [link for link in bodies.links if link not in source.auxiliary]
     if "unknown" in parameters:  # links of locked joints are part of others
         joined = (joint for joint in robot.findall("joint") if joint.get("name") in held)
@@ -120,6 +120,7 @@ def load(
         toml=toml,
         locked=held,
         consistency=read_consistency(parameters, bodies),
+        covariance=read_covariance(parameters, folder),
     )
     names = [closure.name for closure in mechanism.closures]
     if twice := [name for name in names if names.count(name) > 1]:
@@ -162,16 +163,8 @@ def _unknown_again(known: Mechanism, file: Path) -> Mechanism:
             f"{file}: is no complete fit.json ({error}); identify again, or give {file.parent}/"
             "identified, in which everything is known"
         ) from None
-    effects = []
-    for each in known.effects:
-        open_ = {
-            p.name for full, p in zip(each.names, each.parameters, strict=True) if full in free
-        }
-        effects.append(
-            replace(each, values={n: x for n, x in each.values.items() if n not in open_})
-        )
     unknown = known.bodies.select(bodies, str(file))
-    return replace(known, name=name, unknown=unknown, effects=tuple(effects))
+    return replace(known.freed({*unknown, *free}), name=name, covariance=None)
 
 
 def _toml_of(path: Path) -> Path | None:

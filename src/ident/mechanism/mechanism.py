@@ -19,7 +19,7 @@ from ident.information import linear
 from ident.log import Column
 from ident.mechanism.closures import Closure
 from ident.mechanism.kinematics import Kinematics, rank_of
-from ident.mechanism.parameters import Bodies, Consistency, dynamic_parameters
+from ident.mechanism.parameters import Bodies, Consistency, Covariance, dynamic_parameters
 
 CLOSED = 1e-9  # [rad | m] of Φ up to which a loop is assembled
 AWAY = 0.05  # [rad | m] from the assembled configuration to one in general position
@@ -100,6 +100,7 @@ class Mechanism(Displayed):
         notes: what was understood otherwise than it is written.
         locked: joints held at a coordinate [rad | m]; they are in none of the above.
         consistency: bounds on parameters and the total mass, for a consistent fit.
+        covariance: of known values, where an earlier fit has found them.
     """
 
     name: str
@@ -119,6 +120,7 @@ class Mechanism(Displayed):
     notes: tuple[str, ...] = ()
     locked: Mapping[str, float] = field(default_factory=dict)
     consistency: Consistency = field(default_factory=Consistency)
+    covariance: Covariance | None = None
 
     # --- kinematics -----------------------------------------------------------------------------
 
@@ -391,6 +393,17 @@ class Mechanism(Displayed):
             return replace(self, model=model)
         closures = [c.moved(place, by) if place in c.places else c for c in self.closures]
         return replace(self, closures=tuple(closures))
+
+    def freed(self, names: Collection[str]) -> Mechanism:
+        """The mechanism in which these parameters, by full name, and no others are unknown."""
+        effects = []
+        for each in self.effects:
+            both = zip(each.names, each.parameters, strict=True)
+            unknown = {own.name for full, own in both if full in names}
+            values = {name: x for name, x in each.values.items() if name not in unknown}
+            effects.append(replace(each, values=values))
+        bodies = tuple(name for name in self.bodies.names if name in names)
+        return replace(self, unknown=bodies, effects=tuple(effects))
 
     def with_model(self, model: pin.Model) -> Mechanism:
         """The mechanism with another model of the same kinematics: other gravity or inertias."""

@@ -9,8 +9,11 @@ Ten a body in Pinocchio's order, about the joint frame's origin, which is what Î
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -135,6 +138,58 @@ class Consistency:
         """Both; where they limit the same, the other's."""
         mass = self.total_mass if other.total_mass is None else other.total_mass
         return Consistency({**self.bounds, **other.bounds}, mass)
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance:
+    """Errors of known values that an earlier fit has found.
+
+    Attributes:
+        names: (n,) of parameters of bodies and effects.
+        matrix: (n, n) their covariance, in the parameters' units.
+    """
+
+    names: tuple[str, ...]
+    matrix: np.ndarray
+
+    @property
+    def root(self) -> np.ndarray:
+        """L (n, n) with L Láµ€ = matrix."""
+        size = np.sqrt(np.maximum(np.diag(self.matrix), np.finfo(float).tiny))
+        values, V = np.linalg.eigh(self.matrix / np.outer(size, size))
+        return np.asarray(size[:, None] * V * np.sqrt(np.maximum(values, 0.0)))
+
+    def csv(self) -> bytes:
+        """A table with the names as its first row and first column."""
+        stream = io.StringIO()
+        rows = zip(self.names, self.matrix.tolist(), strict=True)
+        csv.writer(stream, lineterminator="\n").writerows(
+            [("parameter", *self.names), *((name, *row) for name, row in rows)]
+        )
+        return stream.getvalue().encode()
+
+
+def read_covariance(table: TomlTable, folder: Path) -> Covariance | None:
+    """Return the `covariance` of [parameters], a table as `Covariance.csv` writes it."""
+    if "covariance" not in table:
+        return None
+    path = folder / table.text("covariance")
+    try:
+        head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
+        matrix = np.array([[float(x) for x in row[1:]] for row in rows])
+    except OSError as error:
+        raise table.error(f"covariance = '{path.name}': {error.strerror}, in {folder}") from None
+    except ValueError as error:
+        raise MechanismError(f"{path}: {error}; give numbers below the names") from None
+    names = tuple(head[1:])
+    if tuple(row[0] for row in rows) != names or matrix.shape != (len(names),) * 2:
+        raise MechanismError(
+            f"{path}: {len(rows)} rows for {len(names)} names; give the same names in the first "
+            "row and the first column"
+        )
+    if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-6, atol=0.0):
+        raise MechanismError(f"{path}: is not finite and symmetric, as a covariance is")
+    return Covariance(names, matrix)
 
 
 def read_consistency(table: TomlTable, bodies: Bodies) -> Consistency:

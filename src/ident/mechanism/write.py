@@ -20,6 +20,7 @@ from ident.files import write_all
 from ident.mechanism.description import Description, description_of, read_description
 from ident.mechanism.load import stated
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import Covariance
 
 
 def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
@@ -72,12 +73,13 @@ def folder_files(
     effects: Sequence[tuple[Effect, Mapping[str, float]]],
     unknown: Sequence[str] | None,
     found: Mapping[str, Found],
+    covariance: Covariance | None = None,
 ) -> dict[str, bytes]:
     """Return a mechanism folder's files by name, its mechanism.toml taken over from a mechanism.
 
     `urdf` is the content of the URDF, or of the file in its place; `effects` come with their known
     values; `unknown` is for [parameters], where None leaves it as it is; `found` are values of
-    effects by label, of which a law's file is written.
+    effects by label, of which a law's file is written; `covariance` is of the known values.
     """
     document = _document(mechanism)
     source = read_description(mechanism.urdf)
@@ -92,6 +94,11 @@ def folder_files(
     if unknown is not None:
         document["parameters"] = {"unknown": list(unknown)}
     files = {urdf_name: urdf}
+    if covariance is not None:
+        document["parameters"]["covariance"] = "covariance.csv"
+        files["covariance.csv"] = covariance.csv()
+    else:
+        document.get("parameters", {}).pop("covariance", None)
     for closure in document.get("closure", []):
         if "file" in closure and mechanism.toml is not None:
             file = mechanism.toml.parent / str(closure["file"])
