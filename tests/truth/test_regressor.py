@@ -9,7 +9,7 @@ from ident.equations.unknowns import Columns, Point
 from ident.errors import MechanismError
 from ident.mechanism import load
 from ident.mechanism.parameters import Bodies, about_origin, join, pseudo_inertia, split, unit_of
-from ident.motion.regressor import FEW, regressor, rigid_forces, supports
+from ident.motion.regressor import regressor, rigid_forces, supports
 
 TREES = {
     "revolute": [J("a", axis="1 0 0"), J("b", axis="0 -1 0", parent="a"), J("c", parent="b")],
@@ -68,7 +68,7 @@ def relative_error(model, n, seed=0):
 
 
 @pytest.mark.parametrize("name", TREES)
-@pytest.mark.parametrize("n", [1, FEW, 1500])
+@pytest.mark.parametrize("n", [1, 100])
 def test_gamma_of_many_samples_is_pinocchios(name, n, tmp_path):
     mechanism = load(
         write_mechanism(tmp_path, tree_urdf(TREES[name], seed=3), "gravity = [1.0, -2.0, -9.0]")

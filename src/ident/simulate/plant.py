@@ -33,8 +33,8 @@ from ident.errors import MechanismError, MotionError
 from ident.information import linear
 from ident.mechanism.kinematics import Mapped
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import COUNT
 from ident.mechanism.tree import rates
+from ident.motion.regressor import Rigid
 
 SMOOTH = 1e-3  # [rad/s | m/s] speed below which the sign of a law that is no dry friction is smooth
 SIGN_ONLY = 1e-200  # [rad/s | m/s] a speed that has a sign and no size
@@ -171,46 +171,7 @@ class ForwardLaws:
 
 
 SINGULAR = 1e-7  # of the largest singular value of J: below, the closures lose a direction
-FAR = 1e3  # [m] a centre of mass beyond belongs to a mass of rounding error
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
-
-
-@dataclass(frozen=True, eq=False)
-class Rigid:
-    """Dynamics of a tree, linear in its dynamic parameters π.
-
-    Pinocchio stores a body by mass and centre of mass, and adds bodies only if their mass is
-    positive. Identified parameters need not be those of bodies that can exist, so π is written as
-    the difference π⁺ − π⁻ of two sets with positive masses where that is necessary.
-    """
-
-    # (sign, model, data) whose signed sum it is
-    terms: tuple[tuple[float, pin.Model, pin.Data], ...]
-
-    @classmethod
-    def of(cls, model: pin.Model, pi: np.ndarray) -> Rigid:
-        """Take π (10 · bodies,) in Γ's order, physically possible or not."""
-        bodies = pi.reshape(-1, COUNT)
-        added = np.zeros_like(bodies)
-        for body, extra in zip(bodies, added, strict=True):
-            storable = body[0] > 0 and np.abs(body[1:4]).max() < FAR * body[0]
-            if body.any() and not storable:
-                extra[0] = 1.0 + 2.0 * abs(body[0])
-        signed = [(1.0, bodies + added), *([(-1.0, added)] if added.any() else [])]
-        terms = []
-        for sign, part in signed:
-            other = model.copy()
-            other.armature = np.zeros(model.nv)  # the inertia that turns with a motor is an effect
-            for index, body in enumerate(part, start=1):
-                inertia = pin.Inertia.FromDynamicParameters(body)
-                other.inertias[index] = inertia if body.any() else pin.Inertia.Zero()
-            terms.append((sign, other, other.createData()))
-        return cls(tuple(terms))
-
-    def __call__(self, algorithm: Callable[..., np.ndarray], *state: np.ndarray) -> np.ndarray:
-        """Return what an algorithm of Pinocchio makes of a state: crba, nonLinearEffects, rnea."""
-        parts = [sign * algorithm(model, data, *state) for sign, model, data in self.terms]
-        return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]
 
 
 @dataclass(frozen=True, eq=False)
