@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 import pickle
 import platform
 import signal
@@ -99,10 +98,13 @@ def spread(
             f"jobs {jobs} and scheduler {scheduler}: its workers are the processes; give one of "
             "the two"
         )
-    if jobs is not None:
-        check_whole("jobs", jobs, 1)
-    most = len(tasks) if isinstance(tasks, Sized) else cores()
-    jobs = min(cores() if jobs is None else jobs, max(most, 1))
+    if jobs is None:
+        from joblib import cpu_count  # takes 0.3 s to import
+
+        jobs = cpu_count()
+    check_whole("jobs", jobs, 1)
+    if isinstance(tasks, Sized):
+        jobs = min(jobs, max(len(tasks), 1))
     if scheduler is None and jobs == 1:
         return (Done(i, *_outcome(function, common, task)) for i, task in enumerate(tasks))
     try:
@@ -159,14 +161,6 @@ class Workers:
                 while at in early:
                     yield tasks[at], early.pop(at)
                     at += 1
-
-
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on macOS and Windows
-        return os.cpu_count() or 1
 
 
 @cache
@@ -324,22 +318,11 @@ def _done_on_worker(index: int, future: Any) -> Done:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep Dask from writing tracebacks of lost connections, which end in one line."""
-    log = logging.getLogger("distributed.client")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
-
-
-@contextlib.contextmanager
 def _client(scheduler: str) -> Iterator[Any]:
     """Connect, and check that there are workers and that ident is installed on them."""
     try:
         from distributed import Client, Security  # Dask is an extra, and slow to import
+        from distributed.utils import silence_logging_cmgr
     except ImportError:
         raise IdentError(
             'a scheduler needs Dask, which is not installed; pip install "ident[cluster]", on '
@@ -364,7 +347,8 @@ def _client(scheduler: str) -> Iterator[Any]:
             "tcp://host:8786, which 'dask scheduler' prints; it needs workers: dask worker "
             f"{scheduler}"
         ) from None
-    with _quiet(), client:
+    # lost connections end in one line here; Dask would write tracebacks of them, too
+    with silence_logging_cmgr(logging.CRITICAL), client:
         try:
             client.wait_for_workers(1, timeout=ANSWER)
         except TimeoutError:

@@ -25,22 +25,14 @@ from ident.motion.recipe import (
     Band,
     Recipe,
     band_of,
+    checked_cutoff,
+    checked_spacing,
     standstill,
     thresholds,
     top_speeds,
 )
-from ident.motion.signals import LogSignals, Smoothed, channels_of, measure, runs
-from ident.motion.smoothing import (
-    AS_LOGGED,
-    Derived,
-    along,
-    derive,
-    fused,
-    missed,
-    smoothed,
-    through_motion,
-)
-from ident.motion.spline import reweighted
+from ident.motion.signals import LogSignals, Smoothed, measure, runs
+from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
 from ident.motion.state import State, wrenches
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
@@ -156,8 +148,8 @@ def complete(
     for signals in measured:
         notes += _missing_torques(mechanism, signals, torques)
     names = _determining(mechanism, measured)
-    smoothing = _spacing(smoothing, measured)
-    given_cutoff = None if cutoff in (None, "auto") else _cutoff(cutoff, measured)
+    smoothing = checked_spacing(smoothing, measured)
+    given_cutoff = None if cutoff in (None, AUTO) else checked_cutoff(cutoff, measured)
 
     def smoothed() -> tuple[Band, list[Derived]]:
         band = band_of(mechanism, measured, names)
@@ -274,44 +266,6 @@ def _log(mechanism: Mechanism, given: Given) -> Log:
     return Log.from_frame(given, columns=mechanism.columns)
 
 
-def _cutoff(cutoff: float | str, measured: list[LogSignals]) -> float:
-    slowest = max(measured, key=lambda signals: signals.dt)
-    nyquist = 0.5 / slowest.dt
-    value = _number(cutoff, f"cut-off {cutoff!r}; valid: a number [Hz], 'auto' or none")
-    lowest = 1 / max(float(np.ptp(signals.t)) for signals in measured)
-    if 0 < value < lowest:
-        raise MotionError(
-            f"cut-off {value:g} Hz: no log is long enough for it; valid: above {lowest:.3g} Hz"
-        )
-    if not 0 < value < nyquist:
-        raise MotionError(
-            f"{slowest.log.name}: cut-off {value:g} Hz; valid: above 0 and below {nyquist:.4g} Hz, "
-            "half this log's rate, or none"
-        )
-    return value
-
-
-def _spacing(spacing: float | str | None, measured: list[LogSignals]) -> float | str | None:
-    if spacing is None or spacing == AUTO:
-        return spacing
-    finest = max(signals.dt for signals in measured)
-    longest = min(float(np.ptp(signals.t)) for signals in measured) / 2
-    value = _number(spacing, f"smoothing {spacing!r}; valid: knots' spacing [s], 'auto' or none")
-    if not finest <= value <= longest:
-        raise MotionError(
-            f"smoothing {value:g} s; valid: knots every {finest:.3g} s (one sample) to "
-            f"{longest:.3g} s"
-        )
-    return value
-
-
-def _number(given: float | str, problem: str) -> float:
-    try:
-        return float(given)
-    except (TypeError, ValueError):
-        raise MotionError(problem) from None
-
-
 def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) -> list[str]:
     """The note on driven joints without torques, if they are not needed."""
     columns, log = signals.columns, signals.log.name
@@ -397,7 +351,7 @@ def state_of(
         if recipe is None:  # a part may hardly move, and then disagree by noise alone
             notes = _disagreements(mechanism, experiment, names, derived.known[0])
         if derived.smooth is not None:
-            experiment = _together(mechanism, signals, experiment, band, recipe)
+            experiment = together(mechanism, signals, experiment, band, recipe)
     treated: dict[str, list[str]] = {}
     for channel in experiment.channels:
         if channel.how != AS_LOGGED:
@@ -444,35 +398,6 @@ def _in_steps(mechanism: Mechanism, signals: LogSignals, channels: Sequence[Smoo
         f"{min(1.0, max(share for _, share in same)):.0%} of the noise that smoothing takes off"
         for words, same in found.items()
     ]
-
-
-def _together(
-    mechanism: Mechanism, signals: LogSignals, e: State, band: Band, recipe: Recipe | None
-) -> State:
-    """More joints logged than needed, with noise: one smooth motion made by all their channels.
-
-    Its knots are those that the channels of single joints asked for.
-    """
-    assert e.smooth is not None
-    names = best_conditioned(mechanism, e.q) if recipe is None else recipe.carriers
-    channels = channels_of(signals, e.logged)
-    through = through_motion(mechanism, e, names)
-    own = recipe and replace(recipe, noise={})
-    e = along(mechanism, e, smoothed(signals, through, names, band, e.smooth.spacing, own)[0])
-    white = [channel.sigma for channel in channels]
-    if recipe is not None:
-        channels = [replace(each, sigma=recipe.noise[each.column]) for each in channels]
-    else:
-        e = along(mechanism, e, fused(mechanism, e, channels))
-        channels = reweighted(channels, missed(mechanism, e, channels))
-    smooth = fused(mechanism, e, channels)
-    e = along(mechanism, e, smooth)
-    how = f"spline in {', '.join(names)}, knots {1e3 * smooth.spacing:.3g} ms"
-    table = [
-        Smoothed(each.column, how, sigma, rms, smooth.spacing)
-        for each, sigma, rms in zip(channels, white, missed(mechanism, e, channels), strict=True)
-    ]
-    return replace(e, channels=tuple(table))
 
 
 def _disagreements(

@@ -150,6 +150,48 @@ def _calm_cutoff(signals: LogSignals, name: str, motion: float) -> float:
     return cutoff
 
 
+def checked_cutoff(cutoff: float | str, measured: Sequence[LogSignals]) -> float:
+    """A cut-off that is asked for [Hz], if these logs can be filtered at it."""
+    value = _number(cutoff, f"cut-off {cutoff!r}; valid: a number [Hz], 'auto' or none")
+    slowest = max(measured, key=lambda signals: signals.dt)
+    nyquist = 0.5 / slowest.dt
+    lowest = 1 / max(float(np.ptp(signals.t)) for signals in measured)
+    if 0 < value < lowest:
+        raise MotionError(
+            f"cut-off {value:g} Hz: no log is long enough for it; valid: above {lowest:.3g} Hz"
+        )
+    if not 0 < value < nyquist:
+        raise MotionError(
+            f"{slowest.log.name}: cut-off {value:g} Hz; valid: above 0 and below {nyquist:.4g} Hz, "
+            "half this log's rate, or none"
+        )
+    return value
+
+
+def checked_spacing(
+    spacing: float | str | None, measured: Sequence[LogSignals]
+) -> float | str | None:
+    """A spacing of knots that is asked for [s], "auto" or None, if these logs can have it."""
+    if spacing is None or spacing == AUTO:
+        return spacing
+    value = _number(spacing, f"smoothing {spacing!r}; valid: knots' spacing [s], 'auto' or none")
+    finest = max(signals.dt for signals in measured)
+    longest = min(float(np.ptp(signals.t)) for signals in measured) / 2
+    if not finest <= value <= longest:
+        raise MotionError(
+            f"smoothing {value:g} s; valid: knots every {finest:.3g} s (one sample) to "
+            f"{longest:.3g} s"
+        )
+    return value
+
+
+def _number(given: float | str, problem: str) -> float:
+    try:
+        return float(given)
+    except (TypeError, ValueError):
+        raise MotionError(problem) from None
+
+
 def standstill(
     mechanism: Mechanism, signals: LogSignals, e: State, names: tuple[str, ...]
 ) -> np.ndarray:

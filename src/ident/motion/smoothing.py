@@ -26,6 +26,7 @@ import numpy as np
 
 from ident.information.time_bases import Basis
 from ident.mechanism.mechanism import Mechanism
+from ident.motion.closures import best_conditioned
 from ident.motion.recipe import AUTO, CLEAN, Band, Recipe
 from ident.motion.signals import Channel, LogSignals, Smoothed, channels_of, runs
 from ident.motion.spline import (
@@ -37,6 +38,7 @@ from ident.motion.spline import (
     fitted,
     interpolate,
     residuals,
+    reweighted,
     solved,
     weighted,
 )
@@ -239,6 +241,35 @@ def along(mechanism: Mechanism, e: State, smooth: Smooth) -> State:
     for run, spline in smooth.runs:
         known[:, run, at] = spline.at(e.t[run])
     return replace(e.at(mechanism, known, names), smooth=smooth)
+
+
+def together(
+    mechanism: Mechanism, signals: LogSignals, e: State, band: Band, recipe: Recipe | None
+) -> State:
+    """One smooth motion made by the channels of all joints, of a state that is smoothed.
+
+    Its knots are those that the channels of single joints asked for.
+    """
+    assert e.smooth is not None
+    names = best_conditioned(mechanism, e.q) if recipe is None else recipe.carriers
+    channels = channels_of(signals, e.logged)
+    through = through_motion(mechanism, e, names)
+    own = recipe and replace(recipe, noise={})
+    e = along(mechanism, e, smoothed(signals, through, names, band, e.smooth.spacing, own)[0])
+    white = [channel.sigma for channel in channels]
+    if recipe is not None:
+        channels = [replace(each, sigma=recipe.noise[each.column]) for each in channels]
+    else:
+        e = along(mechanism, e, fused(mechanism, e, channels))
+        channels = reweighted(channels, missed(mechanism, e, channels))
+    smooth = fused(mechanism, e, channels)
+    e = along(mechanism, e, smooth)
+    how = f"spline in {', '.join(names)}, knots {1e3 * smooth.spacing:.3g} ms"
+    table = [
+        Smoothed(each.column, how, sigma, rms, smooth.spacing)
+        for each, sigma, rms in zip(channels, white, missed(mechanism, e, channels), strict=True)
+    ]
+    return replace(e, channels=tuple(table))
 
 
 def finer(mechanism: Mechanism, e: State, times: int) -> Smooth:
