@@ -17,7 +17,7 @@ import numpy as np
 import ident
 from ident.equations.rows import Scene
 from ident.equations.unknowns import Columns
-from ident.montecarlo import noisy, random_of
+from ident.simulate.inverse import noisy, random_of
 
 FOLDER = Path(__file__).resolve().parents[1] / "robots" / "slider_crank"
 TRUTH = {"rod.Ixx": 4e-3, "rod.Iyy": 4e-4, "rod.Izz": 4e-3}  # kg m²

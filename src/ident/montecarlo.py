@@ -1,24 +1,18 @@
-"""Monte Carlo studies: how noise of a log changes parameters, estimator beside estimator.
-
-    x + σ ε,  ε ~ N(0, 1) a sample,    σ = rms(x) · 10^(−SNR / 20)
-
-The signal's power includes its mean, as in MATLAB's awgn(x, snr, 'measured'); the paper gives its
-ratios without a definition.
-"""
+"""Monte Carlo studies: how noise of a log changes parameters, estimator beside estimator."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from ident.display import Displayed, Progress, render
-from ident.errors import FitError, LogError, check_whole, line_of, one_of
+from ident.errors import FitError, check_whole, line_of, one_of
 from ident.files import Written
 from ident.fit import Fit, identify
 from ident.fit.values import BaseValue, Value
@@ -26,6 +20,8 @@ from ident.log import Log, read_log
 from ident.mechanism.mechanism import Mechanism, Multipliers
 from ident.motion import complete
 from ident.pool import Workers
+from ident.simulate.inverse import CHANNELS as USUAL
+from ident.simulate.inverse import noisy, noisy_columns, random_of
 
 SAMPLES = 5  # between the paper's hat functions without a time basis: 5 ms of its 1 ms samples
 
@@ -43,7 +39,7 @@ class Estimator:
 
 def with_free_multipliers(mechanism: Mechanism, log: Log, **options: Any) -> Fit:
     """Return the fit of a completed log with `options` of `identify` and free multipliers."""
-    model = with_basis(mechanism, Multipliers())
+    model = mechanism.with_multipliers(Multipliers())
     return identify(model, complete(model, log), **options)
 
 
@@ -55,17 +51,9 @@ def _paper(mechanism: Mechanism, log: Log, spacing: float | None = None) -> Fit:
     basis = mechanism.multipliers
     if spacing is not None or basis.degree <= 0:
         basis = Multipliers("linear", spacing or SAMPLES * float(np.median(np.diff(log.t))))
-    model = with_basis(mechanism, basis)
+    model = mechanism.with_multipliers(basis)
     motion = complete(model, log, smoothing=None, cutoff=None)
     return identify(model, motion, estimator="least-squares")
-
-
-@lru_cache(maxsize=8)
-def with_basis(mechanism: Mechanism, multipliers: Multipliers) -> Mechanism:
-    """Return the mechanism with a basis of λ: one object for all runs, compiled only once."""
-    if mechanism.multipliers == multipliers:
-        return mechanism
-    return replace(mechanism, multipliers=multipliers)
 
 
 def paper(spacing: float | None = None) -> Estimator:
@@ -121,46 +109,11 @@ def estimators_of(given: Sequence[str | Estimator | Estimate]) -> tuple[Estimato
     return tuple(estimators.values())
 
 
-CHANNELS = ("q", "v", "a", "tau", "wrench")
-USUAL = CHANNELS[:4]
 SUMS = {"force": "N", "moment": "N m"}  # root sums of squares over all multipliers of a unit
 ENDS = 0.02  # share of the log at either end where errors of the multipliers do not count
 
 TrialRows = tuple[list[tuple[Any, ...]], list[tuple[Any, ...]], list[tuple[Any, ...]]]
 """Rows of `MonteCarlo.samples`, `errors` and `failures`."""
-
-
-def level(x: np.ndarray, snr: float) -> float:
-    """Return the standard deviation σ of the noise of x (n,) at a signal-to-noise ratio [dB]."""
-    power = float(np.mean(x[np.isfinite(x)] ** 2)) if np.isfinite(x).any() else 0.0
-    return float(np.sqrt(power) * 10 ** (-snr / 20))
-
-
-def noisy_columns(log: Log, channels: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns of a log that get noise; refuse an unknown channel, or a log of none."""
-    for channel in channels:
-        if channel not in CHANNELS:
-            raise LogError(f"noise on '{channel}'; {one_of(channel, CHANNELS)}")
-    columns = tuple(name for name in log.columns if name.partition(".")[0] in channels)
-    if not columns:
-        raise LogError(f"{log.name}: no column of {', '.join(channels)}, so there is no noise")
-    return columns
-
-
-def noisy(log: Log, snr: float, columns: Sequence[str], random: np.random.Generator) -> Log:
-    """Return the log with noise on some columns; empty cells stay empty."""
-    series = dict(log.columns)
-    for name in columns:
-        x = series[name]
-        series[name] = x + level(x, snr) * random.standard_normal(len(x))
-    return Log(log.name, series, log.t, log.repairs)
-
-
-def random_of(seed: int, snr: float, run: int) -> np.random.Generator:
-    """Return the generator of one run's noise, which depends on these three numbers alone."""
-    decibels = round(1000 * snr)
-    key = (2 * abs(decibels) + (decibels < 0), run)
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,8 @@ import pytest
 
 import ident
 from ident.errors import FitError, IdentError, LogError
-from ident.montecarlo import ESTIMATORS, Estimator, level, monte_carlo, noisy, paper, random_of
+from ident.montecarlo import ESTIMATORS, Estimator, monte_carlo, paper
+from ident.simulate.inverse import level, noisy, random_of
 from pages import read_page, reading
 
 ROBOT = Path(__file__).resolve().parents[2] / "robots" / "slider_crank"

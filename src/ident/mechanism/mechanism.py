@@ -407,9 +407,7 @@ class Mechanism(Displayed):
 
     def with_model(self, model: pin.Model) -> Mechanism:
         """The mechanism with another model of the same kinematics: other gravity or inertias."""
-        other = replace(self, model=model)
-        other.__dict__["kinematics"] = self.kinematics  # compiled functions of q alone
-        return other
+        return self._alike(model=model)
 
     def starting(self, q: np.ndarray) -> Mechanism:
         """The mechanism with its loops assembled near a configuration.
@@ -417,8 +415,16 @@ class Mechanism(Displayed):
         Args:
             q: (nq,).
         """
-        other = replace(self, start=q)
-        other.__dict__["kinematics"] = self.kinematics  # compiled functions, of no start
+        return self._alike(start=q)
+
+    def with_multipliers(self, multipliers: Multipliers) -> Mechanism:
+        """The mechanism with another time basis of its closures' forces."""
+        return self._alike(multipliers=multipliers)
+
+    def _alike(self, **changes: Any) -> Mechanism:
+        """The mechanism with changes that its kinematics, compiled functions of q, do not feel."""
+        other = replace(self, **changes)
+        other.__dict__["kinematics"] = self.kinematics
         return other
 
     def with_own_joints(self) -> Mechanism:

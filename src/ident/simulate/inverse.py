@@ -11,7 +11,7 @@ import numpy as np
 from ident.effects import KINDS
 from ident.equations.rows import late
 from ident.equations.unknowns import Point
-from ident.errors import MechanismError, MotionError, check_whole, one_of
+from ident.errors import LogError, MechanismError, MotionError, check_whole, one_of
 from ident.fit.prediction import Prediction, predict
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
@@ -163,6 +163,46 @@ def with_noise(
                 x = x + sigma * random.standard_normal(len(x))
         noisy[name] = x
     return noisy
+
+
+def level(x: np.ndarray, snr: float) -> float:
+    """Return the standard deviation σ of the noise of x (n,) at a signal-to-noise ratio [dB].
+
+        σ = rms(x) · 10^(−SNR / 20)
+
+    The signal's power includes its mean, as in MATLAB's awgn(x, snr, 'measured'); the paper gives
+    its ratios without a definition.
+    """
+    power = float(np.mean(x[np.isfinite(x)] ** 2)) if np.isfinite(x).any() else 0.0
+    return float(np.sqrt(power) * 10 ** (-snr / 20))
+
+
+def noisy_columns(log: Log, channels: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns of a log that get noise; refuse an unknown channel, or a log of none."""
+    valid = (*CHANNELS, "wrench")
+    for channel in channels:
+        if channel not in valid:
+            raise LogError(f"noise on '{channel}'; {one_of(channel, valid)}")
+    columns = tuple(name for name in log.columns if name.partition(".")[0] in channels)
+    if not columns:
+        raise LogError(f"{log.name}: no column of {', '.join(channels)}, so there is no noise")
+    return columns
+
+
+def noisy(log: Log, snr: float, columns: Sequence[str], random: np.random.Generator) -> Log:
+    """Return the log with noise on some columns; empty cells stay empty."""
+    series = dict(log.columns)
+    for name in columns:
+        x = series[name]
+        series[name] = x + level(x, snr) * random.standard_normal(len(x))
+    return Log(log.name, series, log.t, log.repairs)
+
+
+def random_of(seed: int, snr: float, run: int) -> np.random.Generator:
+    """Return the generator of one run's noise, which depends on these three numbers alone."""
+    decibels = round(1000 * snr)
+    key = (2 * abs(decibels) + (decibels < 0), run)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
 def check_channels(columns: Sequence[str]) -> None:

@@ -401,7 +401,7 @@ def with_free_multipliers(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
     if (basis := mechanism.multipliers.basis) == "free":
         return mechanism, []
     note = f"multipliers are free, one value a sample, and not {basis}"
-    return replace(mechanism, multipliers=Multipliers()), [note]
+    return mechanism.with_multipliers(Multipliers()), [note]
 
 
 def check_causal(mechanism: Mechanism) -> None:
