@@ -18,8 +18,8 @@ from helpers import ROBOTS
 from ident.errors import MechanismError
 from ident.mechanism import load
 from ident.mechanism.description import read_urdf
+from ident.mechanism.parameters import regressor
 from ident.mechanism.write import add_effects, folder_files
-from ident.motion.regressor import regressor
 
 mujoco = pytest.importorskip("mujoco")
 

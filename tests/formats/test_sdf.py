@@ -14,8 +14,8 @@ from formats import COUPLER, ROCKER, SDF
 from helpers import ROBOTS
 from ident.errors import MechanismError
 from ident.mechanism import load
+from ident.mechanism.parameters import regressor
 from ident.mechanism.write import folder_files
-from ident.motion.regressor import regressor
 
 PASSIVE = 'urdf = "robot.sdf"\n[joints]\npassive = ["coupler", "rocker"]\n'
 

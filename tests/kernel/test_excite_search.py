@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import linprog
 
 from ident.excite.excitation import Criterion
-from ident.excite.interior import Walls, climb
 from ident.excite.limits import LimitBox
+from ident.excite.search import Walls, climb
 from ident.excite.trajectory import Fourier
 
 

@@ -202,7 +202,7 @@ def test_the_search_stays_inside_and_gains():
     problem = DesignProblem(ident.load(ROBOTS / "five_bar"), Limits(), 6.0, 2, {}, 0)
     criterion = problem.criterion(None, 0.5)
     start = problem.draw(np.random.default_rng(0), criterion)
-    *steps, found = problem.search(start, criterion)
+    *steps, found = search.ascent(problem, start, criterion)
     assert found.J > start.J + 0.1
     for each in (*steps, found):
         assert problem.exact.excess(problem.box.z(each.rows.e)).max() < 0

@@ -16,7 +16,7 @@ import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import IdentError, Log, Noise
 from ident.fit.findings import note
-from ident.motion.regressor import regressor
+from ident.mechanism.parameters import regressor
 from identification import motion_log, plant, robot
 from pages import charts, read_page, reading, titles
 

@@ -9,7 +9,7 @@ import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import Log, Noise
 from ident.information.chance import covariance
-from ident.motion.regressor import regressor
+from ident.mechanism.parameters import regressor
 from identification import close, motion_log, plant, robot
 
 

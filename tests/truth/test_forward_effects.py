@@ -9,7 +9,7 @@ from forward import integrated, judged, planted
 import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import Log, MechanismError
-from ident.motion.regressor import Rigid
+from ident.mechanism.parameters import Rigid
 from identification import motion_log, robot
 
 ARM = {

@@ -8,8 +8,17 @@ from helpers import J, Truth, raw_configuration, tree_urdf, write_mechanism
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MechanismError
 from ident.mechanism import load
-from ident.mechanism.parameters import Bodies, about_origin, join, pseudo_inertia, split, unit_of
-from ident.motion.regressor import regressor, rigid_forces, supports
+from ident.mechanism.parameters import (
+    Bodies,
+    about_origin,
+    join,
+    pseudo_inertia,
+    regressor,
+    rigid_forces,
+    split,
+    supports,
+    unit_of,
+)
 
 TREES = {
     "revolute": [J("a", axis="1 0 0"), J("b", axis="0 -1 0", parent="a"), J("c", parent="b")],

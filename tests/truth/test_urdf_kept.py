@@ -14,7 +14,7 @@ import pinocchio as pin
 import pytest
 
 import ident
-from ident.motion.regressor import regressor
+from ident.mechanism.parameters import regressor
 from identification import plant
 
 ODD = """<?xml version='1.0' encoding="utf-8" standalone="yes"?>

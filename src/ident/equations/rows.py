@@ -31,8 +31,8 @@ from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError
 from ident.information.time_bases import Basis, Chunk
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import supports
 from ident.motion.closures import integrate
-from ident.motion.regressor import supports
 from ident.motion.state import State
 
 WIDER = 3.0  # times the rows' cut-off: a filter that passes all that the rows' filter passes

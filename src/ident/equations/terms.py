@@ -25,7 +25,7 @@ import numpy as np
 from ident.effects import Effect, Signals
 from ident.equations.unknowns import Columns, Point
 from ident.mechanism.mechanism import Mechanism
-from ident.motion.regressor import regressor, rigid_forces
+from ident.mechanism.parameters import regressor, rigid_forces
 from ident.motion.state import State
 
 STEP = 1e-3  # of the range of a shape parameter, for differences

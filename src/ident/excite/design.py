@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -11,7 +11,6 @@ import numpy as np
 from ident.equations.unknowns import Columns
 from ident.errors import MechanismError, MotionError, one_of
 from ident.excite.excitation import Criterion, Determined, Excitation, places_of
-from ident.excite.interior import Walls, climb
 from ident.excite.limits import LimitBox, Limits
 from ident.excite.trajectory import Family, Fourier, MotionRows, at_rest, moved_joints
 from ident.fit.shapes import initial
@@ -29,7 +28,6 @@ SAMPLES = 24  # of the search, a period of the highest harmonic
 FINE = 10  # times these samples at which the result is checked
 MARGIN = 0.97  # share of the limits that follow from the drives' motion, at the samples
 PILOTS = 12, 40  # random motions whose rows give base and scale; draws at most
-CENTRED = 1e-2  # μ of the first problem of a search, times the number of drives
 SHRINK, SHRINKS = 0.99, 20  # of a motion that breaks a limit between the samples
 AWAY = 0.05  # of its range, the distance of home from a joint's limits
 SOFT = 0.02  # share of the top speed within which the search smooths the step of dry friction
@@ -158,24 +156,6 @@ class DesignProblem:
         """Evaluate a motion; None where it does not determine all unknowns."""
         J = criterion.at(self.W(rows))
         return None if J is None else ExcitingMotion(x, rows, self.z(rows), J)
-
-    def search(
-        self, start: ExcitingMotion, criterion: Criterion, centred: float = CENTRED
-    ) -> Iterator[ExcitingMotion]:
-        """Yield the motion after each step of a climb from a start; all are inside the limits.
-
-        `centred` is μ of its first problem (see `interior`), times the number of drives.
-        """
-        n = len(start.rows.e)
-
-        def at(x: np.ndarray, near: ExcitingMotion) -> ExcitingMotion | None:
-            rows = self.family.motion(x, near.rows.e)
-            return None if rows is None else self.candidate(x, rows, criterion)
-
-        walls = Walls(*(np.tile(x[self.limited], n) for x in (self.box.low, self.box.high)))
-        return climb(
-            start, at, lambda c: self.slopes(c, criterion), walls, centred / len(self.names)
-        )
 
     def slopes(self, c: ExcitingMotion, criterion: Criterion) -> tuple[np.ndarray, np.ndarray]:
         """Return ∂J/∂x (d P,) and ∂z/∂x (n Z, d P), from G = ∂J/∂A (n, d, k)."""

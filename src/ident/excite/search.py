@@ -1,22 +1,39 @@
-"""The verb `excite`: searches for the periodic motion that determines the unknowns best."""
+"""The verb `excite`: searches for the periodic motion that determines the unknowns best.
+
+An interior-point search for the x of the largest J(x) with low < z(x) < high, from a point inside:
+
+    min φ(x) = −J(x) − μ Σ log s            s = (z − low, high − z) > 0
+    (B + Zᵀ D Z) δ = −∇φ                    Z = ∂z/∂x, D = Σ λ / s of both sides
+    λ ← λ + α (μ / s − λ − λ ∂s/∂x δ / s)   multipliers: λ s → μ → 0
+
+B, of SciPy's damped BFGS, estimates the Hessian of −J − λᵀs alone: the curvature of φ near a limit,
+which is much larger, is in D. So thousands of limits cost one product ZᵀDZ a step, and every point
+is inside all of them: a motion can be used before the search ends. CasADi's IPOPT is inside at the
+end only.
+
+Source: Nocedal, Wright, Numerical Optimization, 2nd ed. 2006, chapter 19 and procedure 18.2.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from itertools import chain, islice
 from time import monotonic
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from ident.display import Progress, quiet
 from ident.errors import MotionError, check_whole
-from ident.excite.design import CENTRED, DesignProblem, ExcitingMotion
+from ident.excite.design import DesignProblem, ExcitingMotion
 from ident.excite.excitation import Criterion, Excitation, with_rivals
 from ident.excite.limits import Limits
 from ident.mechanism.mechanism import Mechanism
 
 DRAWS = 25  # random motions, the best of which each search starts from
 ROUND, STEPS = 30, 150  # steps of every search, and of the best one after these, at most
+CENTRED = 1e-2  # μ of the first problem of a search, times the number of drives
 DIRECT = 1e-3  # μ, likewise, of every second search for a separation: either may end higher
 KEPT = 5.0  # s between two motions that are handed out before the end
 
@@ -121,7 +138,7 @@ def _searches(
             continue
         start = max(known, key=lambda c: c.J)
         centred = DIRECT if i % 2 and len(criterion.parts) > 1 else CENTRED
-        steps, J = problem.search(start, criterion, centred), start.J
+        steps, J = ascent(problem, start, criterion, centred), start.J
         for k, c in enumerate(chain([start], islice(steps, ROUND))):
             yield f"search {i + 1} of {tries}", (i * ROUND + k) / most, c
             J = c.J
@@ -130,6 +147,24 @@ def _searches(
         _, i, steps = max(begun, key=lambda each: each[:2])
         for k, c in enumerate(islice(steps, STEPS)):
             yield f"finishing search {1 - i}, the best", (tries * ROUND + k) / most, c
+
+
+def ascent(
+    problem: DesignProblem, start: ExcitingMotion, criterion: Criterion, centred: float = CENTRED
+) -> Iterator[ExcitingMotion]:
+    """Yield the motion after each step of a climb from a start; all are inside the limits.
+
+    `centred` is μ of its first problem, times the number of drives.
+    """
+    n, box, some = len(start.rows.e), problem.box, problem.limited
+
+    def at(x: np.ndarray, near: ExcitingMotion) -> ExcitingMotion | None:
+        rows = problem.family.motion(x, near.rows.e)
+        return None if rows is None else problem.candidate(x, rows, criterion)
+
+    walls = Walls(*(np.tile(x[some], n) for x in (box.low, box.high)))
+    first = centred / len(problem.names)
+    return climb(start, at, lambda c: problem.slopes(c, criterion), walls, first)
 
 
 def _check(duration: float, periods: int, rate: float, harmonics: int, tries: int) -> None:
@@ -148,3 +183,103 @@ def _check(duration: float, periods: int, rate: float, harmonics: int, tries: in
             f"rate {rate:g} Hz: the highest harmonic is at {top:.3g} Hz; give at least "
             f"{10 * top:.3g} Hz, fewer harmonics or a longer period"
         )
+
+
+# --- interior points ------------------------------------------------------------------------------
+
+LAST, SMALLER = 1e-5, 0.3  # μ of the last problem, and ratio of one problem's μ to the one before
+SOLVED = 5.0  # multiple of μ by which a step must lower φ, by its model; below, μ becomes smaller
+WALL = 0.95  # share of the way to the nearest limit that a step may go
+ARMIJO = 1e-4  # share of the predicted decrease of φ that a step must have
+HALVINGS = 12  # of a step at most
+APART = 100.0  # factor by which λ s may differ from μ
+CURVED = 0.2  # share of B's curvature along a step, below which the measured one is damped
+DAMPING = 1e-12  # of the mean diagonal of the matrix of a step, added to it against rounding
+Near = Callable[[np.ndarray, ExcitingMotion], ExcitingMotion | None]
+"""The point at x, from one near it; None where there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Walls:
+    """Both limits (m,) of z; infinite where there are none."""
+
+    low: np.ndarray
+    high: np.ndarray
+
+    def room(self, z: np.ndarray) -> np.ndarray:
+        """Return s (2, m) of z; infinite where there is no limit."""
+        return np.stack([z.reshape(-1) - self.low, self.high - z.reshape(-1)])
+
+    def barrier(self, s: np.ndarray) -> float:
+        """Return −Σ log s of finite s (2, m); infinite outside."""
+        inside = s[np.isfinite(s)]
+        return -float(np.log(inside).sum()) if inside.min(initial=1.0) > 0 else np.inf
+
+
+def climb(
+    start: ExcitingMotion,
+    at: Near,
+    slopes: Callable[[ExcitingMotion], tuple[np.ndarray, np.ndarray]],
+    walls: Walls,
+    first: float,
+) -> Iterator[ExcitingMotion]:
+    """Yield the point after each step; all are inside the limits, the last is a local optimum.
+
+    Args:
+        start: a point inside.
+        at: returns the point at x from one near it; None where there is none.
+        slopes: returns ∂J/∂x (k,) and ∂z/∂x (m, k) of a point.
+        walls: limits of z.
+        first: μ of the first problem. A small one is faster at first, and ends at worse optima,
+            since the points soon lie close to some limits.
+    """
+    from scipy.optimize import BFGS  # takes 0.2 s to import
+
+    c, s, mu = start, walls.room(start.z), first
+    (g, Z), k = slopes(c), start.x.size
+    multipliers, B = mu / s, BFGS("damp_update", CURVED)
+    B.initialize(k, "hess")
+    while True:
+        slope = -g - Z.T @ (mu / s[0] - mu / s[1])
+        H = B.get_matrix() + Z.T @ ((multipliers / s).sum(axis=0)[:, None] * Z)
+        H[np.diag_indices(k)] += DAMPING * np.trace(H) / k
+        step = cho_solve(cho_factor(H), -slope)
+        ds = Z @ step * np.array([[1.0], [-1.0]])
+        found = None
+        if -slope @ step >= SOLVED * mu:
+            found = _shortened(c, s, step, ds, float(slope @ step), mu, at, walls)
+        elif mu <= LAST:
+            return
+        if found is None:
+            if mu <= LAST:
+                return
+            mu = max(SMALLER * mu, LAST)
+            continue
+        share, there = found
+        multipliers = multipliers + share * (mu / s - multipliers - multipliers * ds / s)
+        s = walls.room(there.z)
+        multipliers = np.clip(multipliers, mu / s / APART, mu / s * APART)
+        g_there, Z_there = slopes(there)
+        d = (there.x - c.x).reshape(-1)
+        y = g - g_there - (Z_there - Z).T @ (multipliers[0] - multipliers[1])
+        if y.any():  # none where J and z are linear
+            B.update(d, y)
+        c, g, Z = there, g_there, Z_there
+        yield c
+
+
+def _shortened(
+    c: ExcitingMotion, s: np.ndarray, step: np.ndarray, ds: np.ndarray, slope: float, mu: float,
+    at: Near, walls: Walls,
+) -> tuple[float, ExcitingMotion] | None:  # fmt: skip
+    """Return the share of a step that lowers φ enough, and the point there; None without one."""
+    share = min(1.0, WALL / float((-ds / s).max(initial=WALL)))
+    before = -c.J + mu * walls.barrier(s)
+    for _ in range(HALVINGS):
+        there = at(c.x + (share * step).reshape(c.x.shape), c)
+        if there is not None:
+            after = -there.J + mu * walls.barrier(walls.room(there.z))
+            if after <= before + ARMIJO * share * slope:
+                return share, there
+        share *= 0.5
+    return None

@@ -27,7 +27,7 @@ from ident.fit.problem import Table
 from ident.information.chance import zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
-from ident.motion.regressor import regressor
+from ident.mechanism.parameters import regressor
 from ident.motion.state import State
 
 FACTORS = np.geomspace(1e-4, 1e4, 17)  # between two of which the best factor of a torque is sought

@@ -33,8 +33,8 @@ from ident.information.blocks import Squares
 from ident.information.estimate import Estimate
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import rigid_forces
 from ident.motion import Motion, State
-from ident.motion.regressor import rigid_forces
 
 CHUNK = 2048  # samples whose regressor is in memory at once
 RIGID, WRENCHES = "rigid bodies", "external wrenches"

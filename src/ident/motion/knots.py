@@ -25,9 +25,9 @@ import numpy as np
 from ident.information.blocks import Part
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import regressor
 from ident.motion.closures import best_conditioned
 from ident.motion.recipe import Band
-from ident.motion.regressor import regressor
 from ident.motion.signals import LogSignals, runs
 from ident.motion.smoothing import FEWEST, Derived, finest
 from ident.motion.spline import INCONSISTENT, basis_over, fitted

@@ -33,8 +33,8 @@ from ident.errors import MechanismError, MotionError
 from ident.information import linear
 from ident.mechanism.kinematics import Mapped
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import Rigid
 from ident.mechanism.tree import rates
-from ident.motion.regressor import Rigid
 
 SMOOTH = 1e-3  # [rad/s | m/s] speed below which the sign of a law that is no dry friction is smooth
 SIGN_ONLY = 1e-200  # [rad/s | m/s] a speed that has a sign and no size
