@@ -8,9 +8,11 @@ from helpers import J, Truth, raw_configuration, tree_urdf, write_mechanism
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MechanismError
 from ident.mechanism import load
+from ident.mechanism.load import absolute
 from ident.mechanism.parameters import (
     Bodies,
     about_origin,
+    fixed_parameters,
     join,
     pseudo_inertia,
     regressor,
@@ -255,3 +257,24 @@ def test_columns_are_the_unknowns_rigid_first(tmp_path):
     pi = columns.dynamic_parameters(mechanism, x)
     assert pi[names.index("a_link.m")] == 1.0
     assert pi[names.index("a_link.mx")] == mechanism.prior[names.index("a_link.mx")]
+
+
+def massless(urdf, *links):
+    for link in links:
+        head, mark, tail = urdf.partition(f'<link name="{link}">')
+        assert mark
+        urdf = head + f'<link name="{link}"/>' + tail.partition("</link>")[2]
+    return urdf
+
+
+def test_fixed_links_add_what_a_link_alone_lacks(tmp_path):
+    urdf = tree_urdf(TREES["fixed links are one body"], seed=3)
+    mechanism = load(write_mechanism(tmp_path, urdf))
+    alone = pin.buildModelFromXML(massless(urdf, "f_link", "g_link"))
+    fixed = fixed_parameters(mechanism.model, 1)
+    own = alone.inertias[1].toDynamicParameters()
+    np.testing.assert_allclose(fixed, mechanism.prior[:10] - own, atol=1e-12)
+    assert not fixed_parameters(mechanism.model, 2).any()
+    for joint in (1, 2):
+        there = fixed_parameters(absolute(mechanism).model, joint)
+        np.testing.assert_array_equal(there, fixed_parameters(mechanism.model, joint))

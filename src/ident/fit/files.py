@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import polars as pl
-from lxml import etree
 
 from ident.display import render
 from ident.effects import KINDS, Effect, read_user_effect
@@ -26,8 +26,8 @@ from ident.fit.values import ALPHA, BaseValue, Changes, Value
 from ident.information.blocks import Error
 from ident.mechanism.description import read_description
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import Covariance, pseudo_inertia
-from ident.mechanism.urdf import fixed_parameters, lock, parse_urdf, with_inertials
+from ident.mechanism.parameters import Covariance, fixed_parameters, pseudo_inertia
+from ident.mechanism.urdf import with_inertials
 from ident.mechanism.write import folder_files
 from ident.motion import Motion
 
@@ -393,17 +393,17 @@ def identified_urdf(fit: Fit) -> bytes:
     mechanism = fit.mechanism
     pi = _with_masses(fit)
     text, where = read_description(mechanism.urdf).urdf, str(mechanism.urdf)
-    robot = parse_urdf(text, where)
-    lock(robot, mechanism.locked, where)
     inertials: dict[str, np.ndarray | None] = {}
     for link in bodies_with_unknowns(mechanism):
         body = pi[mechanism.bodies.columns(link)]
-        fixed = fixed_parameters(robot, link)
+        joint = mechanism.bodies.links.index(link) + 1
+        fixed = fixed_parameters(mechanism.model, joint)
         if not fixed.any() or _carries(body, fixed):
             own = body - fixed
         else:  # nothing is left for the link itself: it takes the whole body
             own = body
-            inertials |= dict.fromkeys(_fixed_links(robot, link))
+            links = (f for f in mechanism.model.frames if f.type == pin.FrameType.BODY)
+            inertials |= dict.fromkeys(f.name for f in links if f.parentJoint == joint)
         inertials[link] = own
     return with_inertials(text, where, inertials)
 
@@ -413,16 +413,6 @@ def _carries(body: np.ndarray, fixed: np.ndarray) -> bool:
     own = body - fixed
     least = [float(np.linalg.eigvalsh(pseudo_inertia(pi))[0]) for pi in (own, body)]
     return bool(own[0] > 0 and (least[0] > 0 or least[1] <= 0))
-
-
-def _fixed_links(robot: etree._Element, link: str) -> list[str]:
-    """Return the links that are fixed to a link, directly or by others."""
-    children = [
-        joint.find("child").get("link")
-        for joint in robot.findall("joint")
-        if joint.get("type") == "fixed" and joint.find("parent").get("link") == link
-    ]
-    return [*children, *(name for child in children for name in _fixed_links(robot, child))]
 
 
 def _with_masses(fit: Fit) -> np.ndarray:

@@ -358,11 +358,12 @@ def absolute(mechanism: Mechanism) -> Mechanism:
     for index, link in enumerate(mechanism.bodies.links, start=1):
         added = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), link)
         model.appendBodyToJoint(added, tree.inertias[index], pin.SE3.Identity())
-    for frame in tree.frames:
-        if frame.type == pin.FrameType.BODY and frame.name not in [f.name for f in model.frames]:
-            model.addFrame(
-                pin.Frame(frame.name, frame.parentJoint, frame.placement, pin.FrameType.BODY), False
-            )
+    for f in tree.frames:
+        if f.type == pin.FrameType.FIXED_JOINT or (
+            f.type == pin.FrameType.BODY and not model.existBodyName(f.name)
+        ):
+            own = pin.Frame(f.name, f.parentJoint, f.placement, f.type, f.inertia)
+            model.addFrame(own, False)
     data = tree.createData()
     pin.forwardKinematics(tree, data, mechanism.assembled)
     return replace(

@@ -395,7 +395,7 @@ class Mechanism(Displayed):
         return replace(self, closures=tuple(closures))
 
     def freed(self, names: Collection[str]) -> Mechanism:
-        """The mechanism in which these parameters, by full name, and no others are unknown."""
+        """The mechanism in which the parameters `names`, in full, and no others are unknown."""
         effects = []
         for each in self.effects:
             both = zip(each.names, each.parameters, strict=True)
@@ -418,7 +418,7 @@ class Mechanism(Displayed):
         return self._alike(start=q)
 
     def with_multipliers(self, multipliers: Multipliers) -> Mechanism:
-        """The mechanism with another time basis of its closures' forces."""
+        """The mechanism with other `multipliers`: another time basis of its closures' forces."""
         return self._alike(multipliers=multipliers)
 
     def _alike(self, **changes: Any) -> Mechanism:

@@ -226,6 +226,13 @@ def dynamic_parameters(model: pin.Model) -> np.ndarray:
     )
 
 
+def fixed_parameters(model: pin.Model, joint: int) -> np.ndarray:
+    """The ten (10,) that links fixed to the own link of a body add to it."""
+    fixed = [f for f in model.frames if f.type == pin.FrameType.FIXED_JOINT]
+    inertias = [f.placement.act(f.inertia) for f in fixed if f.parentJoint == joint]
+    return np.sum([np.zeros(COUNT), *(each.toDynamicParameters() for each in inertias)], axis=0)
+
+
 def split(pi: Sequence[float] | np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """(m, first moments (3,), L (3, 3) about the joint frame's origin) of ten parameters."""
     m, mx, my, mz, Lxx, Lxy, Lyy, Lxz, Lyz, Lzz = (float(value) for value in pi)
@@ -292,14 +299,11 @@ def rigid_forces(
 
 def supports(model: pin.Model) -> list[np.ndarray]:
     """For every row of Γ the columns that can differ from zero: the bodies the joint moves."""
-    moved: list[list[int]] = [[] for _ in range(model.nv)]
-    for body in range(1, model.njoints):
-        joint = body
-        while joint > 0:
-            for row in range(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint]):
-                moved[row].extend(range(COUNT * (body - 1), COUNT * body))
-            joint = model.parents[joint]
-    return [np.array(columns, dtype=int) for columns in moved]
+    found: list[np.ndarray] = []
+    for joint in range(1, model.njoints):
+        bodies = np.sort(model.subtrees[joint])[:, None] - 1
+        found += [(COUNT * bodies + np.arange(COUNT)).ravel()] * model.nvs[joint]
+    return found
 
 
 @dataclass(frozen=True, eq=False)

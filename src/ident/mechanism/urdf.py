@@ -10,6 +10,7 @@ import codecs
 import math
 import re
 from collections.abc import Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
 from typing import NoReturn
 
 import numpy as np
@@ -18,7 +19,7 @@ from lxml import etree
 
 from ident.errors import MechanismError, one_of
 from ident.files import HUGE
-from ident.mechanism.parameters import COUNT, about_origin, join, split
+from ident.mechanism.parameters import about_origin, split
 
 MOST = 500  # joints, those that are fixed among them
 TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating")
@@ -128,18 +129,19 @@ def _check_tree(robot: etree._Element, where: str) -> None:
             how = "a URDF is a tree: close the loop by a [[closure]] in mechanism.toml"
             refuse(joint, where, f"link '{ends['child']}' is the child of two joints; {how}")
         parent_of[ends["child"]] = ends["parent"]
-    roots = {}
+    try:
+        TopologicalSorter({child: [parent] for child, parent in parent_of.items()}).prepare()
+    except CycleError as error:
+        _, *ring = error.args[1]
+        raise MechanismError(
+            f"{where}: the links {', '.join(ring)} form a ring; one link must be the ground, "
+            "and the loop closed by a [[closure]]"
+        ) from None
+    roots: dict[str, str] = {}
     for name in [*parent_of.values(), *links]:
-        path, above = {name: None}, parent_of.get(name)  # a list would be searched for minutes
-        while above and above not in path:
-            path[above] = None
-            above = parent_of.get(above)
-        if above:
-            raise MechanismError(
-                f"{where}: the links {', '.join(path)} form a ring; one link must be the ground, "
-                "and the loop closed by a [[closure]]"
-            )
-        roots[name] = next(reversed(path))
+        roots[name] = name
+        while roots[name] in parent_of:
+            roots[name] = parent_of[roots[name]]
     root = next(iter(roots.values()))
     separate = [name for name in links if roots[name] != root]
     if separate:
@@ -240,35 +242,6 @@ def lock(robot: etree._Element, values: Mapping[str, float], where: str) -> dict
 
 
 # --- inertias -------------------------------------------------------------------------------------
-
-
-def fixed_parameters(robot: etree._Element, link: str) -> np.ndarray:
-    """Return the ten dynamic parameters (10,) that links fixed to `link` add to its body."""
-    total = np.zeros(COUNT)
-    links = {element.get("name"): element for element in robot.findall("link")}
-    for joint in robot.findall("joint"):
-        if joint.get("type") != "fixed" or joint.find("parent").get("link") != link:
-            continue
-        child = joint.find("child").get("link")
-        pi = _own_parameters(links[child]) + fixed_parameters(robot, child)
-        if np.any(pi):
-            inertia = pin.Inertia.FromDynamicParameters(pi)
-            total += placement_of(joint).act(inertia).toDynamicParameters()
-    return total
-
-
-def _own_parameters(link: etree._Element) -> np.ndarray:
-    inertial = link.find("inertial")
-    if inertial is None:
-        return np.zeros(COUNT)
-    place = placement_of(inertial)
-    I = np.zeros((3, 3))  # noqa: E741
-    I[UPPER] = [numbers(inertial.find("inertia"), key, "0", 1, "")[0] for key in TERMS]
-    I = place.rotation @ (I + np.triu(I, 1).T) @ place.rotation.T  # noqa: E741
-    m = numbers(inertial.find("mass"), "value", "0", 1, "")[0]
-    moments = m * place.translation
-    # not by pin.Inertia, which refuses the tensors of impossible bodies; files have them
-    return join(m, moments, I + about_origin(m, moments))
 
 
 def placement_of(element: etree._Element, where: str = "") -> pin.SE3:
