@@ -276,14 +276,10 @@ def _parsed(lines: Sequence[tuple[int, bytes]], head: Head) -> CsvLines:
             why = f"{len(cells)} cells, the header has {width}"
             bad.append((number, why + (" (cut off?)" if len(cells) < width else "")))
             continue
-        try:
-            values = [*map(float, cells)]
-        except ValueError:
-            text = [cell.decode(errors="replace").strip().strip('"').lower() for cell in cells]
-            values = [_number(cell) for cell in text]
-            if all(map(math.isnan, values)):
-                bad.append((number, "no numbers"))
-                continue
+        values = [*map(_number, cells)]
+        if all(map(math.isnan, values)):
+            bad.append((number, "no numbers"))
+            continue
         numbers.append(number)
         rows.append(values)
     X = np.array(rows).reshape(len(rows), width)
@@ -291,11 +287,15 @@ def _parsed(lines: Sequence[tuple[int, bytes]], head: Head) -> CsvLines:
     return CsvLines(np.array(numbers, dtype=int), columns, tuple(bad))
 
 
-def _number(cell: str) -> float:
+def _number(cell: bytes) -> float:
     try:
-        return math.nan if cell in EMPTY else float(cell)
+        return float(cell)
     except ValueError:
-        return {"true": 1.0, "false": 0.0}.get(cell, math.nan)
+        text = cell.decode(errors="replace").strip().strip('"').lower()
+    try:
+        return math.nan if text in EMPTY else float(text)
+    except ValueError:
+        return {"true": 1.0, "false": 0.0}.get(text, math.nan)
 
 
 def _file_pieces(path: Path, grow: bool, stop: Callable[[], bool]) -> Iterator[bytes]:

@@ -83,8 +83,7 @@ class LogFile:
         for file in sorted(self.path.iterdir()) if self.path.is_dir() else [self.path]:
             if file == self.path or set(file.suffixes) & set(BAG):
                 with file.open("rb") as stream:
-                    while block := stream.read(1 << 20):
-                        digest.update(block)
+                    hashlib.file_digest(stream, lambda: digest)
         return digest.hexdigest()
 
 

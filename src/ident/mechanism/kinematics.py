@@ -151,10 +151,6 @@ class Kinematics:
 
     def _rows(self, function: ca.Function, q: np.ndarray, v: np.ndarray | None) -> ConstraintRows:
         v = np.zeros((len(q), self.model.nv)) if v is None else v
-        value, rate, drift = self._evaluate(function, q, v)
-        return ConstraintRows(value[..., 0], rate, drift[..., 0])
-
-    def _evaluate(self, function: ca.Function, q: np.ndarray, x: np.ndarray) -> list[np.ndarray]:
         parts = []
         for start in range(0, max(len(q), 1), CHUNK):
             part = slice(start, start + CHUNK)
@@ -163,10 +159,9 @@ class Kinematics:
                 while len(self._maps) >= MAPS:
                     self._maps.pop(next(iter(self._maps)))
                 self._maps[key] = Mapped(function, key[1])
-            parts.append(self._maps[key](q[part], x[part]))
-        return (
-            parts[0] if len(parts) == 1 else [np.concatenate(x) for x in zip(*parts, strict=True)]
-        )
+            parts.append(self._maps[key](q[part], v[part]))
+        value, rate, drift = (np.concatenate(x) for x in zip(*parts, strict=True))
+        return ConstraintRows(value[..., 0], rate, drift[..., 0])
 
     def assemble(self, q: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the configuration nearest to q at which all closures hold, and its error."""
