@@ -92,15 +92,13 @@ def estimators_of(given: Sequence[str | Estimator | Estimate]) -> tuple[Estimato
         given = [given]
     estimators: dict[str, Estimator] = {}
     for each in given:
-        if not isinstance(each, Estimator) and callable(each):
+        if isinstance(each, str) and each in ESTIMATORS:
+            each = ESTIMATORS[each]
+        elif callable(each):
             words = (each.__doc__ or "").strip().partition("\n")[0]
             each = Estimator(getattr(each, "__name__", type(each).__name__), each, words)
-        if not isinstance(each, Estimator):
-            if each not in ESTIMATORS:
-                raise FitError(
-                    f"estimator {each!r}: cannot be called; {one_of(str(each), ESTIMATORS)}"
-                )
-            each = ESTIMATORS[each]
+        elif not isinstance(each, Estimator):
+            raise FitError(f"estimator {each!r}: cannot be called; {one_of(str(each), ESTIMATORS)}")
         if each.name in estimators:
             raise FitError(f"estimator '{each.name}' is given twice; give each a name of its own")
         estimators[each.name] = each
@@ -178,10 +176,7 @@ def truth_of(
     kinematics = mechanism.kinematics
     names = kinematics.multipliers
     own = f"{log.name} as it is" + (", with free multipliers" if names else "")
-    if given and len(given) == len(values):
-        words = ["parameters: as given"]
-    else:
-        words = [f"parameters: of {own}" + (f"; as given: {', '.join(given)}" if given else "")]
+    words = [f"parameters: of {own}" + (f"; as given: {', '.join(given)}" if given else "")]
     t, true = fit.multipliers[0]
     if reactions is not None:
         known_ones = fit.compare_multipliers(reactions)

@@ -190,9 +190,6 @@ def first_tick(column: pl.Series) -> int:
 
 def _parsed(text: pl.Series, table: RawTable) -> Array | str:
     name = text.name.strip()
-    numbers = text.cast(pl.Float64, strict=False)
-    if numbers.null_count() == 0:
-        return numbers.to_numpy()
     text = text.str.strip_chars()
     lower = text.str.to_lowercase()
     filled = ~lower.is_in(EMPTY) & text.is_not_null()
