@@ -7,9 +7,9 @@ J and J̇v are CasADi's derivatives of Φ; nothing is derived by hand.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -76,7 +76,10 @@ class Kinematics:
     model: pin.Model
     closures: tuple[Closure, ...]
     coordinates: Mapping[str, int]
-    _maps: dict[tuple[str, int], Mapped] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def _mapped(self) -> Callable[[ca.Function, int], Mapped]:
+        return lru_cache(MAPS)(Mapped)  # a motion is evaluated many times
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX]:
@@ -154,12 +157,7 @@ class Kinematics:
         parts = []
         for start in range(0, max(len(q), 1), CHUNK):
             part = slice(start, start + CHUNK)
-            key = function.name(), len(q[part])
-            if key not in self._maps:  # a motion is evaluated many times
-                while len(self._maps) >= MAPS:
-                    self._maps.pop(next(iter(self._maps)))
-                self._maps[key] = Mapped(function, key[1])
-            parts.append(self._maps[key](q[part], v[part]))
+            parts.append(self._mapped(function, len(q[part]))(q[part], v[part]))
         value, rate, drift = (np.concatenate(x) for x in zip(*parts, strict=True))
         return ConstraintRows(value[..., 0], rate, drift[..., 0])
 
