@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from scipy.interpolate import interp1d
 
 from ident.display import Displayed, Progress, render
 from ident.errors import FitError, check_whole, line_of, one_of
@@ -20,6 +20,7 @@ from ident.log import Log, read_log
 from ident.mechanism.mechanism import Mechanism, Multipliers
 from ident.motion import complete
 from ident.pool import Workers
+from ident.simulate.integrate import AnyLog
 from ident.simulate.inverse import CHANNELS as USUAL
 from ident.simulate.inverse import noisy, noisy_columns, random_of
 
@@ -84,10 +85,7 @@ ESTIMATORS: Mapping[str, Estimator] = {"paper": paper()} | {
 
 
 def estimators_of(given: Sequence[str | Estimator | Estimate]) -> tuple[Estimator, ...]:
-    """Return estimators given by name, as they are, or as functions with their own names.
-
-    Refuses an empty list, an unknown name, an object that cannot be called, or a name twice.
-    """
+    """Return estimators given by name, as they are, or as functions; refuse all else."""
     if isinstance(given, str | Estimator) or callable(given):
         given = [given]
     estimators: dict[str, Estimator] = {}
@@ -129,12 +127,8 @@ class Truth:
 
     def errors(self, fit: Fit) -> tuple[float, ...]:
         """Return the rms of identified − true multipliers over time, 2 % at the ends left out."""
-        if not self.multipliers:
-            return ()
         t, values = fit.multipliers[0]
-        known = np.stack(
-            [np.interp(t, self.t, x, left=np.nan, right=np.nan) for x in self.reactions.T], axis=1
-        )
+        known = interp1d(self.t, self.reactions, axis=0, bounds_error=False)(t)
         margin = ENDS * (t[-1] - t[0])
         inside = (t >= t[0] + margin) & (t <= t[-1] - margin)
         return tuple(map(float, rms_of(np.where(inside[:, None], values - known, np.nan))))
@@ -233,20 +227,17 @@ def _value_and_stderr(fit: Fit, name: str) -> tuple[float, float]:
     try:
         one = fit[name]
     except KeyError:  # with noise the data may determine other combinations
-        return np.nan, np.nan
-    if not getattr(one, "identifiable", True):
+        one = None
+    if one is None or not getattr(one, "identifiable", True):
         return np.nan, np.nan
     return float(one.value), np.nan if one.stderr is None else float(one.stderr)
 
-
-# --- all runs ---------------------------------------------------------------------------------
 
 Z95 = 1.96  # standard errors: the central 95 % of a normal distribution
 RUN = {"estimator": pl.String, "snr": pl.Float64, "run": pl.Int64}
 PARAMETER = {"parameter": pl.String, "value": pl.Float64, "stderr": pl.Float64,
              "truth": pl.Float64, "unit": pl.String}  # fmt: skip
 MULTIPLIER = {"multiplier": pl.String, "rms": pl.Float64, "unit": pl.String}
-AnyLog = Log | str | os.PathLike[str]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
