@@ -72,6 +72,11 @@ def test_good_enough_names_the_log_it_was_validated_on(tmp_path, spoken):
     assert " of other.csv above --good-enough 2 %" in err
     status, text, err = spoken("identify", ARM, RUN, *friction, *validated, "--stream")
     assert (status, "Good enough on other.csv? Not in" in text) == (3, True)
+    (elbow,) = (
+        line for line in text.splitlines() if line.startswith("  elbow") and "noise" in line
+    )
+    assert "→ on other.csv" in " ".join(text.split())
+    assert "(larger)" in elbow  # the bars are of that log
     assert " of other.csv above --good-enough 2 %" in err
     locked = ("--lock", "wrist", "--good-enough", 1000)
     assert spoken("identify", ARM, RUN, *friction, *locked)[0] == 0

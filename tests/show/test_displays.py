@@ -235,3 +235,28 @@ def test_the_framed_map_is_that_of_the_named_effects_own_signal(nouns):
     chart = plot_maps(models, "crank", effect="viscous:crank")
     marked = [panel.x for row in chart.rows for panel in row if panel.marked]
     assert marked == ["v [rad/s]"]
+
+
+def bar(joint, before, after, noise):
+    """A bar whose torque is 1 N m."""
+    return Bar(joint, Error(before, before, "N m"), Error(after, after, "N m"), noise)
+
+
+def test_what_stays_is_visible_beside_an_error_a_hundred_times_as_large():
+    card = Card("", bars=(bar("a", 0.9, 0.002, 0.001), bar("b", 0.3, 0.001, 0.001)))
+    for each in card.bars:
+        before, after, noise = card.shares(each)
+        assert card.cut(each)
+        assert before == 1
+        assert 0.1 < noise <= after < 0.5
+    a, b = card.text()[-2:]
+    assert a.count("█") + a.count("|") > b.count("█") > 3
+    assert "//" in a
+    assert "// cut" in card.text()[1]
+
+
+def test_bars_that_are_all_visible_are_not_cut():
+    card = Card("", bars=(bar("a", 0.4, 0.1, 0.05), bar("b", 0.2, 0.1, 0.05)))
+    assert card.shares(card.bars[0]) == (1, 0.25, 0.125)
+    assert not any(map(card.cut, card.bars))
+    assert "//" not in "".join(card.text())

@@ -12,7 +12,6 @@ from ident import Health
 from ident.diagnosis.unobservable import Invisible, Unsupported
 from ident.fit.findings import Finding
 from ident.fit.values import Value
-from ident.show.diagnosis import sure
 from ident.show.diagnosis import words as text_of
 from ident.show.html import named
 from ident.show.ladder import head, rung
@@ -177,12 +176,6 @@ def test_small_pieces():
     assert listed([]) == "none"
     assert listed(["a", "b", "c"], "or") == "a, b or c"
     assert some(["a", "b", "c", "d", "e"], 2) == "a, b and 3 more"
-    assert [sure(z) for z in (20, 5, 3, 2.1)] == [
-        "beyond doubt",
-        "very sure",
-        "sure",
-        "fairly sure",
-    ]
 
 
 def test_a_value_smaller_than_its_error_is_not_determined():

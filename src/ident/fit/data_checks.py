@@ -51,7 +51,7 @@ from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
-from ident.text import percent
+from ident.text import percent, some
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
@@ -278,23 +278,21 @@ class DataChecks:
         if not bad.any():
             return
         where = tuple(f"tau.{name}" for name, x in zip(names, bad, strict=True) if x)
-        others, worst = self.reference[bad], errors[bad].max()
-        text = "the model leaves " + ", ".join(
-            f"{percent(error)} of {name}" for name, error in zip(where, errors[bad], strict=True)
+        worst, most = errors[bad].max(), np.argsort(-errors[bad])
+        text = "the model leaves " + some(
+            [f"{percent(errors[bad][i])} of {where[i]}" for i in most], 2
         )
-        text += " (fitted, or held out in time)"
         if worst < LEAVES:
             text += f", up to {beyond[bad].max():.2g} times what noise of the sensors makes"
         if self.faults[1] is not None:
             text += ": what is named above explains it"
         else:
             text += (
-                f", linear effects at all drives {', '.join(map(percent, others))}: an effect is "
-                "missing, or the data, a length or what is known of a body is wrong; parameters "
-                "make up for it, which standard errors do not hold"
+                f" (with all linear effects {percent(self.reference[bad][most[0]])}): an effect is "
+                "missing, or data, a length or a known body is wrong"
             )
-            text += ": parameters are not to be trusted" if worst > LEAVES else ""
-        remedy = "check units, signs, columns and lengths; ident diagnose shows where it fails"
+            text += "; parameters are not to be trusted" if worst > LEAVES else ""
+        remedy = "ident diagnose shows where it fails"
         yield Finding("poor fit", text, remedy, where, None, LEAVES if worst > LEAVES else DOUBT)
 
     def _magnitudes(self) -> Iterator[Finding]:

@@ -114,8 +114,8 @@ def _without_missing_files(path: Path) -> tuple[mujoco.MjModel, list[str]]:
         spec.delete(asset)
     model = spec.compile()
     note = (
-        f"missing files of meshes and textures: {len(files)}, the first {files[0]}; shapes are for "
-        "`view` only, but links without <inertial> have next to no mass in the prior"
+        f"{len(files)} files of meshes and textures are missing, the first {files[0]}: a link "
+        "without <inertial> has next to no mass in the prior"
     )
     return model, [note]
 

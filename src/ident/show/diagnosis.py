@@ -18,17 +18,7 @@ from ident.fit import Fit
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.information.chance import odds_ratio
-from ident.show.html import (
-    NOISY,
-    Bar,
-    Card,
-    add_command,
-    by_kind,
-    good_enough,
-    named,
-    next_command,
-    sure,
-)
+from ident.show.html import NOISY, Bar, Card, add_command, by_kind, good_enough, named, next_command
 from ident.show.laws import curve_name, curves, expression, labels, laws, numbers
 from ident.show.residual import failure_text
 from ident.show.sheet import Sheet
@@ -147,9 +137,7 @@ def certainty(d: Diagnosis) -> str:
             none += "too small to matter, or needs values that no machine has"
         return f"{_tried(d)} effects were tried, and {none}."
     best = d.candidates[0]
-    mine = [m.evidence.z for m in d.selection.named if m.evidence and m.effect in d.group]
-    certain = sure(min(mine, default=best.evidence.z)).capitalize()  # of the least certain one
-    certain = certain if best.evidence.p < RAREST else "Not sure"
+    certain = "Sure" if best.evidence.p < RAREST else "Not sure"
     if (stays := _stays(d, d.after)) > PART:
         certain = (
             f"Not sure that it is this (with it {100 * stays:.0f} % of the squared error beyond "
@@ -182,7 +170,7 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
         bars.insert(1, loudest)
     searched, doubts = d.verdict == "nothing", d.health.findings
     good = good_enough(errors, d.floor, d.fit.residual.away, searched, doubts=doubts)
-    told = [*_health(d), good, certainty(d), *_rest(d)]
+    told = [*_health(d), good, certainty(d), *beside(d)]
     if spoilt(d):
         remedies = "; ".join(each.remedy for each in d.health.findings if each.remedy)
         told = [f"Put this right, then diagnose again: {remedies}.", good]
@@ -381,7 +369,7 @@ def _claim(d: Diagnosis) -> list[str]:
         f"The torque of {effect.label}: {effect.equation}. What to look for in the plots of "
         f"{best.joint}{own}: {effect.signature}.",
         *([_apart(d, effect, best.rivals)] if best.rivals else []),
-        *_rest(d),
+        *beside(d),
     ]
 
 
@@ -409,7 +397,7 @@ def _apart(d: Diagnosis, effect: Effect, rivals: tuple[Effect, ...]) -> str:
     )
 
 
-def _rest(d: Diagnosis) -> list[str]:
+def beside(d: Diagnosis) -> list[str]:
     """Return what is missing beside the effect that is named."""
     if d.best is None:
         return []

@@ -19,7 +19,17 @@ from ident.fit.data_checks import Health
 from ident.fit.prediction import predict
 from ident.fit.residual import Failure, Residual, residual_of
 from ident.show.charts import FAINT, RESIDUAL, Chart, Dots, Level, Line, Panel
-from ident.show.diagnosis import CLAIMS, candidate_rows, card, held_out, mark, story, where_rows
+from ident.show.diagnosis import (
+    CLAIMS,
+    beside,
+    candidate_rows,
+    card,
+    experiment_steps,
+    held_out,
+    mark,
+    story,
+    where_rows,
+)
 from ident.show.fit import fit_sections
 from ident.show.html import (
     Bar,
@@ -28,8 +38,11 @@ from ident.show.html import (
     Option,
     Page,
     Section,
+    by_kind,
+    code,
     headed,
     items,
+    named,
     paragraph,
     table,
 )
@@ -39,6 +52,7 @@ from ident.show.sheet import Sheet
 
 SCHEMA = "ident.diagnosis/1"
 BARS = 12
+LAST = ("Invisible in this data", "In the model, but not supported")  # sections that need no action
 LOGS = 4  # whose residuals are drawn below each other
 MARKS = "* named; = this data cannot tell it from the one named."
 FALLS = (
@@ -135,20 +149,22 @@ def health_sheet(h: Health) -> Sheet:
 def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
     """Return the words with tables and charts to them, and the fit that was diagnosed."""
     sections = []
-    for title, words in story(d).items():
+    for title, words in sorted(story(d).items(), key=lambda pair: pair[0] in LAST):
         blocks: list[Block] = [paragraph(each) for each in words]
-        if title == "Where it fails":
+        if title == "Where it fails":  # the maps have the words
             caption = "Joint by joint: held-out error, and what noise would leave"
-            blocks.append(table(where_rows(d), caption))
+            blocks = [table(where_rows(d), caption)]
         elif title == "Curve and formula":
             blocks = list(law_blocks(d))
         elif title == CLAIMS[d.verdict]:
-            blocks += _candidates(d)
+            own = len(beside(d)) if d.best else 0  # the card has what comes before and after
+            blocks = [*blocks[own and 1 : len(blocks) - own], *_candidates(d)]
         elif title == "Invisible in this data" and words:
-            why = [[each.effect.label, each.why] for each in d.invisible]
-            blocks = [table([["effect", "why"], *why], "This data cannot show", tied=False)]
-        elif title == "What to log next" and words[1:]:
-            blocks = [blocks[0], items(words[1:])]
+            blocks = [table(invisible_rows(d), "This data cannot show", tied=False)]
+        elif title == "What to log next" and words:
+            steps = [each.partition(": ")[::2] for each in experiment_steps(d.next_experiment)]
+            blocks = [table([["do this", "because"], *steps], "The most urgent first", tied=False)]
+            blocks += [code(each) for each in [card(d).command] if each.startswith("ident excite")]
         elif title == "Health of the data":
             health = health_sheet(d.health)
             blocks += [paragraph(str(health.top)), *health.blocks()]
@@ -156,6 +172,16 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
     if d.health.good:  # else it comes first
         sections.append(sections.pop(0))
     return (*sections, *fit_sections(d.fit, first=d.candidates[0].joint if d.best else ""))
+
+
+def invisible_rows(d: Diagnosis) -> list[list[str]]:
+    """Return a row a kind of what this data cannot show, and why."""
+    rows = [["effect", "why"]]
+    for group in by_kind(each.effect for each in d.invisible):
+        why = list(dict.fromkeys(each.why for each in d.invisible if each.effect in group))
+        more = f"; {len(why) - 1} more alike in diagnosis.json" * (len(why) > 1)
+        rows.append([named(group), f"{why[0]}{more}"])
+    return rows
 
 
 def _candidates(d: Diagnosis) -> list[Block]:

@@ -217,9 +217,9 @@ def unseen(d: Diagnosis) -> str:
         if each.effect.remedy and each.effect.label not in shown:
             rest.setdefault(each.effect.kind, []).append(each.effect)
     for effects in list(rest.values())[: 2 if shown else 3]:
-        start = "Nor does that show" if shown else "No motion tried shows"
         names = some([effect.label for effect in effects])
-        found.append(f"{start if len(found) < 2 else 'For'} {names}: {effects[0].remedy}.")
+        alone = ", which no motion tried does" * (len(found) < 2)
+        found.append(f"{_capital(effects[0].remedy)}: that would show {names}{alone}.")
     return " ".join(found)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
@@ -19,6 +18,7 @@ from ident.fit.residual import residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Change, Changes, Correlation, Value
+from ident.information.blocks import Error
 from ident.show.charts import PRIOR, Chart, Dots, Panel
 from ident.show.html import (
     OTHER,
@@ -29,6 +29,7 @@ from ident.show.html import (
     Section,
     by_log,
     enough,
+    folded,
     good_enough,
     items,
     next_command,
@@ -44,6 +45,7 @@ from ident.text import listed, percent, rounded, shortened, some
 
 MOST = 60  # parameters in one chart
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
+TOGETHER = "Combinations that only together can be identified"
 Rows = list[list[str]]
 
 
@@ -148,7 +150,7 @@ def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
             ["parameter", "value", "prior", "unit"],
             *([v.name, shown(v), f"{v.prior:.5g}", v.unit] for v in own),
         ],
-        "Combinations that only together can be identified": [
+        TOGETHER: [
             ["base parameter", "value", "prior", "unit"],
             *(
                 [shortened(v.name, most), rounded(v.value, v.stderr), f"{x:.4g}", v.unit]
@@ -219,31 +221,30 @@ def sheet(fit: Fit) -> Sheet:
 def card(fit: Fit) -> Card:
     """Return how well a fit predicts, better than the URDF's own numbers or not, and what next."""
     earlier = fit.earlier if isinstance(fit.earlier, Fit | Saved) else None
-    before = residual_of(earlier or urdf_of(fit), fit.motion).errors
-    errors = fit.held_out or fit.train
-    bars = tuple(Bar(joint, before[joint], e, fit.noise[joint]) for joint, e in errors.items())
-    whose = f"of {short(earlier.name)}" if earlier else "of the URDF's own numbers"
-    words = f"The bars: error {whose} → of the identified ones"
-    words += ", held out" * bool(fit.held_out)
-    larger = [] if earlier else [bar.joint for bar in bars if bar.rises]
+    errors, floor, away = fit.held_out or fit.train, fit.noise, fit.residual.away
+    judged = errors
+    if fit.validation:
+        before, (judged, floor) = errors, _farthest(fit)
+        held = "held out" if fit.held_out else "in the fit"
+        words = f"{held} → on {some([*fit.validation], 2)}"
+        words += ", the worst log of each joint" * (len(fit.validation) > 1)
+        away = {}
+    else:
+        before = residual_of(earlier or urdf_of(fit), fit.motion).errors
+        words = f"of {short(earlier.name)}" if earlier else "of the URDF's own numbers"
+        words += " → of the identified ones" + ", held out" * bool(fit.held_out)
+    bars = tuple(Bar(j, before[j], e, floor[j]) for j, e in judged.items())
+    words = f"The bars: error {words}"
+    larger = [] if earlier or fit.validation else [bar.joint for bar in bars if bar.rises]
     if worse := [j for j in larger if fit.train[j].rms > before[j].rms]:
         words += f", which is larger in {listed(worse)}"
     elif larger:  # in its own rows the fit is better
         own = listed(f"{j} ({percent(fit.train[j].relative)} in the fit)" for j in larger)
         words += f", which makes it larger in {own}"
-    judged, floor, away, following = errors, fit.noise, fit.residual.away, "compare"
-    if others := fit.validation:  # of logs that were not fitted, the farthest from its own noise
-        worst: dict[str, str] = {}
-        for j in errors:
-            sizes = {log: e[j].rms for log, e in others.items()}
-            over = {log: (x / (fit.noise_on(log)[j] or math.inf), x) for log, x in sizes.items()}
-            worst[j] = max(over, key=over.__getitem__)
-        judged = {j: others[log][j] for j, log in worst.items()}
-        floor = {j: fit.noise_on(log)[j] for j, log in worst.items()}
-        away, following = {}, "monitor"
     doubts = fit.health.findings
     good = good_enough(judged, floor, away, logs=[*fit.validation], doubts=doubts)
     fine = enough(judged, floor, doubts)
+    following = "monitor" if fit.validation else "compare"
     command = next_command(following if fine else "diagnose")
     wrong = [f"The data look wrong: {each}." for each in fit.health.faults]
     wrong += [f"{each}." for each in scale_doubts(doubts)]
@@ -256,6 +257,17 @@ def card(fit: Fit) -> Card:
     worse = fit.residual.risen(then.get("held out") or then.get("train") or {})
     line = changes_line(fit.changes, worse)
     return Card(line, f"{headline(fit)} {trust}", bars, command)
+
+
+def _farthest(fit: Fit) -> tuple[dict[str, Error], dict[str, float]]:
+    """Return by joint the error, and the noise, of the validation log whose error is farthest from
+    the noise of its sensors.
+    """
+    errors, floor = dict[str, Error](), dict[str, float]()
+    for j in fit.train:
+        sizes = {log: (e[j], fit.noise_on(log)[j]) for log, e in fit.validation.items()}
+        errors[j], floor[j] = max(sizes.values(), key=lambda x: x[0].rms / (x[1] or 1e-300))
+    return errors, floor
 
 
 def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
@@ -372,7 +384,7 @@ renders(Fit, "urdf")(write_urdf)
 
 @renders(Fit, "report")
 def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = ()) -> bytes:
-    """Return the report of a fit, with further sections before its parameters."""
+    """Return the report of a fit, with further sections after those of its residual."""
     sections = fit_sections(fit, known, more)
     return Page(f"{fit.mechanism.name}: identification", card(fit), sections).html()
 
@@ -385,15 +397,16 @@ def urdf_of(fit: Fit) -> Saved:
 def fit_sections(
     fit: Fit, known: Reactions | None = None, more: Sequence[Section] = (), first: str = ""
 ) -> tuple[Section, ...]:
-    """Return errors, warnings, where it fails, parameters, multipliers, and what went in."""
+    """Return warnings, parameters, errors, where it fails, multipliers, and what went in."""
     notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
     return (
         *(
             Section("What has changed", (html_table(rows, title),))
             for title, rows in change_tables(fit.changes, 120).items()
         ),
-        errors_section(error_table(fit)[1]),
         Section("Warnings", (items(notes),) if notes else ()),
+        Section("Parameters", _parameters(fit)),
+        errors_section(error_table(fit)[1]),
         *residual_sections(
             {fit.name: fit.predictions},
             {fit.name: fit.residual},
@@ -401,7 +414,6 @@ def fit_sections(
             predict(fit.mechanism, fit.motion, urdf_of(fit).point),
         ),
         *more,
-        Section("Parameters", _parameters(fit)),
         Section("Multipliers", _multipliers(fit, known)),
         understood(fit.mechanism, fit.motion),
         made_of(fit.mechanism, fit.motion),
@@ -415,7 +427,9 @@ def _parameters(fit: Fit) -> tuple[Block, ...]:
     tables = value_tables(fit, 120)
     tables.pop("Multipliers", None)
     blocks += [paragraph(each) for each in body_lines(fit)]
+    together = tables.pop(TOGETHER, None)
     blocks += [html_table(rows, title) for title, rows in tables.items()]
+    blocks += [folded(TOGETHER, html_table(together, ""))] if together else []
     if fit.binding is not None:
         blocks.append(paragraph(binding(fit.binding)))
     return tuple(blocks)

@@ -36,7 +36,7 @@ STRIP = 32  # characters of the longest bar in a terminal
 BARS = 8  # joints that a terminal shows at most
 NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
 SAME = 0.005  # of an error: a change below is none, since both are printed with three digits
-SURE = ((8.0, "beyond doubt"), (4.0, "very sure"), (2.5, "sure"), (-1e9, "fairly sure"))
+LONG, ROOM = 8.0, 4.0  # times what stays or noise: a longer bar is cut, at this length
 TRIFLE = 0.003  # of the torque: what a diagnosis takes to be too small to matter
 
 
@@ -83,11 +83,6 @@ class Bar:
         beside = " (larger)" * self.rises
         beside += "" if noise is None else f", noise {percent(noise)}"
         return " → ".join(percent(error.relative) for error in both) + beside
-
-
-def sure(z: float) -> str:
-    """Return how sure so many standard errors make."""
-    return next(words for least, words in SURE if z >= least)
 
 
 def good_enough(
@@ -210,20 +205,36 @@ class Card:
     then: str = ""
     most: int = BARS
 
-    def shares(self, bar: Bar) -> tuple[float, float, float | None]:
-        """Return before, after and noise of a bar over the longest of all bars."""
-        longest = max(size or 0.0 for each in self.bars for size in each.sizes) or 1.0
-        before, after, noise = bar.sizes
-        return before / longest, after / longest, None if noise is None else noise / longest
+    @property
+    def room(self) -> float:
+        """The error as long as the bars' column: the longest, or less where what stays of all, and
+        noise, could not be seen beside it.
+        """
+        sizes = [bar.sizes for bar in self.bars]
+        longest = max((max(before, after, noise or 0.0) for before, after, noise in sizes))
+        stays = max(max(min(before, after), noise or 0.0) for before, after, noise in sizes)
+        return ROOM * stays if longest > LONG * stays > 0 else longest or 1.0
 
-    def key(self, change: str, rise: str, noise: str) -> str:
-        """Return the words for what the bars have: a change, a rise, the mark of noise, or none."""
-        has = (
-            any(bar.after for bar in self.bars),
-            any(bar.rises for bar in self.bars),
-            any(bar.sizes[2] is not None for bar in self.bars),
+    def cut(self, bar: Bar) -> bool:
+        """Whether a bar is longer than the room for it."""
+        return max(bar.sizes[:2]) > self.room
+
+    def shares(self, bar: Bar) -> tuple[float, float, float | None]:
+        """Return before, after and noise of a bar over the room for it, at most 1."""
+        before, after, noise = (
+            None if size is None else min(size / self.room, 1.0) for size in bar.sizes
         )
-        words = [text for text, there in zip((change, rise, noise), has, strict=True) if there]
+        return before or 0.0, after or 0.0, noise
+
+    def key(self, change: str, rise: str, noise: str, cut: str) -> str:
+        """Return the words for what the bars have: a change, a rise, the mark of noise, a cut."""
+        has = {
+            change: any(bar.after for bar in self.bars),
+            rise: any(bar.rises for bar in self.bars),
+            noise: any(bar.sizes[2] is not None for bar in self.bars),
+            cut: any(map(self.cut, self.bars)),
+        }
+        words = [text for text, there in has.items() if there]
         return ": " * bool(words) + ", ".join(words)
 
     def text(self) -> list[str]:
@@ -231,7 +242,7 @@ class Card:
         lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
         rows = [[bar.joint, self._strip(bar), bar.words] for bar in self.bars[: self.most]]
         if rows:
-            lines += ["", f"error{self.key('█ stays, ░ goes', '▒ comes', '| noise')}"]
+            lines += ["", f"error{self.key('█ stays, ░ goes', '▒ comes', '| noise', '// cut')}"]
             width = max(len(row[0]) for row in rows)
             lines += [f"  {joint:<{width}}  {strip}  {words}" for joint, strip, words in rows]
         if (more := len(self.bars) - self.most) > 0:
@@ -244,6 +255,8 @@ class Card:
         cells = "█" * round(STRIP * min(before, after))
         change = round(STRIP * max(before, after)), "▒" if bar.rises else "░"
         cells = cells.ljust(*change).ljust(STRIP + 1)
+        if self.cut(bar):
+            cells = f"{cells[:-5]}//{cells[-3:]}"
         at = STRIP + 1 if noise is None else round(STRIP * noise)
         return f"{cells[:at]}|{cells[at + 1 :]}" if at <= STRIP else cells
 

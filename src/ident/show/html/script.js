@@ -140,5 +140,5 @@ addEventListener("afterprint", () => {
   for (const view of window.Bokeh?.index.roots ?? []) view.el.style.display = ""
   documents.forEach((drawn) => paint(drawn))
 })
-document.getElementById("unfold")?.addEventListener("click", () => unfold("details:not(.scene details)"))
+document.getElementById("unfold")?.addEventListener("click", () => unfold("main > details"))
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => documents.forEach((drawn) => paint(drawn)))
