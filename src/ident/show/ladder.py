@@ -58,7 +58,7 @@ from ident.show.residual import (
 )  # fmt: skip
 from ident.show.sheet import Sheet
 from ident.simulate.replay import Replay
-from ident.text import WIDTH, percent, places, wrapped
+from ident.text import WIDTH, percent, places, rounded, shortened, wrapped
 
 SCHEMA = "ident.compare/1"
 OTHERWISE = 0.1  # of the torque of every joint, from which a log may be of another machine
@@ -152,9 +152,9 @@ def comparison_files(c: Comparison, replay: Replay | None = None) -> dict[str, b
     changed = _changed(first, list(residuals.values())[-1])[0] if len(residuals) > 1 else ""
     sections = (
         errors_section(error_rows({shown[name]: each for name, each in c.errors.items()})),
+        Section("Parameters", _parameters(residuals)),
         *residual_sections(c.predictions, residuals, changed),
         *([render(replay, "section")] if replay else []),
-        Section("Parameters", _parameters(residuals)),
         Section("Multipliers", _multipliers(c)),
         understood(mechanism, motion),
         made_of(mechanism, motion, [Path(name) for name in residuals if Path(name).is_file()]),
@@ -165,20 +165,30 @@ def comparison_files(c: Comparison, replay: Replay | None = None) -> dict[str, b
 
 
 def _parameters(residuals: Models) -> tuple[Block, ...]:
-    """Return values of the effects and of the bodies' unknowns, model beside model."""
+    """Return values ± standard errors, model beside model: effects, then the bodies' base
+    parameters, of which models may have different ones.
+    """
     models, names = [each.model for each in residuals.values()], told_apart(residuals).values()
-    mechanism = models[0].mechanism
-    bodies = [i for i, name in enumerate(mechanism.bodies.names) if name in mechanism.unknown]
-    rows = [["parameter, of bodies about the joint", "prior", *names]]
-    for i in bodies:
-        found = (mechanism.prior[i], *(model.point.pi[i] for model in models))
-        rows.append([mechanism.bodies.names[i], *(f"{x:.5g}" for x in found)])
+    found = [{each.name: each for each in model.base_parameters} for model in models]
     values = [dict(model.point.values) for model in models]
-    rigid = set(mechanism.bodies.names)
-    for name in dict.fromkeys(name for own in values for name in own if name not in rigid):
-        rows.append([name, "–", *(f"{own[name]:.5g}" if name in own else "–" for own in values)])
-    title = "Values of all unknowns; fit.json has standard errors"
-    return (table(rows, title),) if rows[1:] else ()
+    rigid = set(models[0].mechanism.bodies.names)
+    effects = dict.fromkeys(name for own in values for name in own if name not in rigid)
+    bodies = dict.fromkeys(name for own in found for name in own if name not in effects)
+
+    def row(name: str) -> list[str]:
+        cells, unit = [], ""
+        for base, own in zip(found, values, strict=True):
+            known = f"{own[name]:.5g}" if name in own else "–"
+            cells.append(rounded(base[name].value, base[name].stderr) if name in base else known)
+            unit = base[name].unit if name in base else unit
+        return [shortened(name, WIDTH), *cells, unit]
+
+    head, titles = ["parameter", *names, "unit"], ("Effects", "Base parameters of the bodies")
+    return tuple(
+        table([head, *map(row, own)], f"{title}; without ± a value that is known or a shape")
+        for title, own in zip(titles, (effects, bodies), strict=True)
+        if own
+    )
 
 
 def _multipliers(c: Comparison) -> tuple[Block, ...]:

@@ -395,7 +395,11 @@ def plot_maps_of(x: Fit | Comparison, joint: str | None = None) -> Chart:
 def errors_section(rows: Sequence[Sequence[str]], *more: Block) -> Section:
     """Return the error of the predicted torque, by joint."""
     caption = "Error of the predicted torque: rms, and relative to the measured torque"
-    return Section("Error of the predicted torque", (html_table(rows, caption), *more))
+    pairs = [
+        [row[0], *(f"{a}  {b}".strip() for a, b in zip(row[1::2], row[2::2], strict=True))]
+        for row in rows
+    ]
+    return Section("Error of the predicted torque", (html_table(pairs, caption), *more))
 
 
 def residual_sections(

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from moving import view_of
 
 import ident
 from ident.show.view3d.bodies import BODIES, ENDS
-from ident.show.view3d.view import LONGEST, SHADES, _ramp
+from ident.show.view3d.view import ASPECTS, LONGEST, SHADES, _ramp
 
 STRICT = 6.0  # [deg] of hue, within which an arrow is blue and a blue body is not
 
@@ -80,8 +81,10 @@ def tip_of(mechanism: ident.Mechanism, q: np.ndarray) -> np.ndarray:
 def pixel(camera, drawing, point) -> np.ndarray:
     """Where a pinhole camera with 35° from top to bottom sees a point, x and y."""
     x0, y0, width, height = drawing
-    position, target, _ = camera
+    position, target, _, shares = camera
     away = position - target
+    tall = [1 / aspect for aspect in ASPECTS]
+    position = target + np.interp(height / width, tall[::-1], shares[::-1]) * away
     away /= np.linalg.norm(away)
     right = np.cross([0.0, 0.0, 1.0], away)
     right /= np.linalg.norm(right)
@@ -149,6 +152,30 @@ def test_the_mark_of_the_guilty_joint_has_the_colour_of_its_residual(five_bar, b
         level = round(min(share[k] / view.largest_misfit, 1.0) * (SHADES - 1))
         colour = "#" + "".join(f"{x:02x}" for x in _ramp(SHADES)[level])
         page.wait_for_function("colour => marks.at(-1) === colour", arg=colour)
+    page.close()
+
+
+@pytest.mark.parametrize("width", [400, 1400])
+def test_a_label_lies_on_no_body_and_the_machine_fills_its_frame(robots, browser, tmp_path, width):
+    mechanism = ident.load(robots / "arm")
+    path = tmp_path / "view.html"
+    replace(mechanism.view(), marks={"elbow": "load_friction:elbow or hysteresis"}).write(path)
+    page = browser.new_page(viewport={"width": width, "height": 900})
+    page.add_init_script("""window.points = [], window.words = []
+        const art = CanvasRenderingContext2D.prototype, {lineTo, fillText} = art
+        art.lineTo = function (x, y) { points.push([x, y]); return lineTo.call(this, x, y) }
+        art.fillText = function (text, x, y, ...more) {
+          words.push([x, y - 12, x + this.measureText(text).width, y + 3])
+          return fillText.call(this, text, x, y, ...more)
+        }""")
+    page.goto(path.as_uri())
+    page.wait_for_function("() => words.length > 0")
+    x, y = np.array(page.evaluate("points.slice(0, -1)")).T  # the last is the label's own line
+    left, top, right, bottom = page.evaluate("words.at(-1)")
+    assert not ((x > left) & (x < right) & (y > top) & (y < bottom)).any()
+    box = page.locator("figure.scene canvas").bounding_box()
+    assert max(np.ptp(x) / box["width"], np.ptp(y) / box["height"]) > 0.7
+    assert 0 <= x.min() < x.max() <= box["width"]
     page.close()
 
 

@@ -24,8 +24,8 @@ function drawScene(scene, place, told) {
     return plus(plus([a[0] * c, a[1] * c, a[2] * c], cross(axis, a), s), axis, dot(axis, a) * (1 - c))
   }
   let away = minus(scene.position, scene.target)
-  let width = 1, height = 1, right, over, back
-  const eyed = (p) => { const d = minus(p, plus(scene.target, away)); return [dot(d, right), dot(d, over), -dot(d, back)] }
+  let width = 1, height = 1, right, over, back, fit = 1 // the wider the window, the nearer
+  const eyed = (p) => { const d = minus(p, plus(scene.target, away, fit)); return [dot(d, right), dot(d, over), -dot(d, back)] }
   const seen = ([x, y, z]) => { // a pinhole camera, `fov` from top to bottom
     const scale = height / 2 / Math.tan(scene.fov / 2) / Math.max(z, 1e-6)
     return [width / 2 + scale * x, height / 2 - scale * y]
@@ -70,6 +70,9 @@ function drawScene(scene, place, told) {
     height = canvas.clientHeight || 350
     if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio)
     if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio)
+    const tall = scene.aspects.map((x) => 1 / x), shape = Math.min(Math.max(height / width, tall[2]), tall[0])
+    const i = +(shape < tall[1]), [far, near] = scene.shares.slice(i, i + 2)
+    fit = near + (far - near) * (shape - tall[i + 1]) / (tall[i] - tall[i + 1])
     art.setTransform(ratio, 0, 0, ratio, 0, 0)
     art.clearRect(0, 0, width, height)
     back = unit(away)
@@ -91,7 +94,7 @@ function drawScene(scene, place, told) {
       }
       for (let i = 0; i < shape.faces.length / 3; i++) {
         const [a, b, c] = three(shape.faces, i), normal = cross(minus(world[b], world[a]), minus(world[c], world[a]))
-        if (dot(normal, minus(plus(scene.target, away), world[a])) <= 0) continue // its back
+        if (dot(normal, minus(plus(scene.target, away, fit), world[a])) <= 0) continue // its back
         const bright = 0.6 + 0.4 * Math.max(0, dot(unit(normal), light))
         faces.push({order: ORDER[shape.kind], depth: eye[a][2] + eye[b][2] + eye[c][2], points: [a, b, c].map((j) => seen(eye[j])),
                     colour: css(rgb, bright, shape.kind === "body" ? 0.85 : 1)})
@@ -110,13 +113,16 @@ function drawScene(scene, place, told) {
       line(three(numbers[ends], 2 * k), three(numbers[ends], 2 * k + 1), css(colour, 1), true)
     }
     art.font = "600 13px system-ui, sans-serif"
-    // beside the machine, one below the other, each with a line to its joint
-    const longest = Math.max(0, ...named.map(([text]) => art.measureText(text).width))
-    const edge = Math.max(0, ...faces.flatMap(({points}) => points.map(([x]) => x))) + 30
-    const left = Math.max(4, Math.min(edge, width - longest - 6))
-    let below = 16
+    // beside the machine, one below the other, each with a line to its joint; else in the emptiest corner
+    const longest = Math.max(0, ...named.map(([text]) => art.measureText(text).width)), high = 18 * named.length
+    const drawn = faces.flatMap(({points}) => points), edge = Math.max(0, ...drawn.map(([x]) => x)) + 30
+    const beside = edge + longest < width - 6, sides = [4, Math.max(4, width - longest - 6)]
+    const covered = ([x0, y0]) => drawn.filter(([x, y]) => x > x0 - 12 && x < x0 + longest + 12 && y > y0 - 12 && y < y0 + high + 12).length
+    const corners = sides.flatMap((x) => [[x, 2], [x, height - high - 2]]).sort((a, b) => covered(a) - covered(b))
+    const [left, top] = beside ? [edge, 2] : corners[0]
+    let below = top + 14
     for (const [text, [x, y], colour] of named.sort((a, b) => a[1][1] - b[1][1])) {
-      const line = Math.max(below, Math.min(y + 4, height - 6))
+      const line = beside ? Math.max(below, Math.min(y + 4, height - 6)) : below
       below = line + 18
       art.strokeStyle = getComputedStyle(document.body).backgroundColor // readable over the machine
       art.lineWidth = 4
@@ -125,8 +131,10 @@ function drawScene(scene, place, told) {
       art.lineWidth = 1.5
       art.fillText(text, left, line)
       art.beginPath()
-      art.moveTo(left - 4, line - 4)
-      art.lineTo(x + 9, y)
+      const start = beside ? [left - 4, line - 4] : [Math.max(left, Math.min(x, left + art.measureText(text).width)), y > line ? line + 4 : line - 14]
+      const n = Math.hypot(start[0] - x, start[1] - y) || 1 // to the rim of its circle
+      art.moveTo(...start)
+      art.lineTo(x + 9 * (start[0] - x) / n, y + 9 * (start[1] - y) / n)
       art.stroke()
       art.beginPath()
       art.arc(x, y, 9, 0, 7)

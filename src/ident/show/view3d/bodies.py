@@ -248,12 +248,14 @@ def urdf_shapes(urdf: Path) -> tuple[list[Drawn], list[str]]:
             try:
                 place, cloud = _shape(visual, urdf)
             except MechanismError as error:
-                left_out.append(f"link '{link.get('name')}': a shape is left out: {error}")
+                left_out.append(f"a shape of link '{link.get('name')}' is left out: {error}")
             else:
                 shapes.append((link.get("name"), place, cloud, next(filter(None, known), None)))
     if len(left_out) > 1:
-        where = "--mesh-path DIR, or ROS_PACKAGE_PATH, says where packages are"
-        left_out = [f"{len(left_out)} shapes are left out, the first: {left_out[0]}; {where}"]
+        first = left_out[0].replace("a shape of", "one of").replace(" is left out", "")
+        left_out = [
+            f"{len(left_out)} shapes are left out, {first}; --mesh-path DIR says where packages are"
+        ]
     return shapes, left_out
 
 

@@ -43,7 +43,8 @@ COLD = 1e-3  # share of the residual below which no joint is to glow
 ROBUST = 99.0  # percentile of residuals that gets the last colour
 LONGEST = 0.4  # of the mechanism's size, for the largest reaction
 ANGLE = np.radians(35.0)  # vertical angle of view
-ASPECT, MARGIN = 1.0, 1.05  # width over height of the narrowest window; room around
+ASPECTS = 0.5, 1.0, 2.0  # width over height of windows, between which distances are interpolated
+MARGIN = 1.05  # room around
 LOOKED_AT = 40  # moments of a film that decide what the camera sees
 FLAT = 0.35  # thickness over width below which a mechanism is looked at face on
 
@@ -221,9 +222,10 @@ class View:
         )  # fmt: skip
 
     @cached_property
-    def camera(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Position, target [m] and direction upwards (3,) of a camera that sees all films, a flat
-        mechanism face on.
+    def camera(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
+        """Position, target [m] and direction upwards (3,) of a camera that sees all films in a
+        window of the first of `ASPECTS`, a flat mechanism face on; and the shares of its distance
+        from which it does in a window of each.
         """
         g = np.array(self.mechanism.model.gravity.linear)
         up = -g / np.linalg.norm(g) if g.any() else np.array([0.0, 0.0, 1.0])
@@ -249,11 +251,16 @@ class View:
         direction = direction / np.linalg.norm(direction)
         right = np.cross(up, direction)
         right /= np.linalg.norm(right)
+        above = np.cross(direction, right)
+        for axis in (right, above):
+            along = (cloud - target) @ axis
+            target = target + 0.5 * (along.min() + along.max()) * axis
         # far enough that every point is within the angle of view, with a margin
-        seen, above = cloud - target, np.cross(direction, right)
-        extent = np.maximum(np.abs(seen @ right) / ASPECT, np.abs(seen @ above)) * MARGIN
-        distance = float((extent / np.tan(ANGLE / 2) + seen @ direction).max())
-        return target + max(distance, 1e-3) * direction, target, up
+        x, y, depth = ((cloud - target) @ np.stack([right, above, direction], axis=1)).T
+        reach = (MARGIN / np.tan(ANGLE / 2) * np.maximum(np.abs(x) / a, np.abs(y)) for a in ASPECTS)
+        distances = [max(float((each + depth).max()), 1e-3) for each in reach]
+        shares = [each / distances[0] for each in distances]
+        return target + distances[0] * direction, target, up, shares
 
     def data(self) -> str:
         """Return the scene as JSON, safe inside a <script> element; what `drawScene` takes."""
@@ -266,12 +273,13 @@ class View:
             }
             for x in self.shapes
         ]  # fmt: skip
-        position, target, up = (each.tolist() for each in self.camera)
+        *places, shares = self.camera
+        position, target, up = (each.tolist() for each in places)
         content = {
             "shapes": shapes, "films": [self._film(film, arrays) for film in self.films],
             "marks": dict(self.marks), "ramp": _ramp(SHADES), "unknown": UNKNOWN,
             "fov": float(ANGLE), "misfit": self.largest_misfit, "up": up, "position": position,
-            "target": target, "arrays": list(arrays),
+            "target": target, "aspects": ASPECTS, "shares": shares, "arrays": list(arrays),
         }  # fmt: skip
         return json.dumps(content).replace("<", "\\u003c")
 
