@@ -49,6 +49,8 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     groups = page.locator("#effects details:has(> ul > li):not(.several details)")
     opened = [each.get_attribute("open") is not None for each in groups.all()]
     assert opened == [True] + [False] * (len(opened) - 1)  # candidates, before all that is folded
+    first = page.locator("#effects button").first
+    assert (first.get_attribute("aria-label") or "").startswith("add coulomb:")  # one, not all
     candidate = page.locator("#effects li.sure").first
     candidate.hover()
     preview = page.locator("#shown [aria-label*='over time, as it is and with']")
@@ -62,6 +64,7 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     add(page, "viscous:elbow")
     ladder = rungs(page)
     assert [line[0] for line in ladder] == ["as given", "+ viscous:elbow"]
+    assert page.locator("#status p").inner_text().startswith("+ viscous:elbow: elbow 25.5 % → ")
     assert percent(ladder[1][3]) < 0.5 * percent(ladder[0][3])
     add(page, "coulomb:elbow")
     assert percent(rungs(page)[2][3]) < 1
@@ -81,14 +84,14 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     page.get_by_text("− coulomb:elbow", exact=True).wait_for()
     settled(page)
 
-    page.get_by_label("Save below").fill("mine")
+    page.get_by_label("Save into").fill("mine")
     page.get_by_role("button", name="Save").click()
     page.get_by_text("saved into").wait_for()
     saved = tmp_path / "arm_explored" / "mine"
     mechanism = load(saved)
     assert [effect.label for effect in mechanism.effects] == ["viscous:elbow"]
     assert read_fit(saved / "fit.json", mechanism)
-    page.get_by_label("Save below").fill("../../elsewhere")
+    page.get_by_label("Save into").fill("../../elsewhere")
     page.get_by_role("button", name="Save").click()
     page.get_by_text("is outside of").wait_for()
     assert page.locator(".status.bad").count() == 1
@@ -182,9 +185,14 @@ def test_long_names_on_a_phone(serve, visit, tmp_path):
         page.reload()
         settled(page)
         assert assert_legible(page, width) > 20
+    list_ = page.locator("#effects")  # no box that scrolls by itself
+    assert list_.evaluate("list => list.scrollHeight - list.clientHeight") <= 1
     page.get_by_role("button", name="add coulomb in 4 places", exact=True).click()
     page.wait_for_function("() => document.querySelectorAll('.ladder tbody tr').length > 1")
     settled(page)
+    page.evaluate("scrollTo(0, 500)")
+    done = page.get_by_text("+ coulomb in", exact=False).first
+    assert 0 <= done.bounding_box()["y"] < 200  # in view, wherever one scrolls
     for view in page.locator("#views button").all():
         view.click()
         page.locator("#views [aria-pressed=true]").get_by_text(view.inner_text()).wait_for()

@@ -36,11 +36,12 @@ from ident.show.diagnosis_report import plot_before_after
 from ident.show.explore.exploration import Exploration, PredictedGain, fit_of
 from ident.show.fit import value_tables
 from ident.show.html import Bar, items, named, paragraph, table
-from ident.show.ladder import plot_rungs
+from ident.show.ladder import changed, plot_rungs
 from ident.show.laws import law_words
 from ident.show.local import Place, send
 from ident.show.residual import failure_text, plot_maps, plot_predictions
 from ident.show.template import piece
+from ident.text import some
 
 POINTS = 1500  # of a line on the page
 VIEWS = ("Joint", "Ladder", "Numbers", "Verdict")
@@ -64,6 +65,14 @@ def error_rows(e: Exploration) -> list[list[str]]:
     now = [(j, x, x if before else None) for j, x in e.now.errors.items()]
     rows = [[j, Bar(j, before.get(j, x), after, e.fit.noise[j]).words] for j, x, after in now]
     return [["joint", "last change" if before else "as given"], *rows]
+
+
+def confirmed(e: Exploration) -> str:
+    """Return what the last change has done to the errors, the largest change first."""
+    before, now = (rung.errors for rung in e.rungs[-2:])
+    bars = [Bar(j, before[j], x) for j, x in now.items()]
+    bars.sort(key=lambda bar: -abs(bar.sizes[1] - bar.sizes[0]))
+    return f"{changed(e.now)}: {some([f'{bar.joint} {bar.words}' for bar in bars], 2)}."
 
 
 def effect_rows(e: Exploration) -> list[dict[str, Any]]:
@@ -258,12 +267,16 @@ class Board:
                 return ""
             case "add":
                 effects = [e.effect(each) for each in label.split("\n")]
-                self._show(e.with_effect(effects, progress))
+                after = e.with_effect(effects, progress)
+                self._show(after)
                 self._tell(joint=self._joint_of(e, effects[0]))
+                words = confirmed(after)
             case "refuse":
                 self._show(e.refuse(label))
             case "remove":
-                self._show(e.without(label, progress))
+                after = e.without(label, progress)
+                self._show(after)
+                words = confirmed(after)
             case "back":
                 self._show(e.at(int(message["rung"])))
             case "undo":
@@ -390,7 +403,7 @@ class Board:
             return
         except Exception as error:
             words = _line(error)
-        words = words or e.summary
+        words = f"{words} {e.summary}" if words.endswith(".") else words or e.summary
         if self._turn == turn:
             self._say(words, "bad" if words.startswith("error: ") else "done")
 

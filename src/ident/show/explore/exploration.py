@@ -23,10 +23,10 @@ from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.grow import Step
 from ident.diagnosis.result import Law, announced_errors, errors_of
 from ident.diagnosis.search import Search
-from ident.diagnosis.selection import Decision, rank
+from ident.diagnosis.selection import PARSIMONY, Decision, Evidence, alike, behind, rank
 from ident.diagnosis.unobservable import invisible, unsupported
 from ident.display import Displayed, Progress, quiet
-from ident.effects import Effect
+from ident.effects import KINDS, Effect
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
 from ident.files import write_all
@@ -97,6 +97,35 @@ def rows_of(
     return Contest.of(fit, effects, progress or quiet, curved=False, earlier=earlier)
 
 
+def simplest_first(every: Sequence[Evidence], decision: Decision) -> list[Evidence]:
+    """Return what explains most first; of what explains the same part as well, the effect with the
+    fewest numbers, and of these the one that the library has first.
+    """
+    ordered: list[Evidence] = []
+    left = sorted(every, key=lambda each: -(each.gain if each.sensible else -1.0))
+    while left:
+        best = left[0]
+        equal = [
+            each
+            for each in left
+            if each is best
+            or (
+                each.sensible
+                and each.gain > (1 - PARSIMONY) * best.gain
+                and alike(each, best)
+                and behind(each, best) < decision.rival_se
+            )
+        ]
+        ordered.append(min(equal, key=lambda e: (e.effect.rare, e.numbers, _place(e.effect))))
+        left = [each for each in left if each is not ordered[-1]]
+    return ordered
+
+
+def _place(effect: Effect) -> int:
+    kinds = list(KINDS)
+    return kinds.index(effect.kind) if effect.kind in kinds else len(kinds)
+
+
 def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
     """Return all effects that could be missing, then those of the model; each part best first."""
     fit, regression, decision = contest.fit, contest.regression, Decision()
@@ -107,9 +136,8 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
     errors, losses = errors_of(fit), regression.losses.sum(axis=0)
     total = max(float(losses.sum()), 1e-300)
     open_ = []
-    for each in first.every(decision):
-        if each.effect.label in hidden:
-            continue
+    shown = [each for each in first.every(decision) if each.effect.label not in hidden]
+    for each in simplest_first(shown, decision):
         left = each.refit.loss.sum(axis=0)
         mends = sorted(each.mends, key=lambda u: -each.refit.by[u])
         joint = independent[each.coordinate]
@@ -123,7 +151,7 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
         )  # fmt: skip
     given = [effect.label for effect in fit.mechanism.effects]
     lead = Search(contest, None, decision, 0, given, quiet).led(first)
-    open_.sort(key=lambda each: (each.label != lead, -each.gain))
+    open_.sort(key=lambda each: each.label != lead)
     shut = [PredictedGain(e, why=hidden[e.label]) for e in every if e.label in hidden]
     doubts = {x.effect.label: x.why for x in unsupported(fit, contest, decision)}
     present = []

@@ -53,16 +53,17 @@ function effects() {
       const judged = x.set === x.mark // what a diagnosis names together, of one kind or of several
       const title = judged ? `${x.mark}: ${alike.length} effects` : `${x.set} in ${alike.length} places`
       together = make("ul", {})
+      const first = x === rows.find((y) => !y.present && !y.offered) // unfolded: one effect is added before all
       const parts = folding(key, title,
-        toggled.has(key) || alike.some((y) => y.label === focused), together)
-      const all = button("add all", () => change({do: "add", label: labels}),
+        first !== toggled.has(key) || alike.some((y) => y.label === focused), together)
+      const all = button(`add all ${alike.length}`, () => change({do: "add", label: labels}),
         {"aria-label": `add ${title}`, "data-key": key, ...busy()})
       const best = alike.slice(0, MOST).map((y) => `${judged ? y.label : y.label.split(":").slice(1).join(":")} ${y.fall}`)
       const where = [...best, ...(alike.length > MOST ? [`${alike.length - MOST} more`] : [])].join("; ").replaceAll(" %", "\u00a0%")
-      lines.append(make("li", {class: "sure several"}, make("span", {class: "do"}, all), parts, make("span", {class: "about"}, where)))
+      lines.append(make("li", {class: "sure several"}, parts, make("span", {class: "about"}, where), all))
       previews(lines.lastChild, labels)
     }
-    for (const y of several ? alike : [x]) (several ? together : lines).append(row(y))
+    for (const y of several ? alike : [x]) (several ? together : lines).append(row(y, several && y.set !== y.mark && y !== alike[0]))
   }
   list.replaceChildren(...groups)
   finish(list, rows, wanted, focused)
@@ -74,7 +75,7 @@ function folding(key, title, open, ...inside) {
   head.addEventListener("click", () => toggled.has(key) ? toggled.delete(key) : toggled.add(key))
   return make("details", open ? {open: ""} : {}, head, ...inside)
 }
-function row(x) {
+function row(x, likewise = false) { // of another one's kind, which has told what it is
   const verb = x.present ? "remove" : "add", kind = x.present ? "present" : x.sure ? "sure" : ""
   const name = make("span", {class: "name"}, x.label)
   if (x.mark) name.append(" ", make("em", {}, x.mark))
@@ -85,7 +86,7 @@ function row(x) {
     name, make("span", {class: "fall"}, x.fall),
     make("span", {class: "bar", style: `--share: ${100 * x.share}%`, "aria-hidden": "true"}))
   if (!x.present) previews(line, x.label)
-  for (const part of ["about", "why"]) if (x[part]) line.append(make("span", {class: part}, x[part]))
+  for (const part of likewise ? ["why"] : ["about", "why"]) if (x[part]) line.append(make("span", {class: part}, x[part]))
   return line
 }
 
