@@ -99,26 +99,46 @@ def at_reversals(
     other = other or contest.at_reversals(part(on_progress, 0.0, 0.4))
     if other is None:
         return found
-    here = part(on_progress, 0.4, 1.0)
-    again = concluded(other, noise(other, seed), decision, seed, here)
-    if again.best and again.best.at_reversals and _explains_most(again.candidates[0], found.fit):
-        return again
+    draws = noise(other, seed)
+    chosen = select(other, draws, decision, seed, part(on_progress, 0.4, 0.7))
+    if _named_at_reversals(chosen, found.fit):
+        again = judged(other, draws, chosen, decision, part(on_progress, 0.7, 1.0))
+        if again.best and again.best.at_reversals:
+            return again
     table = contest.table
     squares = residual_in(table, found.fit) ** 2
     few, every = ((squares * use).sum(axis=0) for use in (contest.use, table.informed))
     names = zip(found.fit.motion.independent, few < every / 2, strict=True)
     loud = tuple(joint for joint, most in names if most)  # most of it is around reversals
-    if found.verdict == "nothing" and again.verdict != "nothing":
+    more = chosen.members or louder(other, draws, chosen.last, decision).any()
+    if found.verdict == "nothing" and more:
         return replace(found, verdict="undecided", loud=loud, reversing=True)
     return found
+
+
+def _named_at_reversals(selection: Selection, fit: Fit) -> bool:
+    """Whether the first name is an effect that acts at reversals and explains most there."""
+    for first in selection.named[:1]:
+        if first.effect.at_reversals and first.evidence is not None:
+            with suppress(IdentError):
+                return _explains_most(explain(fit, first.evidence), fit)
+    return False
 
 
 def concluded(
     contest: Contest, draws: NoiseDraws, decision: Decision, seed: int, on_progress: OnProgress
 ) -> Diagnosis:
     """The diagnosis of a fit from the rows of all candidates and draws of the sensors' noise."""
-    fit = contest.fit
     selection = select(contest, draws, decision, seed, part(on_progress, 0.0, 0.5))
+    return judged(contest, draws, selection, decision, part(on_progress, 0.5, 1.0))
+
+
+def judged(
+    contest: Contest, draws: NoiseDraws, selection: Selection, decision: Decision,
+    on_progress: OnProgress,
+) -> Diagnosis:  # fmt: skip
+    """The diagnosis of a fit from the set of effects that explains most."""
+    fit = contest.fit
     names = fit.motion.independent
     floor = dict(zip(names, map(float, draws.floor), strict=True))
     left = louder(contest, draws, selection.last, decision)
@@ -128,9 +148,9 @@ def concluded(
     laws: tuple[Law, ...] = ()
     unsearched: tuple[str, ...] = ()
     if not data.faults:
-        here = part(on_progress, 0.5, 0.7)
+        here = part(on_progress, 0.0, 0.4)
         lawful, found, unsearched = laws_of(contest, selection, loud, floor, decision, here)
-        on_progress("refitting", 0.7)
+        on_progress("refitting", 0.4)
         selection, laws = _refitted(fit, lawful, found, decision)
     best = selection.named[0] if selection.named else None
     candidates = _explanations(fit, selection, best)
@@ -145,7 +165,7 @@ def concluded(
     residual = residual_of(fit)
     verdict = _verdict(selection, best, bool(loud), bool(laws), residual.periods)
     curves = found_curves(contest, selection, [law.found for law in laws], verdict, decision)
-    on_progress("where it fails", 0.9)
+    on_progress("where it fails", 0.8)
     return Diagnosis(
         fit=fit,
         verdict=verdict,
@@ -160,7 +180,7 @@ def concluded(
         curves=curves,
         laws=laws,
         unsearched=unsearched,
-        relatives=relatives_of(contest, selection, decision, part(on_progress, 0.9, 1.0))
+        relatives=relatives_of(contest, selection, decision, part(on_progress, 0.8, 1.0))
         if best
         else (),
         floor=fit.noise,
