@@ -6,14 +6,15 @@ import re
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import ident
 from helpers import ROBOTS
-from ident import Log, Noise
-from ident.show.streams import ThinnedSeries
+from ident import Log, Noise, load
+from ident.show.streams import MonitorHistory, ThinnedSeries
 from identification import motion_log, plant, robot
 from pages import WRITTEN, assert_legible, read_page
 
@@ -302,6 +303,22 @@ def test_curves_of_hours_are_thinned_evenly():
     assert 400 <= len(t) <= 1000
     assert len(set(np.diff(t))) <= 2
     assert np.array_equal(t, values[:, 0])
+
+
+def test_charts_begin_where_a_value_is_known_and_mark_alarms():
+    history, curve = MonitorHistory(load(ROBOTS / "arm"), ""), ThinnedSeries()
+    history.alarm(SimpleNamespace(onset=6.0, suspects=("coulomb:elbow",)))
+    for t in range(10):
+        value, stderr = (0.0, np.nan) if t == 0 else (90.0, 40.0) if t < 3 else (1.0, 0.01)
+        curve.add(float(t), np.array([[value, stderr]]))
+    (chart,) = history._charts("Parameters", curve, {"coulomb.elbow.Fc": (0, "N m")})
+    (panel,) = chart.panels
+    *band, value, alarm = panel.marks
+    for line in (*band, value):
+        assert np.flatnonzero(np.isfinite(line.y)).tolist() == [*range(3, 10)]
+    assert alarm.label == "alarm: coulomb:elbow"
+    assert set(alarm.x) == {6.0}
+    assert (alarm.y.min(), alarm.y.max()) == (band[0].y[-1], band[1].y[-1])
 
 
 @pytest.mark.slow

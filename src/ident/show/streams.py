@@ -19,9 +19,10 @@ from markupsafe import Markup
 from ident.diagnosis import Diagnosis
 from ident.display import inputs, renders
 from ident.mechanism import Mechanism
-from ident.show.charts import FAINT, RESIDUAL, Chart, Level, Line, Mark, Panel, pieces_of, scripts
+from ident.show.charts import FAINT, RESIDUAL, Chart, Line, Mark, Panel, pieces_of, scripts
 from ident.show.fit import summary
 from ident.show.html import (
+    ROWS,
     Bar,
     Block,
     Card,
@@ -295,10 +296,10 @@ def monitor_sheet(x: Monitor) -> Sheet:
 
 
 MOST = 1000  # moments of a curve; beyond, every second one is forgotten
-PANELS = 12  # parameters that have a chart; all are in the tables
+PANELS = 8  # parameters that have a chart; all are in the tables
 FORCES = 6  # multipliers that have one
 SHARE = 1.96  # standard errors on either side of a band
-ACROSS = 2  # panels beside each other
+SETTLED = 10.0  # times its median: a standard error above, at the beginning, is not drawn
 REDRAWN = 1.0  # s between two states of a page
 
 
@@ -399,8 +400,11 @@ class MonitorHistory:
             return ()
         rows = [["since [s]", "sure at [s]", "alarm"]]
         rows += [[f"{x.onset:.2f}", f"{x.detected:.2f}", x.headline] for x in self._alarms]
-        bodies = set(self._mechanism.bodies.names)  # what wears, the effects, comes first
-        identified = sorted(found.identified, key=lambda v: v.name in bodies)
+        bodies = set(self._mechanism.bodies.names)  # what has changed and may wear comes first
+        changed = tuple(f"{s.replace(':', '.', 1)}." for x in self._alarms for s in x.suspects)
+        identified = sorted(
+            found.identified, key=lambda v: (not v.name.startswith(changed), v.name in bodies)
+        )
         names = {v.name: (i, v.unit) for i, v in enumerate(found.parameters)}
         known = {v.name: names[v.name] for v in identified[:PANELS]}
         forces: dict[str, tuple[int, str]] = {}
@@ -411,9 +415,9 @@ class MonitorHistory:
             Line(t, 100 * errors[:, u], joint, u, dotted=len(t) < 3)
             for u, joint in enumerate(found.errors)
         )
-        panel = Panel((*lines, *self._marks(t, True)), "t [s]", "error [%]")
+        panel = Panel((*lines, *self._marks(t, 100 * errors)), "t [s]", "error [%]", height=3.0)
         drawn = Chart("Error of the torque over time", ((panel,),), True, clock="log")
-        now = [paragraph(f"The first {PANELS} have a chart.")] * (len(identified) > PANELS)
+        now = [paragraph(f"{PANELS} of these have a chart.")] * (len(identified) > PANELS)
         now += snapshot_sheet(found).blocks()
         return (
             Section("Alarms", (table(rows, "Alarms", tied=False),) if rows[1:] else ()),
@@ -423,10 +427,18 @@ class MonitorHistory:
             Section("Now", tuple(now)),
         )
 
-    def _marks(self, t: np.ndarray, words: bool) -> list[Level]:
-        """Return a line at each alarm, the words only where there is room for them."""
+    def _marks(self, t: np.ndarray, y: np.ndarray) -> list[Line]:
+        """Return an upright line at each alarm, as high as the values y."""
+        known = y[np.isfinite(y)]
+        ends = np.array([known.min(), known.max()]) if len(known) else np.zeros(2)
         return [
-            Level(x.onset, True, (x.suspects or ("changed",))[0] if words else "", RESIDUAL, True)
+            Line(
+                np.full(2, x.onset),
+                ends,
+                f"alarm: {(x.suspects or ('changed',))[0]}",
+                RESIDUAL,
+                2.5,
+            )
             for x in self._alarms
             if len(t) and t[0] <= x.onset <= t[-1]
         ]
@@ -441,16 +453,20 @@ class MonitorHistory:
         panels: list[Panel] = []
         for name, (i, unit) in known.items():
             value, half = values[:, i, 0], SHARE * values[:, i, 1]
+            if len(found := half[np.isfinite(half)]):  # before it is known, it is not drawn
+                first = int((half <= SETTLED * np.median(found)).argmax())
+                value, half = (
+                    np.where(np.arange(len(t)) < first, np.nan, x) for x in (value, half)
+                )
             marks: tuple[Mark, ...] = (
                 Line(t, value - half, "95 % interval", FAINT, 1.0),
                 Line(t, value + half, "95 % interval", FAINT, 1.0),
                 Line(t, value, "value", 0, 1.6, dotted=len(t) < 3),
-                *self._marks(t, not panels),
+                *self._marks(t, np.stack([value - half, value + half])),
             )
-            panels.append(Panel(marks, "t [s]", f"[{unit}]", name, height=2.0))
-        rows = [tuple(panels[i : i + ACROSS]) for i in range(0, len(panels), ACROSS)]
+            panels.append(Panel(marks, "t [s]", f"{name}\n[{unit}]", height=2.4))
         title = f"{words} over time, with intervals of 95 %"
-        return (Chart(title, tuple(rows), True, clock="log"),)
+        return Chart(title, tuple((panel,) for panel in panels), True, clock="log").pieces(ROWS)
 
     def report(self) -> bytes:
         """Return report.html."""
