@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from itertools import islice
 
+import numpy as np
 import pytest
 
+import ident
 from helpers import ROBOTS
 from ident.excite import search
 from ident.excite.design import DesignProblem
@@ -43,6 +46,21 @@ def test_separate_from_the_command(run):
     status, out, err = run("excite", ROBOTS / "four_bar", *words)
     assert status == 0, err
     assert "coulomb:crank and coulomb:rocker: cosine 0." in out
+
+
+def test_a_fit_has_its_own_noise_and_friction(run, tmp_path):
+    arm, friction = ROBOTS / "arm", ("--with", "viscous", "--with", "coulomb")
+    assert run("identify", arm, arm / "run.csv", *friction, "--out", "fit")[0] == 0
+    left = json.loads((tmp_path / "fit/fit.json").read_text())["error"]["unfiltered"]
+    status, out, err = run("excite", "fit", *QUICK, "--out", "x.csv")
+    assert status == 0, err
+    assert f"noise of yaw {left['yaw']['rms']:.3g}, " in out
+    assert run("simulate", "fit/identified", "x.csv", "--out", "made.csv")[0] == 0
+    planned, made = (ident.read_log(tmp_path / name).columns for name in ("x.csv", "made.csv"))
+    moving = np.abs(planned["v.yaw"]) > 0.2
+    assert np.allclose(planned["tau.yaw"][moving], made["tau.yaw"][moving], atol=1e-6)
+    status, out, err = run("excite", "fit", *QUICK, "--noise", "yaw=0.5")
+    assert "noise of yaw 0.5, shoulder 0.0" in out
 
 
 @pytest.fixture

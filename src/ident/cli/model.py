@@ -305,7 +305,11 @@ def excite(
     torque: Texts = setting("Largest torque of a drive.", BOUND),
     reserve: str = setting("Torque left to what is not modelled.", "SHARE", default="20%"),
     singular: float = setting("Largest ‖K⁺‖ over that at the start.", "X", default=3.0),
-    noise: Texts = setting("Expected noise of a torque. Default: 1 % of its limit.", "JOINT=VALUE"),
+    noise: Texts = setting(
+        "Expected noise of a torque. Default: what a fit given as MECHANISM left, else 1 % of its "
+        "limit.",
+        "JOINT=VALUE",
+    ),
     balance: float = setting("Weight of the condition number beside log det.", "W", default=0.5),
     tries: int = setting("Searches begun; the best one is finished.", "N", default=4),
     seed: int = setting("Seed of the searches.", "N", default=0, min=0),
@@ -321,11 +325,18 @@ def excite(
     """
     from ident.excite import Limits
     from ident.excite import excite as excite_
+    from ident.fit.files import read_fit, unfiltered_errors
+    from ident.mechanism.load import is_fit
     from ident.show.html import place_of
 
     mechanism = model.load()
     output_file(out, LOGS)
     output_file(plot, CHARTS)
+    left, values = {}, {}
+    if fitted := is_fit(model.mechanism):
+        left = unfiltered_errors(model.mechanism)
+        saved = read_fit(model.mechanism, mechanism, allow_code=model.allow_code)
+        values = dict(saved.point.values)
     limits = Limits(
         range=named(range_, "--range", "write JOINT=LOWER:UPPER, as elbow=-1:1.5", interval),
         speed=_limit("--speed", speed),
@@ -356,7 +367,8 @@ def excite(
             harmonics=harmonics,
             limits=limits,
             separate=separate,
-            noise=named(noise, "--noise", "write NAME=NUMBER, as elbow=1.5", finite),
+            noise=left | named(noise, "--noise", "write NAME=NUMBER, as elbow=1.5", finite),
+            values=values,
             balance=balance,
             tries=tries,
             seed=seed,
@@ -374,7 +386,8 @@ def excite(
     look = f"look at it: ident view {place_of(mechanism)} {out}" if out else (
         "no file was written: repeat the command with --out next.csv"
     )  # fmt: skip
-    notes([f"planned with the masses of the file; collisions are not checked; {look}"])
+    of = "values, friction and noise of the fit" if fitted else "masses of the file"
+    notes([f"planned with the {of}; collisions are not checked; {look}"])
     if not found.finished:
         notes([f"interrupted: {out} has the best motion so far"])
         sys.exit(130)

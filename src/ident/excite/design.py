@@ -55,6 +55,7 @@ class DesignProblem:
         harmonics: int,
         noise: Mapping[str, float],
         seed: int,
+        values: Mapping[str, float] | None = None,
     ) -> None:
         """Prepare a search; refuse limits without a motion, and models without unknowns."""
         columns = Columns.of(mechanism)
@@ -80,9 +81,8 @@ class DesignProblem:
         reached = np.abs(rest.leverage[0]) @ top
         rest = replace(rest, still=np.maximum(SOFT * reached, 1e-9))
         motion = Motion((rest,), names, Band(0.0, 0.0, None), 0.0)
-        family = Family(
-            mechanism, columns, initial(mechanism, motion), series, rest, series.basis(t)
-        )
+        point = initial(mechanism, motion).with_values(values or {})
+        family = Family(mechanism, columns, point, series, rest, series.basis(t))
         z = exact.z(family.rows(rest.at_samples(slice(0, 1))).e)
         if (at := exact.broken(z)) is not None:
             (joint, kind, unit), lower, upper = exact.quantities[at], exact.low[at], exact.high[at]

@@ -127,8 +127,8 @@ class Excitation(Plotted):
 
     Attributes:
         name: of the mechanism.
-        log: t, and q, v, a and the predicted tau of every drive; friction of unknown size is not in
-            the torques.
+        log: t, and q, v, a and the predicted tau of every drive; friction is in the torques where
+            its size is known or given.
         period: [s]; periods: their number; harmonics: of the series.
         series: by joint (2 H + 1,): c, a_1 … a_H, b_1 … b_H of
             y(t) = c + Σ a_k sin(kωt) + b_k cos(kωt), ω = 2π/period.
@@ -186,7 +186,7 @@ class Determined:
     def expected(self, point: Point) -> tuple[ExpectedValue, ...]:
         """Return prior and standard error of every base parameter."""
         base, columns = self.base, self.columns
-        prior = base.combined(columns.prior_at(point.values))
+        prior = base.combined(point.unknowns(columns))
         units = [columns.units[i] for i in base.independent]
         named = zip(base_names(columns, base), prior, self.stderr, units, strict=True)
         return tuple(ExpectedValue(name, float(p), float(s), unit) for name, p, s, unit in named)

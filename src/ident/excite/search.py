@@ -48,6 +48,7 @@ def excite(
     limits: Limits | None = None,
     separate: tuple[str, str] | None = None,
     noise: Mapping[str, float] | None = None,
+    values: Mapping[str, float] | None = None,
     balance: float = 0.5,
     tries: int = 4,
     seed: int = 0,
@@ -67,6 +68,8 @@ def excite(
         limits: in place of the URDF's.
         separate: two effects' labels; then the motion that distinguishes them best.
         noise: expected of the torques, by drive [N m | N]; default 1 % of the limit of torque.
+        values: of effects' parameters that are to be identified, as of an earlier fit: their torque
+            then counts in the limits.
         balance: weight of the condition number beside the log-determinant; 0 ignores it.
         tries: searches, each from the best of 25 random motions; the best of them is finished.
         seed: of these; the same seed gives the same motion.
@@ -92,7 +95,7 @@ def excite(
     say = progress or quiet
     say(f"random motions of {mechanism.name}", 0.0)
     problem = DesignProblem(
-        mechanism, limits or Limits(), duration / periods, harmonics, noise or {}, seed
+        mechanism, limits or Limits(), duration / periods, harmonics, noise or {}, seed, values
     )
     criterion = problem.criterion(separate, balance)
 

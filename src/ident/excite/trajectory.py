@@ -127,7 +127,7 @@ def motion_rows(mechanism: Mechanism, columns: Columns, point: Point, e: State) 
     e = replace(e, tau=np.zeros((len(e), len(mechanism.driven))))
     scene = Scene.of(mechanism, columns, e, point)
     found = scene.terms(EVERY)
-    torque = found.A @ columns.prior_at(point.values) - found.b
+    torque = found.A @ point.unknowns(columns) - found.b
     drives = [mechanism.joint_index[name] for name in mechanism.driven]
     if mechanism.driven != e.independent:  # surplus drives share the torque
         torque = e.drive_torques(torque, drives)

@@ -354,6 +354,15 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
     )  # fmt: skip
 
 
+def unfiltered_errors(folder: Path) -> dict[str, float]:
+    """Return by joint the rms [N m | N] that a fit leaves of torques as they were logged, noise of
+    the sensors with them: the folder's that `write_fit` wrote.
+    """
+    errors = json.loads(regular(folder / "fit.json").read_text(encoding="utf-8"))["error"]
+    found = errors.get("unfiltered") or errors.get("held_out") or errors["train"]
+    return {str(joint): float(each["rms"]) for joint, each in found.items()}
+
+
 def _sets(errors: Mapping[str, Any]) -> dict[str, Any]:
     """Return errors by set, as `Fit.errors` names them, then joint."""
     own = {"train": errors.get("train"), "held out": errors.get("held_out")}
