@@ -191,6 +191,7 @@ def test_add_to_a_bare_urdf_makes_a_mechanism(arm, done, refused):
     outcome = done("add", arm, "coulomb:elbow")
     assert "mechanism.toml: added coulomb:elbow" in outcome.out
     assert f"{arm} by itself stays as it is" in outcome.err
+    assert f"ident diagnose {arm.parent / 'mechanism.toml'} LOG" in outcome.err
     assert [effect.label for effect in api.load(arm.parent).effects] == ["coulomb:elbow"]
     refused(("mechanism.toml", "is there already"), "add", arm, "viscous:elbow")
 

@@ -15,6 +15,7 @@ from ident.fit.files import fit_json
 from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
+from ident.show.charts import Line
 from ident.show.diagnosis import card as diagnosis_card
 from ident.show.fit import card as fit_card
 from ident.show.html import Bar, Card, Page, enough, good_enough
@@ -235,6 +236,23 @@ def test_the_framed_map_is_that_of_the_named_effects_own_signal(nouns):
     chart = plot_maps(models, "crank", effect="viscous:crank")
     marked = [panel.x for row in chart.rows for panel in row if panel.marked]
     assert marked == ["v [rad/s]"]
+
+
+def test_friction_under_load_is_drawn_over_the_load_in_both_directions():
+    arm = ident.load(ROBOTS / "arm") + ident.effect("load_friction", "shoulder")
+    values = {"load_friction.shoulder.mu": 0.05}
+    log, _ = ident.simulate(arm, ident.read_log(ROBOTS / "arm" / "run.csv"), values=values)
+    fit = ident.identify(arm, ident.complete(arm, log), estimator="least-squares")
+    label, after = "load_friction:shoulder", fit.residual
+    models = {"without it": after.without(label), "with it": after}
+    (framed,) = (
+        panel
+        for panel in plot_maps(models, "shoulder", effect=label).panels
+        if panel.marked and panel.x.startswith("load")
+    )
+    forth, back = (mark for mark in framed.marks if isinstance(mark, Line))
+    for line, sign in ((forth, 1), (back, -1)):
+        assert np.allclose(line.y, sign * 0.05 * np.abs(line.x), rtol=0.2, atol=0.05)
 
 
 def bar(joint, before, after, noise):

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 import ident
 from ident import FitError, Noise
+from ident.text import WIDTH, rounded, shortened
 from identification import motion_log, plant, robot
 from pages import charts, read_page, titles
 
@@ -69,9 +70,20 @@ def test_the_report_has_what_the_models_say(compared, tmp_path):
     page = read_page(tmp_path / "report.html")
     assert {"Parameters", "What was understood", "How to reproduce"} <= set(titles(page))
     assert ("Multipliers" in titles(page)) == bool(fits[0].mechanism.closures)
-    body = next(t for t in page.iter("table") if "Values of all" in t.findtext("caption"))
-    names = [row.findtext("th") for row in body.iter("tr")][1:]
-    assert len(names) == len(set(names)) > 20
+    captions = "Effects;", "Base parameters of the bodies;"
+    tables = [t for t in page.iter("table") if t.findtext("caption").startswith(captions)]
+    assert len(tables) == 2
+    rows = [
+        [row.findtext("th"), *(cell.text for cell in row.iter("td"))]
+        for t in tables
+        for row in t.find("tbody")
+    ]
+    found = {row[0].replace("\u00a0", " "): [x.replace("\u00a0", " ") for x in row] for row in rows}
+    assert len(found) == len(rows) >= len(fits[1].base_parameters)
+    for each in fits[1].base_parameters:
+        *_, value, unit = found[shortened(each.name, WIDTH)]
+        assert (value, unit) == (rounded(each.value, each.stderr), each.unit)
+    assert found[next(name for name in found if name.startswith("coulomb"))][1] == "–"
 
 
 def test_seconds_since_1970_are_counted_from_the_start_of_the_log():

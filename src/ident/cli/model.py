@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 import os
+import shlex
 import sys
 from dataclasses import replace
 from functools import reduce
@@ -72,7 +73,8 @@ def add(
     new = [each for each in after.effects if each not in before.effects]
     path = add_effects(before, new)
     if before.toml is None:
-        notes([f"{mechanism} by itself stays as it is: from now on give {path} in its place"])
+        words = f"{mechanism} by itself stays as it is; the mechanism is now"
+        notes([f"{words} {path}: ident diagnose {shlex.quote(str(path))} LOG"])
     result(f"{path}: added {', '.join(each.label for each in new)}")
 
 

@@ -157,8 +157,9 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
         elif title == "Curve and formula":
             blocks = list(law_blocks(d))
         elif title == CLAIMS[d.verdict]:
-            own = len(beside(d)) if d.best else 0  # the card has what comes before and after
-            blocks = [*blocks[own and 1 : len(blocks) - own], *_candidates(d)]
+            if d.best is not None:  # the card has the first and what is missing beside it
+                blocks = blocks[1 : len(blocks) - len(beside(d))]
+            blocks += _candidates(d)
         elif title == "Invisible in this data" and words:
             blocks = [table(invisible_rows(d), "This data cannot show", tied=False)]
         elif title == "What to log next" and words:

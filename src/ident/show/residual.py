@@ -292,7 +292,9 @@ def _signal_of(residual: Residual, joint: str, effect: str, names: Sequence[str]
     every = residual.model.mechanism.effects
     mine = next((each for each in every if each.label == effect), None)
     law, joints = (mine.equation.partition(";")[0], mine.joints) if mine else ("", ())
-    kinds = [kind for kind in OWN if re.search(rf"\b{kind}\b", law)]
+    size = law.replace("sign(v)", "")  # of the torque; the direction alone tells little
+    kinds = [kind for kind in OWN if re.search(rf"\b{kind}\b", size)]
+    kinds = kinds or [kind for kind in OWN if re.search(rf"\b{kind}\b", law)]
     known = {kind: residual.joints if kind == "load" else residual.signals for kind in kinds}
     own = [f"{kind}.{each}" for kind in kinds for each in joints if each in known[kind]]
     u = residual.joints.index(joint)
@@ -340,13 +342,18 @@ def _map(
         label, colour = "the effect itself", RESIDUAL
         r = [trace.parts[effect][:, u] for trace in model.traces]
     whole, torque = np.concatenate(x), np.concatenate(r)
-    count, total, _, edges = _means(whole, torque)
-    known = count >= 3
-    middle = (edges[1:] + edges[:-1])[known] / 2
     own = name.removesuffix(f".{joint}")
     r2 = scores.get(name, 0.0)
+    lines, either = [], np.full(len(torque), True)
+    both = colour == RESIDUAL and own == "load"  # directions, of a torque against either
+    for part in (torque > 0, torque <= 0) if both else (either,):
+        if part.any():
+            count, total, _, edges = _means(whole[part], torque[part])
+            known = count >= 3
+            middle = (edges[1:] + edges[:-1])[known] / 2
+            lines.append(Line(middle, total[known] / count[known], label, colour, 1.8))
     return Panel(
-        (Level(), *clouds, Line(middle, total[known] / count[known], label, colour, 1.8)),
+        (Level(), *clouds, *lines),
         f"{own} [{unit}]" if unit else own,
         title=f"R² {r2:.2f}" if r2 else "",
         marked=marked,
