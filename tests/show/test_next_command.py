@@ -95,3 +95,9 @@ def test_what_is_offered_overwrites_nothing(given, tmp_path, monkeypatch):
     (tmp_path / "next.csv").touch()
     assert shlex.split(next_command("identify"))[-1] == "last_3"
     assert shlex.split(next_command("excite"))[-1] == "next_2.csv"
+
+
+def test_the_present_folder_is_a_mechanism_too(monkeypatch):
+    monkeypatch.chdir(ROBOTS / "arm")
+    mechanism = ident.load(".")
+    assert add_command(mechanism, [ident.effect("spring", "elbow")]).startswith("ident add . ")

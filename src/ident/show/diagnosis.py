@@ -164,10 +164,8 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
         command = add_command(d.fit.mechanism, added, files)
     bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
     bars.sort(key=lambda bar: bar.sizes[1] - bar.sizes[0])  # the largest fall first
-    loudest = max(bars, key=lambda bar: bar.before.rms / (bar.noise or math.inf), default=None)
-    if loudest in bars[2:]:  # it is named in the words beside the bars
-        bars.remove(loudest)
-        bars.insert(1, loudest)
+    rest = sorted(bars[1:], key=lambda bar: -bar.before.rms / (bar.noise or math.inf))
+    bars = bars[:1] + rest  # the loudest, which are named in the words beside the bars
     searched, doubts = d.verdict == "nothing", d.health.findings
     good = good_enough(errors, d.floor, d.fit.residual.away, searched, doubts=doubts)
     told = [*_health(d), good, certainty(d), *beside(d)]

@@ -285,7 +285,7 @@ def named(effects: Iterable[Effect], word: str = "and") -> str:
 def place_of(mechanism: Mechanism) -> str:
     """Return the mechanism as commands take it."""
     place = mechanism.toml.parent if mechanism.toml else mechanism.urdf
-    return shlex.quote(str(place)) if place != Path() else "MECHANISM"
+    return shlex.quote(str(place)) if mechanism.toml or place != Path() else "MECHANISM"
 
 
 def add_command(mechanism: Mechanism, effects: Iterable[Effect], files: Iterable[str] = ()) -> str:
