@@ -84,7 +84,7 @@ def test_the_errors_of_the_earlier_fit_are_no_change(tmp_path):
 def test_a_covariance_that_is_none(wrong, tmp_path):
     planted().fit(cutoff="auto").write(tmp_path)
     (tmp_path / "identified/covariance.csv").write_text(wrong)
-    with pytest.raises(MechanismError, match="covariance.csv"):
+    with pytest.raises(MechanismError, match=r"covariance\.csv"):
         ident.load(tmp_path / "identified")
 
 
