@@ -4,7 +4,8 @@
 
 over the channels k = 0, 1, 2 (position, velocity, acceleration) of each joint, each weighted by its
 noise; B: quintic B-splines. Time stamps may jitter and channels may have rates of their own: the
-spline is fitted at the times of the samples. |U (c − ĉ)|² is the loss of another motion c.
+spline is fitted at the times of the samples. |U (c − ĉ)|² is the loss of another motion c. SciPy's
+`make_lsq_spline` fits values alone, and returns no U.
 """
 
 from __future__ import annotations

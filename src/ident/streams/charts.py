@@ -323,14 +323,10 @@ class Calibration:
 
 
 def calibrated(
-    normal: NormalRunning,
-    mask: np.ndarray,
-    intervals: Sequence[WatchedInterval],
-    x: np.ndarray,
-    seed: int = 0,
+    normal: NormalRunning, mask: np.ndarray, intervals: Sequence[WatchedInterval], x: np.ndarray
 ) -> Calibration:
     """Raise φ² until charts keep their rate on the intervals of normal running."""
-    data, random = statistics(intervals, x), np.random.default_rng(seed)
+    data, random = statistics(intervals, x), np.random.default_rng(0)
     length = len(intervals) // BLOCKS
     first = random.integers(0, len(intervals) - length + 1, (-(-STEPS // length), 1, STREAMS))
     order = (first + np.arange(length)[:, None]).reshape(-1, STREAMS)[:STEPS]
