@@ -169,8 +169,9 @@ def test_missing_meshes_are_one_note(make):
         "</worldbody></mujoco>"
     )
     mechanism = load(make(model))
-    (note,) = [each for each in mechanism.notes if "missing files" in each]
-    assert "3, the first gone/b.stl" in note
+    (note,) = [each for each in mechanism.notes if "are missing" in each]
+    assert note.startswith("3 files")
+    assert "the first gone/b.stl" in note
     assert mechanism.model.inertias[1].mass == 2
     assert mechanism.model.inertias[2].mass < 1e-4
 
@@ -329,7 +330,7 @@ def test_commands_from_model_to_identified_folder(make, tmp_path, spoken):
     status, _, err = spoken("identify", path, log, "--with", "coulomb", "--out", tmp_path / "out")
     assert status == 0, err
     assert {p.name for p in (tmp_path / "out" / "identified").iterdir()} == {
-        "machine.urdf", "mechanism.toml"
+        "covariance.csv", "machine.urdf", "mechanism.toml"
     }  # fmt: skip
     known = load(tmp_path / "out" / "identified")
     assert known.unknown == ()
