@@ -29,9 +29,9 @@ def identified() -> Mechanism:
     return ident.load(f"{folder}/identified")
 
 
-def known() -> dict[str, float]:
+def known(mechanism: Mechanism) -> dict[str, float]:
     """Values of all its effects."""
-    effects = identified().effects
+    effects = mechanism.effects
     return {
         n: e.values[p.name] for e in effects for n, p in zip(e.names, e.parameters, strict=True)
     }
@@ -44,7 +44,7 @@ def log(new: str = "", **values: float) -> Log:
     if new:
         free = free.with_effect(new)
     noise = [Noise("tau", 0.01, relative=True)]
-    told = {**known(), **{name.replace("_", "."): value for name, value in values.items()}}
+    told = {**known(identified()), **{name.replace("_", "."): value for name, value in values.items()}}
     told |= LOAD if new.startswith("payload") else {}
     return ident.simulate(free, motion_log("arm", 100.0, 8.0), values=told, noise=noise, seed=5)[0]
 
@@ -97,9 +97,22 @@ def test_a_payload_picked_up():
         assert abs(found.value - value) < 4 * found.stderr + 1e-4
 
 
+def test_nothing_else_has_changed_where_friction_under_load_has_a_new_load(tmp_path):
+    under_load = robot("arm").with_effect("viscous").with_effect("coulomb")
+    under_load = under_load.with_effect("load_friction:shoulder")
+    noise = [Noise("tau", 0.01, relative=True)]
+    motion = motion_log("arm", 100.0, 8.0)
+    plant(under_load, motion, noise=noise, seed=1).fit(cutoff="auto").write(tmp_path)
+    mechanism = ident.load(tmp_path / "identified")
+    true, values = mechanism.with_effect("payload:hand"), known(mechanism) | LOAD
+    made = ident.simulate(true, motion, values=values, noise=noise, seed=51)[0]
+    d = ident.diagnose(ident.identify(mechanism, ident.complete(mechanism, made)))
+    assert [member.label for member in d.selection.named] == ["payload:hand"]
+
+
 @pytest.mark.parametrize("value", [0.9, 0.3], ids=["more", "less"])
 def test_a_friction_that_changed(value, tmp_path):
-    before = known()["coulomb.elbow.Fc"]
+    before = known(identified())["coulomb.elbow.Fc"]
     d = diagnosed("coulomb:elbow", coulomb_elbow_Fc=value)
     assert d.best is not None
     assert d.best.label == "coulomb:elbow"

@@ -436,8 +436,14 @@ def select(
     # of what came together only what is more than chance beside the others is a name
     members = [m for m in judged if m.path is not None or m.evidence is None or m.evidence.credible]
     if any(m.effect.loaded_link and not m.rejected for m in members):
-        # what depends on the load is judged once the body that is added is in the model
-        members = [m for m in members if m.evidence is None or not m.effect.implicit]
+        # what depends on the load is judged once the body that is added is in the model, and so is
+        # all that is found beside it where an effect of the model depends on the load
+        loaded = any(effect.implicit for effect in contest.fit.mechanism.effects)
+        members = [
+            m
+            for m in members
+            if m.evidence is None or m.effect.loaded_link or not (loaded or m.effect.implicit)
+        ]
     return Selection(first, tuple(in_order(members, first, decision)), last)
 
 
