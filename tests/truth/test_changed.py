@@ -44,9 +44,9 @@ def log(new: str = "", **values: float) -> Log:
     if new:
         free = free.with_effect(new)
     noise = [Noise("tau", 0.01, relative=True)]
-    told = {**known(identified()), **{name.replace("_", "."): value for name, value in values.items()}}
-    told |= LOAD if new.startswith("payload") else {}
-    return ident.simulate(free, motion_log("arm", 100.0, 8.0), values=told, noise=noise, seed=5)[0]
+    now = known(identified()) | {name.replace("_", "."): value for name, value in values.items()}
+    now |= LOAD if new.startswith("payload") else {}
+    return ident.simulate(free, motion_log("arm", 100.0, 8.0), values=now, noise=noise, seed=5)[0]
 
 
 def diagnosed(*given: object, **values: float) -> Diagnosis:
