@@ -117,7 +117,7 @@ def fitted(slider, tmp_path, done):
     """The slider-crank's folder, and one with its fit."""
     out = tmp_path / "out"
     outcome = done("identify", slider, slider / "run.csv", "--with", "viscous:theta", "--out", out)
-    assert outcome.err.count("note: wrote ") == len(VIEWS) + 2
+    assert outcome.err.count("note: wrote ") == len(VIEWS) + 3  # of identified/
     return slider, out
 
 
