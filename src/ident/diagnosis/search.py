@@ -31,6 +31,7 @@ from ident.diagnosis.selection import (
     alike,
     behind,
     by_chance,
+    null_shares,
     rank,
     rivals,
     simplest,
@@ -234,12 +235,13 @@ class Search:
         return found
 
     def beyond_chance(self, now: EffectSet, together: EffectSet) -> bool:
-        """Return whether a set's new members explain more than of a residual without them."""
+        """Return whether a set's new members explain more than of residuals without them."""
         new = np.concatenate([e.columns for e in together.members if e.label not in now.labels])
-        judged = judging(now.contest, now.regression, None, self.seed)
+        judged = judging(now.contest, now.regression, self.noise, self.seed)
         found = judged.gains([new])
-        null = judged.explained(found.null[0].T, judged.null_losses.T)
-        return float(judged.explained(found.by)[0]) > quantile(null, self.decision.alpha)
+        surrogates, draws = np.split(null_shares(judged, found)[0], [SURROGATES])
+        limit = max(quantile(x, self.decision.alpha) for x in (surrogates, draws))
+        return float(judged.explained(found.by)[0]) > limit
 
     def several(self, now: EffectSet) -> EffectSet | None:
         """The set with several effects of one joint that explain together more than such a path

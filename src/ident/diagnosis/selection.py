@@ -7,7 +7,7 @@ A candidate is credible if
   has many explanations. Waves of position must pass the filter at most speeds, not only around
   reversals, where friction that is not quite sign(v) looks like some wave;
 * its torque exceeds the share `material` of its joint's;
-* its values are such as this kind of effect can have.
+* its values are such as this kind of effect can have, a body with a mass among them.
 
 Of candidates that explain the same part within PARSIMONY of the best gain, the one with the fewest
 numbers is chosen, unless the best one is better by `rival_se` standard errors of the paired
@@ -29,7 +29,7 @@ from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
 from ident.effects import Effect
 from ident.errors import FitError
 from ident.information.chance import Chance, paired, zscore
-from ident.information.hypotheses import Array, Index, PartialRegression, Refit
+from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
 
 MOST = 0.5  # of a joint's squares: what explains less of them is no law, and not its main cause
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
@@ -223,6 +223,15 @@ def raised(contest: Contest, effect: Effect, limit: float) -> float:
     return RARE * limit / (1 + (RARE - 1) * limit) if rare else limit
 
 
+def null_shares(regression: PartialRegression, found: Gains) -> Array:
+    """Return the shares (groups, draws) of random residuals that groups of columns explain: of
+    surrogates of the residual, then of draws of noise, as it is.
+    """
+    before = regression.null_losses.T.copy()  # (draws, d)
+    before[SURROGATES:] = np.maximum(before[SURROGATES:], regression.losses.sum(axis=0))
+    return regression.explained(found.null.transpose(0, 2, 1), before)
+
+
 @dataclass(frozen=True, eq=False)
 class Screened:
     """Gains of n candidates beside a model, each from the best of its starts.
@@ -252,10 +261,7 @@ class Screened:
         start = np.array([every[a:b].argmax() for a, b in pairwise(ends)], dtype=np.intp)
         visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
         place = np.array([regression.place(each.groups[0]) for each in candidates], dtype=int)
-        losses = regression.losses.sum(axis=0)
-        before = regression.null_losses.T.copy()  # (draws, d)
-        before[SURROGATES:] = np.maximum(before[SURROGATES:], losses)  # noise as it is
-        null = regression.explained(found.null.transpose(0, 2, 1), before)
+        null = null_shares(regression, found)
         of = np.repeat(np.arange(len(candidates)), np.diff(ends))
         return cls(candidates, start, every[ends[:-1] + start], visible, place, null, of)
 
@@ -392,6 +398,7 @@ class Weigh:
         noise = np.sqrt(refit.loss.sum() / self.total)  # that is left with the effect
         stderr = refit.stderr * noise
         plausible = sensible(self.contest, effect, refit.theta, stderr)
+        massive = not effect.loaded_link or bool(abs(refit.theta[0]) > NEGATIVE * stderr[0])
         material = size > self.decision.material
         seen = not effect.waves or (
             self.contest.passed(effect.joints[0], shape[effect.waves]) > PASSED
@@ -407,7 +414,7 @@ class Weigh:
             p,
             size,
             plausible,
-            passed and plausible and material and seen,
+            passed and plausible and massive and material and seen,
         )
 
 
