@@ -52,6 +52,7 @@ from ident.show.sheet import Sheet
 
 SCHEMA = "ident.diagnosis/1"
 BARS = 12
+FAILS = "Where it fails"
 LAST = ("Invisible in this data", "In the model, but not supported")  # sections that need no action
 LOGS = 4  # whose residuals are drawn below each other
 MARKS = "* named; = this data cannot tell it from the one named."
@@ -149,26 +150,28 @@ def health_sheet(h: Health) -> Sheet:
 def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
     """Return the words with tables and charts to them, and the fit that was diagnosed."""
     sections = []
-    for title, words in sorted(story(d).items(), key=lambda pair: pair[0] in LAST):
+    last = (*LAST, CLAIMS[d.verdict]) if d.laws and d.best is None else LAST
+    for title, words in sorted(story(d).items(), key=lambda pair: pair[0] in last):
         blocks: list[Block] = [paragraph(each) for each in words]
-        if title == "Where it fails":  # the maps have the words
+        if title == FAILS:  # the maps have the words
             caption = "Joint by joint: held-out error, and what noise would leave"
             blocks = [table(where_rows(d), caption)]
         elif title == "Curve and formula":
             blocks = list(law_blocks(d))
         elif title == CLAIMS[d.verdict]:
-            if d.best is not None:  # the card has the first and what is missing beside it
+            if d.verdict != "nothing":  # the card has the first and what is missing beside it
                 blocks = blocks[1 : len(blocks) - len(beside(d))]
             blocks += _candidates(d)
         elif title == "Invisible in this data" and words:
             blocks = [table(invisible_rows(d), "This data cannot show", tied=False)]
         elif title == "What to log next" and words:
             steps = [each.partition(": ")[::2] for each in experiment_steps(d.next_experiment)]
-            blocks = [table([["do this", "because"], *steps], "The most urgent first", tied=False)]
+            blocks = [table([["step", "why"], *steps], "The most urgent first", tied=False)]
             blocks += [code(each) for each in [card(d).command] if each.startswith("ident excite")]
         elif title == "Health of the data":
             health = health_sheet(d.health)
             blocks += [paragraph(str(health.top)), *health.blocks()]
+        title = "Joint by joint" if title == FAILS and d.verdict == "nothing" else title
         sections.append(Section(title, tuple(blocks)))
     if d.health.good:  # else it comes first
         sections.append(sections.pop(0))

@@ -45,11 +45,11 @@ HOW = {
     "awake": "move {spans} too, at up to {top}",
 }
 FOLLOWS = {  # by the first signal on which a residual depends
-    "v": "repeat it at half and at twice the speed: what goes with speed then changes in step",
-    "sign(v)": "repeat it in slow strokes of constant speed, with reversals at different places",
-    "q": "repeat it slowly over the full travel of the joint, up and down",
-    "a": "repeat it at half and at twice the speed: what goes with acceleration changes fourfold",
-    "load": "repeat it with a known payload: what goes with the load then grows",
+    "v": "move at half and at twice the speed: what goes with speed then changes in step",
+    "sign(v)": "move in slow strokes of constant speed, with reversals at different places",
+    "q": "move slowly over the full travel of the joint, up and down",
+    "a": "move at half and at twice the speed: what goes with acceleration changes fourfold",
+    "load": "repeat the motion with a known payload: what goes with the load then grows",
     "t": "warm the machine up first, and log temperatures (`temperature.<joint>`)",
 }
 
@@ -199,11 +199,13 @@ def unexplained(d: Diagnosis) -> str:
         )
     if not worst.depends_on:
         return (
-            f"{first}The residual of {worst.joint} depends on no single signal: repeat its motion "
-            "slowly with reversals at different places, to look for memory."
+            f"{first}Repeat the motion slowly with reversals at different places, to look for "
+            f"memory: the residual of {worst.joint} depends on no single signal."
         )
     signal = worst.depends_on[0].signal
-    return f"{first}In {worst.joint} it depends on {signal}: {FOLLOWS[signal.partition('.')[0]]}."
+    step, _, effect = FOLLOWS[signal.partition(".")[0]].partition(": ")
+    why = f"the residual of {worst.joint} depends on {signal}" + f", and {effect}" * bool(effect)
+    return f"{first}{_capital(step)}: {why}."
 
 
 def unseen(d: Diagnosis) -> str:
