@@ -194,7 +194,8 @@ def _candidates(d: Diagnosis) -> list[Block]:
         return []
     blocks: list[Block] = [paragraph(MARKS)] if d.best else []
     blocks += [plot_candidates(d), paragraph(FALLS), table(candidate_rows(d), "Candidates")]
-    if options := tuple(_option(d, each) for each in d.candidates if each.fit is not None):
+    refitted = [each for each in d.candidates if each.fit is not None and d.verdict != "nothing"]
+    if options := tuple(_option(d, each) for each in refitted):
         tree, best = d.fit.mechanism.joint_index, d.candidates[: d.best is not None]
         marks = {j: e.label for e in d.group for j in e.joints if j in tree}
         marks = marks or {x.joint: x.effect.label for x in best}
