@@ -120,7 +120,6 @@ def test_the_report_is_one_file_with_everything_escaped(make, tmp_path):
     assert "<script>alert(1)" not in (tmp_path / "report.html").read_text(encoding="utf-8")
     for title in (
         "Joint by joint" if d.verdict == "nothing" else "Where it fails",
-        "Health of the data",
         "Invisible in this data",
         "What to log next",
     ):

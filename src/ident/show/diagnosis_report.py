@@ -168,13 +168,8 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
             steps = [each.partition(": ")[::2] for each in experiment_steps(d.next_experiment)]
             blocks = [table([["step", "why"], *steps], "The most urgent first", tied=False)]
             blocks += [code(each) for each in [card(d).command] if each.startswith("ident excite")]
-        elif title == "Health of the data":
-            health = health_sheet(d.health)
-            blocks += [paragraph(str(health.top)), *health.blocks()]
         title = "Joint by joint" if title == FAILS and d.verdict == "nothing" else title
         sections.append(Section(title, tuple(blocks)))
-    if d.health.good:  # else it comes first
-        sections.append(sections.pop(0))
     return (*sections, *fit_sections(d.fit, first=d.candidates[0].joint if d.best else ""))
 
 
