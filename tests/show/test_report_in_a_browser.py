@@ -255,6 +255,8 @@ def test_the_rest_of_a_report_is_folded(browser, diagnosed, width):
     page.goto(diagnosed[1].as_uri())
     folded = page.locator("main > details")
     assert folded.count() > 8
+    unfold = page.get_by_role("button", name="Unfold all").bounding_box()
+    assert unfold["y"] < folded.first.bounding_box()["y"]
     assert not page.locator("main figure:visible, main p:visible:not(.tools)").count()
     assert page.evaluate("document.body.scrollHeight") < 2 * 900
     page.get_by_text("What is missing", exact=True).click()
