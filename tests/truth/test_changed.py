@@ -80,6 +80,33 @@ def test_the_errors_of_the_earlier_fit_are_no_change(tmp_path):
     assert verdicts[1] != "nothing"
 
 
+@cache
+def unmoved() -> ident.Motion:
+    """A motion of the unchanged machine."""
+    return ident.complete(identified(), log())
+
+
+def test_errors_of_what_is_not_in_the_model_are_left_out():
+    less = identified().without("coulomb:elbow")
+    d = ident.diagnose(ident.identify(less, ident.complete(less, log())))
+    assert d.best is not None
+    assert d.best.label == "coulomb:elbow"
+
+
+def test_a_grown_mechanism_and_its_fit_keep_the_errors_of_what_they_know(tmp_path):
+    errors = identified().covariance
+    history = ident.grow(identified(), unmoved())
+    history.write(tmp_path / "grown")
+    assert ident.load(tmp_path / "grown").covariance.names == errors.names
+    free = identified().with_effect("coulomb:elbow")
+    ident.identify(free, unmoved()).write(tmp_path / "fit")
+    now = ident.load(tmp_path / "fit/identified").covariance
+    assert set(now.names) == set(errors.names)
+    at, before = now.names.index("viscous.elbow.Fv"), errors.names.index("viscous.elbow.Fv")
+    assert now.matrix[at, at] == errors.matrix[before, before]
+    assert "coulomb.elbow.Fc" not in ident.load(tmp_path / "fit").covariance.names
+
+
 @pytest.mark.parametrize("wrong", ["a,b\n1,2\n", "parameter,x\nx,high\n", "parameter,x\nx,nan\n"])
 def test_a_covariance_that_is_none(wrong, tmp_path):
     planted().fit(cutoff="auto").write(tmp_path)

@@ -308,8 +308,8 @@ def excite(
     reserve: str = setting("Torque left to what is not modelled.", "SHARE", default="20%"),
     singular: float = setting("Largest ‖K⁺‖ over that at the start.", "X", default=3.0),
     noise: Texts = setting(
-        "Expected noise of a torque. Default: what a fit given as MECHANISM left, else 1 % of its "
-        "limit.",
+        "Expected noise of a torque. Default: the error that the fit left, where MECHANISM is the "
+        "folder of one, else 1 % of the torque's limit.",
         "JOINT=VALUE",
     ),
     balance: float = setting("Weight of the condition number beside log det.", "W", default=0.5),
@@ -327,6 +327,7 @@ def excite(
     """
     from ident.excite import Limits
     from ident.excite import excite as excite_
+    from ident.excite.trajectory import moved_joints
     from ident.fit.files import read_fit, unfiltered_errors
     from ident.mechanism.load import is_fit
     from ident.show.html import place_of
@@ -336,7 +337,8 @@ def excite(
     output_file(plot, CHARTS)
     left, values = {}, {}
     if fitted := is_fit(model.mechanism):
-        left = unfiltered_errors(model.mechanism)
+        of_drives = unfiltered_errors(model.mechanism).items()
+        left = {name: x for name, x in of_drives if name in moved_joints(mechanism)}
         saved = read_fit(model.mechanism, mechanism, allow_code=model.allow_code)
         values = dict(saved.point.values)
     limits = Limits(
@@ -388,7 +390,7 @@ def excite(
     look = f"look at it: ident view {place_of(mechanism)} {out}" if out else (
         "no file was written: repeat the command with --out next.csv"
     )  # fmt: skip
-    of = "values, friction and noise of the fit" if fitted else "masses of the file"
+    of = "values and friction of the fit" if fitted else "masses of the file"
     notes([f"planned with the {of}; collisions are not checked; {look}"])
     if not found.finished:
         notes([f"interrupted: {out} has the best motion so far"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -274,7 +274,7 @@ def with_basis(mechanism: Mechanism, basis: str | None, spacing: float | None) -
         )
     if spacing is None:
         spacing = 0.0 if basis == "free" else mechanism.multipliers.spacing
-    return replace(mechanism, multipliers=multipliers(basis, spacing, "--basis, --spacing"))
+    return mechanism.with_multipliers(multipliers(basis, spacing, "--basis, --spacing"))
 
 
 def motion_of(

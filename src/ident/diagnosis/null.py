@@ -2,9 +2,9 @@
 
 Surrogates have the spectrum of the present residual in each coordinate and random phases. Draws of
 noise are what the torques' white noise, the motion's noise and the errors of values that an earlier
-fit has found leave of the torques,
+fit has found make of the residual,
 
-    δr = Σ_i Σ_k ∂r/∂u_i^(k) δu_i^(k) + δτ + Γ δp        u = B c, U (c − ĉ) of unit noise
+    δr = Σ_i Σ_k ∂r/∂u_i^(k) δu_i^(k) + δτ + A δx        u = B c, U (c − ĉ) of unit noise
 
 through the same filter; their rms is the noise floor.
 """
@@ -27,13 +27,14 @@ from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.chance import remaining_power, surrogates
 from ident.information.hypotheses import RANK, Array, Index, PartialRegression
+from ident.mechanism.parameters import Covariance
 from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
 
 VISIBLE = 1e-6  # norm of a column beside the model below which it is rounding
 SURROGATES = 100  # random series with the spectrum of the residual
 TRIALS = 25  # random series that show what share of its power a noise loses
-DRAWS = 24  # of the sensors' noise
+DRAWS = 24  # of noise
 CHUNK = 2048  # samples whose noise is in memory at once
 SAMPLES = 800  # of a log at which ∂r/∂motion is evaluated; between, it is interpolated
 
@@ -61,7 +62,9 @@ def noise(contest: Contest, seed: int) -> NoiseDraws:
         if scene.e.smooth is not None:
             _add_motion(r, table, number, random)
         found.append(table.filtered(number, r))
-    rows = np.concatenate(found) + _of_values(contest, random)
+    rows = np.concatenate(found)
+    if table.mechanism.covariance is not None:
+        rows = rows + _of_values(contest, table.mechanism.covariance, random)
     regression = contest.regression
     judged = regression.judging(
         [rows[contest.use[:, p.coordinate], p.coordinate] for p in regression.parts]
@@ -108,18 +111,16 @@ def _add_motion(out: np.ndarray, table: Table, number: int, random: np.random.Ge
             out[sample] += between @ du.transpose(1, 0, 2).reshape(len(sample), 3 * J, DRAWS)
 
 
-def _of_values(contest: Contest, random: np.random.Generator) -> Array:
-    """(N, d, DRAWS) of the errors of known values, in the table's rows."""
-    table, known = contest.table, contest.table.mechanism.covariance
-    if known is None:
-        return np.zeros((1, 1, 1))
-    still = np.array([name not in table.columns.index for name in known.names])
-    model = table.mechanism.freed(np.array(known.names)[still])
+def _of_values(contest: Contest, errors: Covariance, random: np.random.Generator) -> Array:
+    """Return draws (N, d, DRAWS) of what errors of known values make in the table's rows."""
+    table = contest.table
+    errors = errors.without(table.columns.names)  # which are fitted
+    model = table.mechanism.freed(errors.names)
     columns = Columns.of(model)
-    A = Table.of(model, columns, table.motion, table.point).A
-    at = [columns.index[name] for name in np.array(known.names)[still]]
-    draws = known.root[still] @ random.standard_normal((len(still), DRAWS))
-    return np.asarray(A[:, :, at] @ draws)
+    mine = np.array([name in columns.index for name in errors.names], dtype=bool)
+    at = [columns.index[name] for name in np.array(errors.names)[mine]]
+    A = Table.of(model, columns, table.motion, table.point).A[:, :, at]
+    return np.asarray(A @ (errors.root[mine] @ random.standard_normal((len(mine), DRAWS))))
 
 
 def _coefficients(spline: Spline, random: np.random.Generator) -> Array:

@@ -265,7 +265,7 @@ def climb(
         g_there, Z_there = slopes(there)
         d = (there.x - c.x).reshape(-1)
         y = g - g_there - (Z_there - Z).T @ (multipliers[0] - multipliers[1])
-        if y.any():  # none where J and z are linear
+        if y.any():  # zero where J and z are linear
             B.update(d, y)
         c, g, Z = there, g_there, Z_there
         yield c

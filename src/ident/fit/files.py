@@ -77,13 +77,23 @@ def write_fit(
 
 
 def covariance_of(fit: Fit) -> Covariance | None:
-    """Return the errors of a fit's values, those that are regrouped left where they are; of a model
-    in which nothing was estimated, the errors that it came with.
+    """Return the errors of a fit's values and of those that it knows from an earlier fit.
+
+    A base parameter's error is that of its independent parameter; regrouped ones stay where they
+    are.
     """
     names = tuple(fit.columns.names[i] for i in fit.estimate.base.independent)
+    known = known_errors(fit)
     if not names or not np.isfinite(fit.covariance).all():
-        return fit.mechanism.covariance
-    return Covariance(names, fit.covariance)
+        return known
+    own = Covariance(names, fit.covariance)
+    return own if known is None else own + known
+
+
+def known_errors(fit: Fit) -> Covariance | None:
+    """Return the errors of values that a fit knows from an earlier one."""
+    known = fit.mechanism.covariance
+    return None if known is None else known.without(fit.columns.names)
 
 
 def own_files(fit: Fit) -> dict[str, tuple[str, bytes]]:
@@ -355,12 +365,12 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
 
 
 def unfiltered_errors(folder: Path) -> dict[str, float]:
-    """Return by joint the rms [N m | N] that a fit leaves of torques as they were logged, noise of
-    the sensors with them: the folder's that `write_fit` wrote.
+    """Return by joint the rms [N m | N] of what a fit leaves of torques as they were logged, with
+    the noise of the sensors, from a folder that `write_fit` wrote.
     """
     errors = json.loads(regular(folder / "fit.json").read_text(encoding="utf-8"))["error"]
     found = errors.get("unfiltered") or errors.get("held_out") or errors["train"]
-    return {str(joint): float(each["rms"]) for joint, each in found.items()}
+    return {str(joint): float(each["rms"]) for joint, each in found.items() if each["rms"]}
 
 
 def _sets(errors: Mapping[str, Any]) -> dict[str, Any]:

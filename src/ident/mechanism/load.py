@@ -164,7 +164,9 @@ def _unknown_again(known: Mechanism, file: Path) -> Mechanism:
             "identified, in which everything is known"
         ) from None
     unknown = known.bodies.select(bodies, str(file))
-    return replace(known.freed({*unknown, *free}), name=name, covariance=None)
+    estimated = {*unknown, *free}
+    errors = known.covariance and known.covariance.without(estimated)
+    return replace(known.freed(estimated), name=name, covariance=errors)
 
 
 def _toml_of(path: Path) -> Path | None:

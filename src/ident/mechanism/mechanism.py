@@ -395,7 +395,9 @@ class Mechanism(Displayed):
         return replace(self, closures=tuple(closures))
 
     def freed(self, names: Collection[str]) -> Mechanism:
-        """The mechanism in which the parameters `names`, in full, and no others are unknown."""
+        """The mechanism in which the parameters `names`, in full, are unknown: of the bodies' no
+        others, of effects' those without a value as well.
+        """
         effects = []
         for each in self.effects:
             both = zip(each.names, each.parameters, strict=True)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -159,6 +159,18 @@ class Covariance:
         values, V = np.linalg.eigh(self.matrix / np.outer(size, size))
         return np.asarray(size[:, None] * V * np.sqrt(np.maximum(values, 0.0)))
 
+    def without(self, names: Collection[str]) -> Covariance:
+        """The errors of all but some parameters."""
+        rest = [i for i, name in enumerate(self.names) if name not in names]
+        return Covariance(tuple(self.names[i] for i in rest), self.matrix[np.ix_(rest, rest)])
+
+    def __add__(self, other: Covariance) -> Covariance:
+        """Errors of both, of different parameters, that have nothing in common."""
+        n, k = len(self.names), len(other.names)
+        matrix = np.zeros((n + k, n + k))
+        matrix[:n, :n], matrix[n:, n:] = self.matrix, other.matrix
+        return Covariance((*self.names, *other.names), matrix)
+
     def csv(self) -> bytes:
         """A table with the names as its first row and first column."""
         stream = io.StringIO()
@@ -179,7 +191,7 @@ def read_covariance(table: TomlTable, folder: Path) -> Covariance | None:
         matrix = np.array([[float(x) for x in row[1:]] for row in rows])
     except OSError as error:
         raise table.error(f"covariance = '{path.name}': {error.strerror}, in {folder}") from None
-    except ValueError as error:
+    except (ValueError, csv.Error) as error:
         raise MechanismError(f"{path}: {error}; give numbers below the names") from None
     names = tuple(head[1:])
     if tuple(row[0] for row in rows) != names or matrix.shape != (len(names),) * 2:

@@ -95,7 +95,7 @@ def folder_files(
         document["parameters"] = {"unknown": list(unknown)}
     files = {urdf_name: urdf}
     if covariance is not None:
-        document["parameters"]["covariance"] = "covariance.csv"
+        document.setdefault("parameters", {})["covariance"] = "covariance.csv"
         files["covariance.csv"] = covariance.csv()
     else:
         document.get("parameters", {}).pop("covariance", None)

@@ -27,6 +27,7 @@ from ident.show.diagnosis import (
     experiment_steps,
     held_out,
     mark,
+    spoilt,
     story,
     where_rows,
 )
@@ -160,7 +161,8 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
             blocks = list(law_blocks(d))
         elif title == CLAIMS[d.verdict]:
             if d.verdict != "nothing":  # the card has the first and what is missing beside it
-                blocks = blocks[1 : len(blocks) - len(beside(d))]
+                first = 0 if spoilt(d) else 1
+                blocks = blocks[first : len(blocks) - len(beside(d))]
             blocks += _candidates(d)
         elif title == "Invisible in this data" and words:
             blocks = [table(invisible_rows(d), "This data cannot show", tied=False)]

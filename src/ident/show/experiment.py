@@ -158,8 +158,8 @@ def _no_motion(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) ->
     if most:
         why = f"at best they differ by {most:.2g} standard errors in a log as long as this one"
     return (
-        f"No motion of this mechanism tells {names} apart: {why}; instead, "
-        f"{without_motion(d, effects)}."
+        f"{_capital(without_motion(d, effects))}: no motion of this mechanism tells {names} apart, "
+        f"{why}."
     )
 
 

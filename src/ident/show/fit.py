@@ -226,8 +226,8 @@ def card(fit: Fit) -> Card:
     if fit.validation:
         before, (judged, floor) = errors, _farthest(fit)
         held = "held out" if fit.held_out else "in the fit"
-        words = f"{held} → on {some([*fit.validation], 2)}"
-        words += ", the worst log of each joint" * (len(fit.validation) > 1)
+        words = f"{held} → that on {some([*fit.validation], 2)}"
+        words += ", of each joint the log where it is worst" * (len(fit.validation) > 1)
         away = {}
     else:
         before = residual_of(earlier or urdf_of(fit), fit.motion).errors

@@ -401,7 +401,8 @@ class MonitorHistory:
         rows = [["since [s]", "sure at [s]", "alarm"]]
         rows += [[f"{x.onset:.2f}", f"{x.detected:.2f}", x.headline] for x in self._alarms]
         bodies = set(self._mechanism.bodies.names)  # what has changed and may wear comes first
-        changed = tuple(f"{s.replace(':', '.', 1)}." for x in self._alarms for s in x.suspects)
+        suspects = [s.removeprefix("payload:") for x in self._alarms for s in x.suspects]
+        changed = tuple(f"{each.replace(':', '.', 1)}." for each in suspects)
         identified = sorted(
             found.identified, key=lambda v: (not v.name.startswith(changed), v.name in bodies)
         )

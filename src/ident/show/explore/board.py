@@ -76,7 +76,8 @@ def confirmed(e: Exploration) -> str:
 
 
 def effect_rows(e: Exploration) -> list[dict[str, Any]]:
-    """Return one row an effect that is announced or offered, group by group, best first in each.
+    """Return one row an effect that is announced or offered, group by group, the best first
+    in each, of equals the simplest.
 
     Rows of one `set` in a group are one line of the page, whose button adds all of them.
     """

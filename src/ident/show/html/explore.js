@@ -75,7 +75,7 @@ function folding(key, title, open, ...inside) {
   head.addEventListener("click", () => toggled.has(key) ? toggled.delete(key) : toggled.add(key))
   return make("details", open ? {open: ""} : {}, head, ...inside)
 }
-function row(x, likewise = false) { // of another one's kind, which has told what it is
+function row(x, likewise = false) { // likewise: the row above, of the same kind, says what it is
   const verb = x.present ? "remove" : "add", kind = x.present ? "present" : x.sure ? "sure" : ""
   const name = make("span", {class: "name"}, x.label)
   if (x.mark) name.append(" ", make("em", {}, x.mark))
