@@ -47,7 +47,7 @@ def test_identify_writes_into_out_only(slider, tmp_path, monkeypatch, done):
     files = {path.name for path in (here / "the results/of today").rglob("*") if path.is_file()}
     assert files == {
         "fit.json", "multipliers.csv", "identified.urdf", "report.html", "slider_crank.urdf",
-        "mechanism.toml",
+        "mechanism.toml", "covariance.csv",
     }  # fmt: skip
 
 

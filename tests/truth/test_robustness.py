@@ -146,7 +146,7 @@ def test_multipliers_that_rest_on_priors_are_named():
 def test_a_mass_alone_unknown_is_pointed_out():
     mechanism = replace(robot("arm"), unknown=("hand.m",))
     fit = ident.identify(mechanism, ident.complete(mechanism, ROBOTS / "arm" / "run.csv"))
-    assert any("what is known of a body is wrong" in note for note in fit.warnings)
+    assert any("a known body is wrong" in note for note in fit.warnings)
 
 
 def test_values_are_found_by_name():
