@@ -63,8 +63,9 @@ def noise(contest: Contest, seed: int) -> NoiseDraws:
             _add_motion(r, table, number, random)
         found.append(table.filtered(number, r))
     rows = np.concatenate(found)
-    if table.mechanism.covariance is not None:
-        rows = rows + _of_values(contest, table.mechanism.covariance, random)
+    known = table.mechanism.covariance
+    if known and (errors := known.without(table.columns.names)):  # the others are fitted
+        rows = rows + _of_values(contest, errors, random)
     regression = contest.regression
     judged = regression.judging(
         [rows[contest.use[:, p.coordinate], p.coordinate] for p in regression.parts]
@@ -114,7 +115,6 @@ def _add_motion(out: np.ndarray, table: Table, number: int, random: np.random.Ge
 def _of_values(contest: Contest, errors: Covariance, random: np.random.Generator) -> Array:
     """Return draws (N, d, DRAWS) of what errors of known values make in the table's rows."""
     table = contest.table
-    errors = errors.without(table.columns.names)  # which are fitted
     model = table.mechanism.freed(errors.names)
     columns = Columns.of(model)
     mine = np.array([name in columns.index for name in errors.names], dtype=bool)

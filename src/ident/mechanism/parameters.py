@@ -159,10 +159,11 @@ class Covariance:
         values, V = np.linalg.eigh(self.matrix / np.outer(size, size))
         return np.asarray(size[:, None] * V * np.sqrt(np.maximum(values, 0.0)))
 
-    def without(self, names: Collection[str]) -> Covariance:
-        """The errors of all but some parameters."""
+    def without(self, names: Collection[str]) -> Covariance | None:
+        """The errors of all but some parameters; None where no other is left."""
         rest = [i for i, name in enumerate(self.names) if name not in names]
-        return Covariance(tuple(self.names[i] for i in rest), self.matrix[np.ix_(rest, rest)])
+        left = Covariance(tuple(self.names[i] for i in rest), self.matrix[np.ix_(rest, rest)])
+        return left if rest else None
 
     def __add__(self, other: Covariance) -> Covariance:
         """Errors of both, of different parameters, that have nothing in common."""
