@@ -63,8 +63,7 @@ def noise(contest: Contest, seed: int) -> NoiseDraws:
             _add_motion(r, table, number, random)
         found.append(table.filtered(number, r))
     rows = np.concatenate(found)
-    known = table.mechanism.covariance
-    if known and (errors := known.without(table.columns.names)):  # the others are fitted
+    if (errors := contest.fit.known_errors) is not None:
         rows = rows + _of_values(contest, errors, random)
     regression = contest.regression
     judged = regression.judging(

@@ -467,6 +467,22 @@ def by_chance(a: Evidence, b: Evidence, rows: Array, limit: float) -> bool:
     return 1 - float(np.exp(rows @ np.log(other / one) / rows.sum())) < limit
 
 
+def as_good(
+    best: Evidence, every: Sequence[Evidence], rows: Array, decision: Decision
+) -> list[Evidence]:
+    """Return the candidates that explain the same part as well as the best; rows (d,)."""
+    return [
+        each
+        for each in every
+        if each is best
+        or (
+            alike(each, best)
+            and each.gain >= (1 - PARSIMONY) * best.gain
+            and (behind(each, best) < decision.rival_se or by_chance(each, best, rows, best.limit))
+        )
+    ]
+
+
 def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
     """The credible candidate with the fewest numbers among those as good as the best."""
     credible = [
@@ -476,20 +492,7 @@ def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
     ]
     if not credible:
         return None
-    first = credible[0]
-    equal = [
-        each
-        for each in credible
-        if each is first
-        or (
-            alike(each, first)
-            and each.gain >= (1 - PARSIMONY) * first.gain
-            and (
-                behind(each, first) < decision.rival_se
-                or by_chance(each, first, ranking.regression.rows, first.limit)
-            )
-        )
-    ]
+    equal = as_good(credible[0], credible, ranking.regression.rows, decision)
     return min(equal, key=lambda each: (each.effect.rare, each.numbers, -each.gain))
 
 

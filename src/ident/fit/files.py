@@ -83,17 +83,11 @@ def covariance_of(fit: Fit) -> Covariance | None:
     are.
     """
     names = tuple(fit.columns.names[i] for i in fit.estimate.base.independent)
-    known = known_errors(fit)
+    known = fit.known_errors
     if not names or not np.isfinite(fit.covariance).all():
         return known
     own = Covariance(names, fit.covariance)
     return own if known is None else own + known
-
-
-def known_errors(fit: Fit) -> Covariance | None:
-    """Return the errors of values that a fit knows from an earlier one."""
-    known = fit.mechanism.covariance
-    return None if known is None else known.without(fit.columns.names)
 
 
 def own_files(fit: Fit) -> dict[str, tuple[str, bytes]]:

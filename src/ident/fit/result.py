@@ -40,6 +40,7 @@ from ident.information.blocks import Error, Information, Squares
 from ident.information.estimate import Estimate
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import Covariance
 from ident.motion import Motion
 
 LONG = 40  # characters of a name that tells where each effect is
@@ -176,6 +177,12 @@ class Fit(Charted):
             return self.without_bias
         moved = self.estimate.base.combined(self.checks.moved)
         return self.without_bias + np.outer(moved, moved)
+
+    @property
+    def known_errors(self) -> Covariance | None:
+        """Errors of the values that the fit knows from an earlier one; None where it knows none."""
+        known = self.mechanism.covariance
+        return known and known.without(self.columns.names)
 
     @cached_property
     def parameters(self) -> tuple[Value, ...]:

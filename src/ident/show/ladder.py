@@ -19,7 +19,7 @@ from ident.display import render, renders, writing
 from ident.errors import IdentError
 from ident.files import json_bytes
 from ident.fit import Fit
-from ident.fit.files import fit_json, known_errors, multipliers_csv, own_files
+from ident.fit.files import fit_json, multipliers_csv, own_files
 from ident.fit.identify import Comparison
 from ident.fit.prediction import identifiable_multipliers
 from ident.fit.residual import Residual, floor_of
@@ -428,8 +428,8 @@ def model_files(fit: Fit) -> dict[str, bytes]:
     """Return the folder of a fit's mechanism, its unknowns unknown, with fit.json, multipliers."""
     mechanism = fit.mechanism
     effects = [(effect, effect.values) for effect in mechanism.effects]
-    known = known_errors(fit)
-    files = folder_files(mechanism, mechanism.urdf.read_bytes(), effects, None, fit.found, known)
+    urdf, errors = mechanism.urdf.read_bytes(), fit.known_errors
+    files = folder_files(mechanism, urdf, effects, None, fit.found, errors)
     return (
         files
         | dict(own_files(fit).values())

@@ -23,7 +23,7 @@ from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.grow import Step
 from ident.diagnosis.result import Law, announced_errors, errors_of
 from ident.diagnosis.search import Search
-from ident.diagnosis.selection import PARSIMONY, Decision, Evidence, alike, behind, rank
+from ident.diagnosis.selection import Decision, Evidence, Ranking, as_good, rank
 from ident.diagnosis.unobservable import invisible, unsupported
 from ident.display import Displayed, Progress, quiet
 from ident.effects import KINDS, Effect
@@ -97,7 +97,7 @@ def rows_of(
     return Contest.of(fit, effects, progress or quiet, curved=False, earlier=earlier)
 
 
-def simplest_first(every: Sequence[Evidence], decision: Decision) -> list[Evidence]:
+def simplest_first(first: Ranking, every: Sequence[Evidence], decision: Decision) -> list[Evidence]:
     """Return what explains most first; of what explains the same part as well, the effect with the
     fewest numbers, and of these the one that the library has first.
     """
@@ -105,17 +105,8 @@ def simplest_first(every: Sequence[Evidence], decision: Decision) -> list[Eviden
     left = sorted(every, key=lambda each: -(each.gain if each.sensible else -1.0))
     while left:
         best = left[0]
-        equal = [
-            each
-            for each in left
-            if each is best
-            or (
-                each.sensible
-                and each.gain > (1 - PARSIMONY) * best.gain
-                and alike(each, best)
-                and behind(each, best) < decision.rival_se
-            )
-        ]
+        sound = [each for each in left if each is best or each.sensible]
+        equal = as_good(best, sound, first.regression.rows, decision)
         ordered.append(min(equal, key=lambda e: (e.effect.rare, e.numbers, _place(e.effect))))
         left = [each for each in left if each is not ordered[-1]]
     return ordered
@@ -137,7 +128,7 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
     total = max(float(losses.sum()), 1e-300)
     open_ = []
     shown = [each for each in first.every(decision) if each.effect.label not in hidden]
-    for each in simplest_first(shown, decision):
+    for each in simplest_first(first, shown, decision):
         left = each.refit.loss.sum(axis=0)
         mends = sorted(each.mends, key=lambda u: -each.refit.by[u])
         joint = independent[each.coordinate]
