@@ -63,8 +63,8 @@ def clean(count: int) -> Iterator[str]:
     names: dict[float, Counter[str]] = {alpha: Counter() for alpha in ALPHAS}
     for seed in range(count):
         fit = fitted(("arm", "arm", "five_bar")[seed % 3], seed)
-        for alpha in ALPHAS:  # the larger first: what it does not name the smaller does not
-            if alpha < ALPHAS[0] and verdicts[ALPHAS[0]][-1] != "missing":
+        for alpha in ALPHAS:  # the larger first: where it finds nothing, the smaller does not
+            if alpha < ALPHAS[0] and verdicts[ALPHAS[0]][-1] in ("nothing", "undecided"):
                 verdicts[alpha].append(verdicts[ALPHAS[0]][-1])
                 continue
             d = ident.diagnose(fit, alpha=alpha)

@@ -184,9 +184,9 @@ def evaluations(verb: Callable[[], object]) -> str:
     """Evaluations of Γ over distinct samples while `verb` runs."""
     import numpy as np
 
-    from ident.motion import regressor as module
+    from ident.mechanism import parameters
 
-    original, count, seen = module.regressor, [0], set()
+    original, count, seen = parameters.regressor, [0], set()
 
     def counted(model: Any, q: Any, v: Any, a: Any, *more: Any, **options: Any) -> Any:
         count[0] += len(q)

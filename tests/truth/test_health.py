@@ -15,6 +15,7 @@ import ident
 from helpers import ROBOTS
 from ident import Column, Log, Noise, health
 from ident.fit.common_delay import common_delay
+from ident.fit.data_checks import DataChecks
 from identification import motion_log, plant, robot
 
 NAMES = ("arm", "five_bar", "four_bar", "slider_crank")
@@ -355,6 +356,20 @@ def test_known_friction_that_changed_is_no_scale(factor):
     assert found(judged(model, p.log)) == set()
     log = changed(p.log, tau__elbow=2.5 * p.log.columns["tau.elbow"])
     assert ("scale", ("tau.elbow",)) in found(judged(model, log))
+
+
+def test_no_factor_makes_a_torque_that_the_equations_forget():
+    """The smaller the factor, the less of what known bodies need is left: no small torque fits."""
+    model = replace(robot("arm").with_effect("coulomb:wrist", {"Fc": 0.6}), unknown=())
+    fit = ident.identify(model, ident.complete(model, planted("arm", seed=2).log))
+    equations = DataChecks.of(fit.problem, fit.estimate, fit.relative).equations
+    logged = equations.as_logged
+    wrist = equations.driven.index("wrist")
+    errors = [
+        equations.noise(logged.with_("scale", f, gain={wrist: f}))[wrist]
+        for f in np.geomspace(1.0, 1e-8, 9)
+    ]
+    assert np.all(np.diff(errors[2:]) > 0)
 
 
 @pytest.mark.parametrize("lag", [4e-3, -3e-3])

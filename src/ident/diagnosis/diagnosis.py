@@ -16,7 +16,15 @@ from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import FoundCurve, curve_of
 from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
-from ident.diagnosis.result import Diagnosis, Explanation, Law, announced, errors_of, known_of
+from ident.diagnosis.result import (
+    Diagnosis,
+    Explanation,
+    Law,
+    announced,
+    announced_with,
+    errors_of,
+    known_of,
+)
 from ident.diagnosis.search import Selection, select
 from ident.diagnosis.selection import MOST, NEGATIVE, Decision, Evidence, Ranking, torque_squares
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
@@ -242,11 +250,16 @@ def _explains(
     found: Explanation, contest: Contest, draws: NoiseDraws, selection: Selection,
     decision: Decision,
 ) -> bool:  # fmt: skip
-    """Whether the best is a cause: of a possible size that the log determines, a length changed by
-    no more than a third, a curve that explains half of what exceeds the noise, as a law must, and
-    of no joint of which it and what was found with it leave most of the torque, whichever of those
-    on which it acts it mends.
+    """Whether the best is a cause: with which the error falls, of a possible size that the log
+    determines, a length changed by no more than a third, a curve that explains half of what exceeds
+    the noise, as a law must, and of no joint of which it and what was found with it leave most of
+    the torque, whichever of those on which it acts it mends.
     """
+    after, before = found.after[found.joint].rms, found.before[found.joint].rms
+    if after >= before and len(selection.named) > 1:  # alone it may need the others
+        after = announced_with(contest.fit, selection, selection.named)[found.joint].rms
+    if after >= before:
+        return False
     if found.effect.descriptive and not _explains_most(found, contest.fit):
         return False
     several = 1 if found.effect.loaded_link else len(found.effect.unknowns)  # of a body, its mass

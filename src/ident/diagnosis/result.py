@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -341,26 +341,40 @@ class Diagnosis(Concluded):
     @cached_property
     def group(self) -> tuple[Effect, ...]:
         """What is named together: the best effect, then those of its kind at other joints that the
-        data ask for beside it; the best alone where it has rivals, none where nothing is named.
+        data ask for beside it and that matter to the errors of these; the best alone where it has
+        rivals, none where nothing is named.
         """
         if self.best is None:
             return ()
         own = next(m for m in self.selection.members if m.label == self.best.label)
         others = (m for m in self.selection.named if m is not own)
-        return tuple(m.effect for m in leading([own, *others]))
+        alike = leading([own, *others])
+        before, after = errors_of(self.fit), self._errors_with(alike)
+        sizes = {n: (e.rms / e.relative) ** 2 if e.relative else 0.0 for n, e in before.items()}
+        return tuple(
+            m.effect
+            for m, name in zip(alike, map(self._joint_of, alike), strict=True)
+            if m is own
+            or self.decision.matters(before[name].rms ** 2, after[name].rms ** 2, sizes[name])
+        )
+
+    def _joint_of(self, member: Member) -> str:
+        """The independent coordinate whose error a member lowers most."""
+        assert member.evidence is not None
+        return self.fit.motion.independent[member.evidence.coordinate]
+
+    def _errors_with(self, members: Sequence[Member]) -> dict[str, Error]:
+        """Held-out errors with the best effect, refitted, or with several members, announced."""
+        if len(members) == 1:
+            return self.candidates[0].after
+        return announced_with(self.fit, self.selection, members)
 
     @cached_property
     def after(self) -> dict[str, Error]:
         """Held-out errors with the group in the model; of several effects, announced."""
         if self.best is None:
             return errors_of(self.fit)
-        if len(self.group) == 1:
-            return self.candidates[0].after
-        mine = [m for m in self.selection.named if m.effect in self.group]
-        regression, columns = on_all_rows(self.selection.first.contest, mine)
-        richer = reweighted(regression.extended(np.concatenate([*columns.values()])))
-        old, new = (x.losses.sum(axis=0) / x.weight**2 for x in (regression, richer))
-        return announced_errors(errors_of(self.fit), old, new)
+        return self._errors_with([m for m in self.selection.named if m.effect in self.group])
 
     @cached_property
     def every(self) -> tuple[Explanation, ...]:
@@ -395,6 +409,14 @@ def _entry(v: Value) -> dict[str, Any]:
 
 
 # --- errors and explanations of a fit ------------------------------------------------------------
+
+
+def announced_with(fit: Fit, selection: Selection, members: Sequence[Member]) -> dict[str, Error]:
+    """Return held-out errors with members of the set, as all rows of a fit predict them."""
+    regression, columns = on_all_rows(selection.first.contest, members)
+    richer = reweighted(regression.extended(np.concatenate([*columns.values()])))
+    old, new = (x.losses.sum(axis=0) / x.weight**2 for x in (regression, richer))
+    return announced_errors(errors_of(fit), old, new)
 
 
 def announced(

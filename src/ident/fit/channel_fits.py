@@ -163,9 +163,10 @@ class ChannelEquations:
             c[u, J + shift if shift else 1 + cause.take[j]] = cause.gain[j]
         for j in range(0 if self.own else J):
             c[:, 1 + j * J + cause.take[j]] = cause.gain[j]
-        torque = squares(self.total[:, self.k + 1 :, self.k + 1 :], c[:, 1:])
+        of_channels = self.total[:, self.k + 1 :, self.k + 1 :]
+        torque, logged = squares(of_channels, c[:, 1:]), squares(of_channels, np.sign(c[:, 1:]))
         least = torque.max() or 1.0  # of a joint without torque: what it leaves is small beside it
-        return c, np.where(torque > ROUNDING * least, torque, least)
+        return c, np.where(logged > ROUNDING * (logged.max() or 1.0), torque, least)
 
     def errors(self, cause: Fault, noise: Array, block: int | None = None) -> Array:
         """Squared errors (d,) of all rows as shares of the torque's squares, everything fitted with

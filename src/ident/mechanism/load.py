@@ -238,7 +238,8 @@ def _locked(section: TomlTable, asked: Mapping[str, float | None]) -> dict[str, 
     tables = []
     for key in ("start", "locked"):
         if not isinstance(given := section.data.get(key, {}), dict):
-            raise section.error(f"{key} = {given!r}; write {{ joint = 0.0, … }}")
+            names = ", ".join(f"{x} = 0.0" for x in given) if isinstance(given, list) else ""
+            raise section.error(f"{key} = {given!r}; write {key} = {{ {names or 'joint = 0.0'} }}")
         tables.append(TomlTable(f"{section.where} {key}", given))
     start, own = tables
     held = {name: own.number(name) for name in own.data}

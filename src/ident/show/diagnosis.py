@@ -210,7 +210,8 @@ def short(d: Diagnosis, top: Card | None = None) -> str:
     paragraphs = laws(d)
     if d.verdict in ("unexplained", "undecided") and not d.laws and not spoilt(d):
         paragraphs += [*_nearest(d), *curves(d)]
-    hidden = f", {len(d.invisible)} effects this log hides" if d.invisible else ""
+    count = len(d.invisible)
+    hidden = f", {count} effect{'s' * (count > 1)} this log hides" if count else ""
     shown: Card = top or card(d)
     more = "more about the next experiment, " * (len(experiment_steps(d.next_experiment)) > 1)
     rest = f"--verbose: {more * d.health.good}all candidates{hidden}; {d.decision}"

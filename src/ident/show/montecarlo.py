@@ -79,7 +79,8 @@ def _relative(r: Mapping[str, Any], name: str) -> str:
     if abs(r["truth"]) <= ZERO * max(r["std"] or 0.0, r["rms"] or 0.0):
         return f"{r[name]:{sign}.2g} {r['unit']}"
     share = 100 * r[name] / abs(r["truth"])
-    return f"{share:{sign}.{0 if abs(share) >= 100 else 1 if abs(share) >= 10 else 2}f} %"
+    digits = 0 if abs(share) >= 100 else 1 if abs(share) >= 10 else 2
+    return f"{share:{sign}z.{digits}f} %"  # z: no minus sign where it rounds to zero
 
 
 def multiplier_rows(x: MonteCarlo) -> list[list[str]]:
