@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 
 import casadi as ca
@@ -12,9 +13,11 @@ import pytest
 import ident
 from ident import Diagnosis, Mechanism, Motion, Noise
 from ident.diagnosis.candidates import GUARD, Contest, away_from_reversals, candidates_of
+from ident.diagnosis.diagnosis import by_rivals
+from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import noise, path_shares
 from ident.diagnosis.search import NEAR
-from ident.diagnosis.selection import Decision, rank
+from ident.diagnosis.selection import Decision, Weigh, rank
 from ident.effects import Effect
 from ident.fit.problem import Table
 from identification import Planted, motion_log, plant, robot
@@ -338,3 +341,33 @@ def test_a_path_explains_what_its_groups_explain_together():
     whole = float((regression.residual[part][:, 0] ** 2).sum())
     assert shares[0] == pytest.approx(regression.refit(first).by[2] / whole, rel=0.05)
     assert shares[0] <= shares[1] <= shares[2] <= 1 + 1e-9
+
+
+def test_a_searched_shape_is_refined_from_several_starts():
+    case = planted(
+        ["ripple:elbow"], {"ripple.elbow.A": 0.5, "ripple.elbow.B": 0.1, "ripple.elbow.N": 9.0}
+    )
+    fit = ident.identify(robot("arm"), logged(case, robot("arm")))
+    contest = Contest.of(fit, candidates_of(fit), lambda what, share: None, curved=False)
+    regression = contest.regression
+    wave = next(e for e in contest.candidates if e.effect.label == "ripple:elbow")
+    found = Weigh(contest, regression, Decision(), float(regression.loss.sum())).refined(wave)
+    gains = regression.explained(regression.gains(wave.groups).by)
+    for start in np.argsort(-gains)[:2]:
+        one = refined(contest, regression, wave.effect, wave.shapes[start])
+        assert regression.gain(found[2]) >= regression.gain(one[2])
+    assert found[0]["N"] == pytest.approx(9.0, rel=0.01)
+
+
+def test_a_rival_stands_in_where_the_first_name_is_no_cause():
+    d = diagnosed(planted(["coulomb:elbow"], {"coulomb.elbow.Fc": 0.5}))
+    first = d.selection.named[0]
+    assert first.evidence is not None
+    others = [e for e in d.selection.first.evidence if e.effect.label != first.label][:2]
+    several = replace(d.selection, members=(replace(first, rivals=tuple(others)),))
+    names = [each.named[0] for each in by_rivals(several)]
+    assert [each.label for each in names][:1] == [first.label]
+    assert {each.label for each in names} == {first.label, *(e.effect.label for e in others)}
+    for each in names:
+        assert each.label not in {e.effect.label for e in each.rivals}
+    assert not [*by_rivals(replace(d.selection, members=()))]

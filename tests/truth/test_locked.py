@@ -70,6 +70,9 @@ def test_mechanism_toml_and_start(tmp_path):
     toml.write_text('urdf = "arm.urdf"\n[joints]\nlocked = 3\n')
     with pytest.raises(MechanismError, match="locked = 3"):
         ident.load(tmp_path)
+    toml.write_text('urdf = "arm.urdf"\n[joints]\nlocked = ["yaw"]\n')
+    with pytest.raises(MechanismError, match=r"write locked = \{ yaw = 0.0 \}"):
+        ident.load(tmp_path)
 
 
 def test_a_fixed_joint_that_mimics_is_a_note(tmp_path):

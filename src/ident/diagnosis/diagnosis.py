@@ -160,14 +160,15 @@ def judged(
         lawful, found, unsearched = laws_of(contest, selection, loud, floor, decision, here)
         on_progress("refitting", 0.4)
         selection, laws = _refitted(fit, lawful, found, decision)
-    best = selection.named[0] if selection.named else None
-    candidates = _explanations(fit, selection, best)
-    if best is not None and (
-        data.faults
-        or [each.effect.label for each in candidates[:1]] != [best.label]  # it cannot be refitted
-        or not _explains(candidates[0], contest, draws, selection, decision)
-    ):
-        best = None
+    first, best = selection.named[0] if selection.named else None, None
+    candidates = _explanations(fit, selection, first)
+    for each in () if data.faults else by_rivals(selection):
+        name = each.named[0]
+        again = candidates if name is first else _explanations(fit, each, name)
+        known = [x.effect.label for x in again[:1]] == [name.label]
+        if known and _explains(again[0], contest, draws, each, decision):
+            best, selection, candidates = name, each, again
+            break
     if best is not None and best.effect.sits == "place":
         data = Health((*data.findings, *_clock(fit, candidates[0])))
     residual = residual_of(fit)
@@ -235,6 +236,24 @@ def of_one_form(found: Collection[FoundLaw]) -> list[FoundLaw]:
         key=lambda t: sum(float(f[t].loss.sum()) / x for f, x in zip(forms, losses, strict=True)),
     )
     return [law.instead(form[best]) for law, form in zip(found, forms, strict=True)]
+
+
+def by_rivals(selection: Selection) -> Iterator[Selection]:
+    """Yield a selection as it is, then with each rival of its first name in the place of that, the
+    simplest first; nothing where nothing is named.
+    """
+    if not selection.named:
+        return
+    yield selection
+    first = selection.named[0]
+    simple = sorted(
+        first.rivals, key=lambda e: (e.effect.descriptive, e.effect.rare, e.numbers, -e.gain)
+    )
+    for each in simple:
+        others = tuple(e for e in simple if e is not each)
+        member = replace(first, effect=each.effect, evidence=each, rivals=others, stands_in=True)
+        members = tuple(member if m is first else m for m in selection.members)
+        yield replace(selection, members=members)
 
 
 def _explains_most(found: Explanation, fit: Fit) -> bool:

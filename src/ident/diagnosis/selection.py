@@ -3,9 +3,8 @@
 A candidate is credible if
 
 * its gain g exceeds the (1 − alpha) quantile of the largest gain over all candidates on residuals
-  in which nothing is missing, and no single block of time makes most of it: what happens once
-  has many explanations. Waves of position must pass the filter at most speeds, not only around
-  reversals, where friction that is not quite sign(v) looks like some wave;
+  in which nothing is missing. Waves of position must pass the filter at many speeds, not only
+  around reversals, where friction that is not quite sign(v) looks like some wave;
 * its torque exceeds the share `material` of its joint's;
 * its values are such as this kind of effect can have, a body with a mass among them.
 
@@ -35,7 +34,8 @@ MOST = 0.5  # of a joint's squares: what explains less of them is no law, and no
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
 NEGATIVE = 2.0  # standard errors from zero at which a value has a sign
-PASSED = 0.5  # share of the samples at which the filter must pass waves of position
+PASSED = 1 / 3  # of the samples, at least, at which the filter must pass waves of position
+STARTS = 4  # of a searched shape, from which it is refined
 RARE = 2.0  # times the odds of the quantile for effects that few machines have
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
 CLOSEST = 12  # candidates that are looked at in detail though they are not credible
@@ -389,7 +389,7 @@ class Weigh:
             for each, value in zip(effect.searched, refit.theta, strict=True):
                 shape[each.name] = float(np.clip(shape[each.name] + value, *bounds[each.name]))
         elif passed and any(not each.discrete for each in effect.searched):
-            found, C, refit = refined(self.contest, self.regression, effect, shape)
+            found, C, refit = self.refined(candidate)
             shape, columns = dict(found), columns[:0]
         torque = torque_squares(self.contest, self.regression)
         by = np.maximum(refit.by, 0.0)
@@ -416,6 +416,17 @@ class Weigh:
             plausible,
             passed and plausible and massive and material and seen,
         )
+
+    def refined(self, candidate: CandidateColumns) -> tuple[Shape, list[Array], Refit]:
+        """Shapes of a candidate refined from its best starts: the error of left-out blocks has
+        many minima along the number of waves, and the least may lie between two starts.
+        """
+        gains = self.regression.explained(self.regression.gains(candidate.groups).by)
+        ends = [
+            refined(self.contest, self.regression, candidate.effect, candidate.shapes[i])
+            for i in np.argsort(-gains)[:STARTS]
+        ]
+        return max(ends, key=lambda end: self.regression.gain(end[2]))
 
 
 def torque_squares(contest: Contest, regression: PartialRegression) -> Array:
