@@ -46,7 +46,7 @@ MACHINES = ("tx40", "panda", "lwr4")
 CONSTANTS = {  # module: constants of the search, then those of the rows, which are made anew
     "search": ("TOGETHER", "NEAR", "TRIED", "ALONE"),
     "selection": (
-        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "RARE", "HIDDEN", "CLOSEST",
+        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "STARTS", "HIDDEN", "CLOSEST",
         "MINE",
     ),
     "null": ("TRIALS",),
@@ -55,7 +55,7 @@ CONSTANTS = {  # module: constants of the search, then those of the rows, which 
 OFF = {  # values at which a constant has no influence
     "TOGETHER": (0.0,), "NEAR": (0.0,), "TRIED": (1,), "PARSIMONY": (0.0,),
     "ALIKE": (-1.0, 1.0), "NEGATIVE": (1e9,), "PASSED": (0.0,),
-    "RARE": (1.0,), "HIDDEN": (0.0,), "CLOSEST": (0,), "MINE": (0.0,),
+    "STARTS": (1,), "HIDDEN": (0.0,), "CLOSEST": (0,), "MINE": (0.0,),
     "GUARD": (0.0,), "CALM": (0.0,), "ALONE": (0.0, 1e9),
 }  # fmt: skip
 OF_ROWS = "candidates"

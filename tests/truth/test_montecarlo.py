@@ -13,6 +13,7 @@ import pytest
 import ident
 from ident.errors import FitError, IdentError, LogError
 from ident.montecarlo import ESTIMATORS, Estimator, monte_carlo, paper
+from ident.show import montecarlo as show
 from ident.simulate.inverse import level, noisy, random_of
 from pages import read_page, reading
 
@@ -289,3 +290,8 @@ def test_a_log_without_motion_to_be_noisy_is_refused(mechanism, log):
     bare = replace(log, columns={"temperature.theta": log.columns["q.theta"]})
     with pytest.raises(LogError, match="there is no noise"):
         monte_carlo(mechanism, bare, jobs=1)
+
+
+def test_a_bias_that_rounds_to_zero_has_no_sign_of_minus():
+    rows = {"truth": 1.0, "std": 0.1, "rms": 0.1, "bias": -1e-6, "unit": "kg"}
+    assert show._relative(rows, "bias") == "+0.00 %"

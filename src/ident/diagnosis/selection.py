@@ -36,7 +36,6 @@ ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same 
 NEGATIVE = 2.0  # standard errors from zero at which a value has a sign
 PASSED = 1 / 3  # of the samples, at least, at which the filter must pass waves of position
 STARTS = 4  # of a searched shape, from which it is refined
-RARE = 2.0  # times the odds of the quantile for effects that few machines have
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
 CLOSEST = 12  # candidates that are looked at in detail though they are not credible
 MINE = 0.1  # share of a fall that makes a coordinate one that it mends
@@ -179,9 +178,7 @@ class Ranking:
     def limit_of(self, candidate: CandidateColumns) -> float:
         """What the gain of a candidate is held against, as a share."""
         place = self.regression.place(candidate.groups[0])
-        if candidate.curve:
-            return self.with_curves.limit(place)
-        return raised(self.contest, candidate.effect, self.chance.limit(place))
+        return (self.with_curves if candidate.curve else self.chance).limit(place)
 
     def limit_at(self, joint: str) -> float:
         """What the gain of a curve or law of a joint is held against, as a share."""
@@ -211,16 +208,6 @@ class Ranking:
     def credible(self) -> tuple[Evidence, ...]:
         """The credible ones."""
         return tuple(each for each in self.evidence if each.credible)
-
-
-def raised(contest: Contest, effect: Effect, limit: float) -> float:
-    """Return the limit of an effect, a share, whose odds are RARE times as large where few machines
-    have the effect and noise of positions resembles it. What all drives have in common is not rare
-    where there is one drive.
-    """
-    common = effect.shared and len(contest.fit.mechanism.driven) == 1
-    rare = effect.rare and not common and 0 < limit < 1
-    return RARE * limit / (1 + (RARE - 1) * limit) if rare else limit
 
 
 def null_shares(regression: PartialRegression, found: Gains) -> Array:
@@ -329,8 +316,7 @@ def rank(
         with_curves = chance
     gain, places = screened.gain.tolist(), screened.place.tolist()
     limits = [
-        with_curves.limit(u) if e.curve else raised(contest, e.effect, chance.limit(u))
-        for e, u in zip(mine, places, strict=True)
+        (with_curves if e.curve else chance).limit(u) for e, u in zip(mine, places, strict=True)
     ]
     order = np.argsort(-screened.gain).tolist()
     curves = tuple(

@@ -224,7 +224,7 @@ class Effect(ABC):
     # diagnosis and monitor
     nested_in: ClassVar[tuple[str, ...]] = ()  # kinds that contain this one as a special case
     common: ClassVar[bool] = False  # every machine has it, to some extent
-    rare: ClassVar[bool] = False  # few have it, and noise resembles it: more evidence is required
+    rare: ClassVar[bool] = False  # few have it, and noise resembles it: another as good goes first
     slow: ClassVar[bool] = False  # it shows at low speed
     at_reversals: ClassVar[bool] = False  # its torque acts while its joint turns round
     jumps: ClassVar[bool] = False  # its torque jumps where the speed reverses
