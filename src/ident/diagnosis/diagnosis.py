@@ -26,7 +26,15 @@ from ident.diagnosis.result import (
     known_of,
 )
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import MOST, NEGATIVE, Decision, Evidence, Ranking, torque_squares
+from ident.diagnosis.selection import (
+    MOST,
+    NEGATIVE,
+    Decision,
+    Evidence,
+    Ranking,
+    simplicity,
+    torque_squares,
+)
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
 from ident.effects import Effect
@@ -246,9 +254,7 @@ def by_rivals(selection: Selection) -> Iterator[Selection]:
         return
     yield selection
     first = selection.named[0]
-    simple = sorted(
-        first.rivals, key=lambda e: (e.effect.descriptive, e.effect.rare, e.numbers, -e.gain)
-    )
+    simple = sorted(first.rivals, key=simplicity)
     for each in simple:
         others = tuple(e for e in simple if e is not each)
         member = replace(first, effect=each.effect, evidence=each, rivals=others, stands_in=True)

@@ -480,6 +480,13 @@ def as_good(
     ]
 
 
+def simplicity(each: Evidence) -> tuple[bool, bool, int, float]:
+    """Return the sort key of candidates that explain as much: a cause before what only describes a
+    curve, what many machines have before what few have, then by the number of parameters.
+    """
+    return each.effect.descriptive, each.effect.rare, each.numbers, -each.gain
+
+
 def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
     """The credible candidate with the fewest numbers among those as good as the best."""
     credible = [
@@ -490,7 +497,7 @@ def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
     if not credible:
         return None
     equal = as_good(credible[0], credible, ranking.regression.rows, decision)
-    return min(equal, key=lambda each: (each.effect.rare, each.numbers, -each.gain))
+    return min(equal, key=simplicity)
 
 
 def rivals(best: Evidence, ranking: Ranking, decision: Decision) -> tuple[Evidence, ...]:
