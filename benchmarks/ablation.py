@@ -44,13 +44,13 @@ CATEGORIES = ("visible", "loop", "quarter", "clean", "outside", "two")
 COLOURED = ("visible", "clean")  # categories that are judged with coloured noise as well
 MACHINES = ("tx40", "panda", "lwr4")
 CONSTANTS = {  # module: constants of the search, then those of the rows, which are made anew
-    "search": ("TOGETHER", "NEAR", "TRIED", "ALONE"),
-    "selection": (
-        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "STARTS", "HIDDEN", "CLOSEST",
-        "MINE",
+    "diagnosis.search": ("TOGETHER", "NEAR", "TRIED", "ALONE"),
+    "diagnosis.selection": (
+        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "STARTS", "HIDDEN", "CLOSEST", "MINE",
     ),
-    "null": ("TRIALS",),
-    "candidates": ("SLOW", "GUARD", "ENOUGH", "CALM"),
+    "diagnosis.null": ("TRIALS",),
+    "diagnosis.candidates": ("CALM",),
+    "fit.reversals": ("SLOW", "GUARD", "ENOUGH", "WORSE"),
 }  # fmt: skip
 OFF = {  # values at which a constant has no influence
     "TOGETHER": (0.0,), "NEAR": (0.0,), "TRIED": (1,), "PARSIMONY": (0.0,),
@@ -58,7 +58,7 @@ OFF = {  # values at which a constant has no influence
     "STARTS": (1,), "HIDDEN": (0.0,), "CLOSEST": (0,), "MINE": (0.0,),
     "GUARD": (0.0,), "CALM": (0.0,), "ALONE": (0.0, 1e9),
 }  # fmt: skip
-OF_ROWS = "candidates"
+OF_ROWS = ("diagnosis.candidates", "fit.reversals")
 SHARES = {"ALIKE", "PASSED", "NEAR", "ENOUGH"}  # doubled: half way to one
 Variant = tuple[str, str, float, bool]  # module, constant, factor or value, whether a value
 
@@ -142,7 +142,7 @@ def searched(fit: Any, case: Case | None, variants: Sequence[Variant]) -> dict[s
     for variant in variants:
         with changed(variant):
             other = contest
-            if variant[0] == OF_ROWS:
+            if variant[0] in OF_ROWS:
                 other = Contest.of(fit, candidates_of(fit), lambda what, share: None)
             result[text(variant)] = found(other)
     return {"sets": result}
@@ -164,13 +164,13 @@ def right(case: Case | None, selection: Selection) -> bool:
 def changed(variant: Variant) -> Iterator[None]:
     """One constant of the diagnosis with another value, wherever it is imported."""
     module, constant, factor, absolute = variant
-    value = getattr(importlib.import_module(f"ident.diagnosis.{module}"), constant)
+    value = getattr(importlib.import_module(f"ident.{module}"), constant)
     new = factor * value if factor < 1 or constant not in SHARES else 0.5 * (1 + value)
     new = factor if absolute else new
-    places = [
-        m for n, m in sys.modules.items()
-        if n.startswith("ident.diagnosis.") and getattr(m, constant, None) == value
-    ]  # fmt: skip
+    mine = [
+        m for n, m in sys.modules.items() if n.startswith(("ident.diagnosis.", "ident.fit.rev"))
+    ]
+    places = [m for m in mine if getattr(m, constant, None) == value]
     for place in places:
         setattr(place, constant, type(value)(new) if absolute or new >= 1 else new)
     try:
@@ -182,7 +182,7 @@ def changed(variant: Variant) -> Iterator[None]:
 
 def text(variant: Variant) -> str:
     module, constant, factor, absolute = variant
-    return f"{module}.{constant} {'=' if absolute else '×'} {factor:g}"
+    return f"{module.partition('.')[2]}.{constant} {'=' if absolute else '×'} {factor:g}"
 
 
 def table(variants: Sequence[Variant], found: Sequence[dict[str, Any]]) -> str:

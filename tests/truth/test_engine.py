@@ -12,7 +12,7 @@ import pytest
 
 import ident
 from ident import Diagnosis, Mechanism, Motion, Noise
-from ident.diagnosis.candidates import GUARD, Contest, away_from_reversals, candidates_of
+from ident.diagnosis.candidates import Contest, candidates_of
 from ident.diagnosis.diagnosis import by_rivals
 from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import noise, path_shares
@@ -20,6 +20,7 @@ from ident.diagnosis.search import NEAR
 from ident.diagnosis.selection import Decision, Weigh, rank
 from ident.effects import Effect
 from ident.fit.problem import Table
+from ident.fit.reversals import GUARD, away_from_reversals
 from identification import Planted, motion_log, plant, robot
 
 NOISE = (Noise("tau", 0.01, relative=True), Noise("q", 1e-5))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -102,3 +103,26 @@ def test_the_noise_floor_is_what_noise_leaves_in_the_filtered_rows(smoothing):
     fit = ident.identify(case.mechanism, motion, estimator="least-squares")
     for joint, floor in fit.noise.items():
         assert floor == pytest.approx(fit.errors["train"][joint].rms, rel=0.2)
+
+
+def test_the_errors_hold_dry_friction_that_builds_up_with_speed():
+    """Fc tanh(v/v0) in place of Fc sign(v): rows at reversals move Fc and Fv."""
+    smooth = ident.user_effect("smooth", lambda s: {"Fc": ca.tanh(s.v / 0.04)})
+    machine = robot("arm").with_effect("viscous") + smooth(("elbow",))
+    values = {"smooth.elbow.Fc": 1.0, **{f"viscous.{j}.Fv": 0.4 for j in machine.driven}}
+    noise = [Noise("tau", 0.002, relative=True)]
+    case = plant(machine, motion_log("arm", 200.0, 12.0), values, noise=noise, seed=4)
+    model = robot("arm").with_effect("viscous").with_effect("coulomb:elbow")
+    fit = ident.identify(model, ident.complete(model, case.log))
+    found = {v.name: v for e in fit.effects for v in e.parameters}
+    friction = found["coulomb.elbow.Fc"]
+    alone = fit.without_bias[[friction_at(fit)], [friction_at(fit)]][0] ** 0.5
+    assert friction.stderr > 1.5 * alone
+    assert abs(friction.value - 1.0) < 2.5 * friction.stderr
+    (finding,) = (each for each in fit.all_findings if each.code == "reversals")
+    assert finding.where == ("elbow",)
+
+
+def friction_at(fit):
+    own = fit.estimate.base.independent
+    return int(np.flatnonzero(own == fit.columns.index["coulomb.elbow.Fc"])[0])

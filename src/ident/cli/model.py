@@ -332,7 +332,7 @@ def excite(
     from ident.mechanism.load import is_fit
     from ident.show.html import place_of
 
-    mechanism = model.load()
+    mechanism = model.load(logs=[])  # a motion of the arm: hands are held
     output_file(out, LOGS)
     output_file(plot, CHARTS)
     left, values = {}, {}

@@ -232,12 +232,17 @@ def mechanism_of(
 
 
 def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
-    """Return the joints of hands that the first of some logs lacks; it is read only for these."""
+    """Return the joints of hands that the first of some logs lacks; it is read only for these.
+    Of no log, those that [log] lacks. None: logs do not matter.
+    """
     from ident.log.read import expanded, log_file
     from ident.mechanism.load import unlogged_hands
 
-    if not logs or not unlogged_hands(mechanism, ()):
+    if logs is None or not unlogged_hands(mechanism, ()):
         return ()
+    if not logs:
+        mapped = [each.column for each in mechanism.columns.values()]
+        return unlogged_hands(mechanism, mapped) if mapped else ()
     first = next(iter(expanded(logs)), None)
     try:
         return (

@@ -10,18 +10,15 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.effects.curve import Curve, curves
-from ident.equations.rows import LEVER, ROUNDING, largest_transmission
 from ident.errors import IdentError
 from ident.fit import Fit
 from ident.fit.problem import Table
+from ident.fit.reversals import away_from_reversals
 from ident.information.blocks import Part
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
-SLOW = 0.03  # share of a joint's top speed below which it counts as reversing
-GUARD = 0.06  # s on either side that are left out; 0.3 periods of the motion, where that is less
-ENOUGH = 0.5  # share of a coordinate's rows that must stay
 CALM = 1 / 3  # share of a residual's squares away from reversals, below which these decide too
 Shape = Mapping[str, float]
 Columns = Mapping[int, np.ndarray]  # (m, u) in the rows of each coordinate
@@ -66,24 +63,6 @@ def candidates_of(fit: Fit) -> list[Effect]:
 # --- rows --------------------------------------------------------------------------------------
 
 
-def away_from_reversals(table: Table) -> np.ndarray:
-    """(N, d) whether a row is in motion and away from the reversals that it feels; of a coordinate
-    with few such rows, whether it informs and is away from them.
-
-    Around a reversal the sign of a filtered speed, stick phases and the torque's jump are out of
-    step by a little, and every such little looks like some effect.
-    """
-    guard = min(GUARD, 0.3 / max(table.motion.band.motion, 1e-9))
-    while True:
-        found = np.concatenate([_away(table, i, guard) for i in range(len(table.scenes))])
-        if guard < 1e-3 or found.mean(axis=0).min() >= ENOUGH:
-            moving = found & table.moving
-            few = moving.mean(axis=0) < ENOUGH  # slow filters have standstill in most rows
-            use = np.where(few, found & table.informed, moving)
-            return use if use.any() else table.informed
-        guard *= 0.5
-
-
 def deciding(table: Table, r: np.ndarray) -> np.ndarray:
     """(N, d) rows that decide: those in motion away from reversals, and all in motion of a
     coordinate whose residual r (N, d) is at its reversals for the most part.
@@ -104,31 +83,6 @@ def _most_of(r: np.ndarray, calm: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """
     squares, few = (np.where(use, r**2, 0.0).sum(axis=0) for use in (rows, calm))
     return calm | rows & (few < CALM * squares)
-
-
-def _away(table: Table, number: int, guard: float) -> np.ndarray:
-    e, mechanism = table.scenes[number].e, table.mechanism
-    at = table.sample[table.experiment == number]
-    top = np.quantile(np.abs(e.yd[e.usable]), 0.98, axis=0)
-    slow = np.abs(e.yd) < np.maximum(SLOW * top, e.still)
-    slow &= top > e.still  # a joint that never moves has no reversals
-    from scipy.ndimage import maximum_filter1d  # takes 0.1 s to import
-
-    near = maximum_filter1d(slow.astype(np.uint8), 2 * int(guard * e.rate) + 1, axis=0)
-    near = near[at].astype(bool)
-    d = table.b.shape[1]
-    found = np.ones((len(at), d), dtype=bool)
-    farthest = largest_transmission(e)
-    for joint in mechanism.joints:
-        j = mechanism.joint_index[joint.name]
-        if farthest is None:
-            if joint.index < d:
-                found[:, joint.index] &= ~near[:, j]
-            continue
-        most = farthest[j]
-        feels = (most > ROUNDING * most.max()) & (np.abs(e.leverage[at, j]) > LEVER * most)
-        found &= ~(near[:, j][:, None] & feels)
-    return found
 
 
 def residual_in(table: Table, fit: Fit) -> np.ndarray:

@@ -8,7 +8,6 @@ from itertools import combinations
 
 import numpy as np
 
-from ident.diagnosis.candidates import away_from_reversals
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.selection import Evidence
 from ident.diagnosis.trials import Move, Trial, allowed, present, trials
@@ -17,6 +16,7 @@ from ident.effects.formula import Formula
 from ident.equations.terms import Samples, unbalanced
 from ident.errors import IdentError
 from ident.fit.problem import Table
+from ident.fit.reversals import away_from_reversals
 from ident.information import linear
 from ident.information.hypotheses import RANK
 from ident.motion import Motion, State, complete

@@ -267,7 +267,13 @@ def grow(
         for each in new:
             model = model + each.effect
         again = identify(model, motion, validate=validate, start=start, estimator="least-squares")
-        if not better(errors_of(fit), errors_of(again)):
+        while loose := undetermined(again, [each.effect for each in new]):
+            new = [each for each in new if each.label != loose]
+            found = found.minus(next(each for each in found.members if each.label == loose))
+            model = model.without(loose)
+            at, way = again.point, "least-squares"
+            again = identify(model, motion, validate=validate, start=at, estimator=way)
+        if not (new or removed) or not better(errors_of(fit), errors_of(again)):
             break
         rungs = ladder(search.start, found, removed, fit, again, search.first, material)
         saved.add(rungs, start.values, visited)
@@ -303,6 +309,22 @@ def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple
     fit = identify(model, fit.motion, validate=validate, start=start, estimator="least-squares")
     rungs[-1] = replace(rungs[-1], fit=fit, errors=errors_of(fit))
     return rungs, fit
+
+
+def undetermined(fit: Fit, new: Collection[Effect]) -> str:
+    """Return the label of an added effect all values of which are smaller than their errors, the
+    one with most parameters first, and what every machine has last; "" if there is none.
+    """
+    labels = {each.label for each in new}
+    loose = [
+        e.effect
+        for e in fit.effects
+        if e.effect.label in labels
+        and e.effect.unknowns
+        and all(abs(v.value) < (v.stderr or 0.0) for v in e.parameters[: len(e.effect.unknowns)])
+    ]
+    last = max(loose, key=lambda e: (not e.common, len(e.parameters)), default=None)
+    return last.label if last else ""
 
 
 def better(before: Mapping[str, Error], after: Mapping[str, Error]) -> bool:

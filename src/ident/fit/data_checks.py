@@ -46,6 +46,7 @@ from ident.fit.faults import (
 )  # fmt: skip
 from ident.fit.findings import Finding
 from ident.fit.problem import Problem, Table
+from ident.fit.reversals import WORSE, misfit_at_reversals, moved_by_reversals
 from ident.information.chance import zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
@@ -201,15 +202,39 @@ class DataChecks:
 
     @property
     def moved(self) -> Array:
-        """By how much the unknowns (k,) would change without the faults that are named: the bias
-        that they may have made, which the scatter of residuals does not show.
+        """By how much the unknowns (k,) would change without the faults that are named, or without
+        rows at reversals that fit worse: the bias that they may have made, which the scatter of
+        residuals does not show.
         """
         found, moved = self.faults[1], np.zeros(len(self.estimate.x))
-        if found is not None:
-            equations, cause = found
-            free = ~self.estimate.held
-            moved[free] = equations.solution(cause, equations.noise(cause)) - self.estimate.x[free]
+        if found is None:
+            return self.moved_at_reversals
+        equations, cause = found
+        free = ~self.estimate.held
+        moved[free] = equations.solution(cause, equations.noise(cause)) - self.estimate.x[free]
         return moved
+
+    @property
+    def moved_at_reversals(self) -> Array:
+        """By how much the unknowns (k,) would change without rows at reversals that fit worse."""
+        return moved_by_reversals(self.table, self.estimate, self.misfit)
+
+    @cached_property
+    def misfit(self) -> Array:
+        """(d,) squared residual of a row at reversals over that of a row elsewhere, or 0."""
+        return misfit_at_reversals(self.table, self.estimate.x)
+
+    def reversals(self) -> Iterator[Finding]:
+        """Report joints whose dry friction is not its sign at reversals."""
+        names = zip(self.problem.motion.independent, self.misfit, strict=True)
+        worse = tuple(name for name, times in names if times > WORSE)
+        if worse and self.faults[1] is None:
+            text = (
+                f"{', '.join(worse)}: at reversals, below 3 % of the top speed, errors are up to "
+                f"{np.sqrt(self.misfit.max()):.2g} times as large: dry friction is no step there"
+            )
+            remedy = "standard errors hold what these rows do to parameters"
+            yield Finding("reversals", text, remedy, worse, float(self.misfit.max()), WORSE)
 
     @cached_property
     def faults(self) -> tuple[list[Finding], tuple[ChannelEquations, Fault] | None, Array]:

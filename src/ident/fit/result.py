@@ -146,7 +146,8 @@ class Fit(Charted):
     def all_findings(self) -> tuple[Finding, ...]:
         """Errors in the data, torques that the model leaves unexplained, then all others."""
         again = () if self.repeated is None else (self.repeated.finding(self.motion.duration),)
-        return (*self.health.findings, *self.checks.poor(), *self.findings, *again)
+        doubts = (*self.checks.poor(), *self.checks.reversals())
+        return (*self.health.findings, *doubts, *self.findings, *again)
 
     @cached_property
     def repeated(self) -> Periods | None:
@@ -171,11 +172,11 @@ class Fit(Charted):
     @cached_property
     def covariance(self) -> np.ndarray:
         """Covariance (n_ind, n_ind) of the base parameters: that `without_bias`, and the bias of
-        the faults that `health` names.
+        the faults that `health` names, or of rows at reversals.
         """
-        if max(self.relative.values(), default=0.0) < SMALL:  # no fault is named
-            return self.without_bias
-        moved = self.estimate.base.combined(self.checks.moved)
+        good = max(self.relative.values(), default=0.0) < SMALL  # no fault is named
+        of_all = self.checks.moved_at_reversals if good else self.checks.moved
+        moved = self.estimate.base.combined(of_all)
         return self.without_bias + np.outer(moved, moved)
 
     @property

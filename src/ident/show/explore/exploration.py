@@ -23,7 +23,7 @@ from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.grow import Step
 from ident.diagnosis.result import Law, announced_errors, errors_of
 from ident.diagnosis.search import Search
-from ident.diagnosis.selection import Decision, Evidence, Ranking, as_good, rank
+from ident.diagnosis.selection import Decision, Evidence, Ranking, as_good, rank, simplicity
 from ident.diagnosis.unobservable import invisible, unsupported
 from ident.display import Displayed, Progress, quiet
 from ident.effects import KINDS, Effect
@@ -78,8 +78,8 @@ class PredictedGain:
 
     @property
     def sure(self) -> bool:
-        """Whether the error falls by more than chance makes it."""
-        return self.fall is not None and self.z > SOME
+        """Whether the error falls by more than chance makes it, with values that can be."""
+        return self.fall is not None and self.z > SOME and (self.present or self.gain >= 0)
 
 
 def rows_of(
@@ -107,7 +107,7 @@ def simplest_first(first: Ranking, every: Sequence[Evidence], decision: Decision
         best = left[0]
         sound = [each for each in left if each is best or each.sensible]
         equal = as_good(best, sound, first.regression.rows, decision)
-        ordered.append(min(equal, key=lambda e: (e.effect.rare, e.numbers, _place(e.effect))))
+        ordered.append(min(equal, key=lambda e: (*simplicity(e)[:3], _place(e.effect))))
         left = [each for each in left if each is not ordered[-1]]
     return ordered
 
