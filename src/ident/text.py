@@ -41,6 +41,11 @@ def table(rows: Sequence[Sequence[str]], indent: str = "  ") -> list[str]:
     ]
 
 
+def stamp(t: float) -> str:
+    """Return a time [s] with six digits, or to 10 ms where it counts from 1970 or a boot."""
+    return f"{t:.6g}" if abs(t) < 1e5 else f"{t:.2f}"
+
+
 def wrapped(text: str, indent: str = "") -> list[str]:
     """Return lines of at most 100 characters, all but the first indented."""
     return textwrap.wrap(

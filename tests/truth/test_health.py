@@ -16,6 +16,8 @@ from helpers import ROBOTS
 from ident import Column, Log, Noise, health
 from ident.fit.common_delay import common_delay
 from ident.fit.data_checks import DataChecks
+from ident.fit.faults import log_entry
+from ident.text import stamp
 from identification import motion_log, plant, robot
 
 NAMES = ("arm", "five_bar", "four_bar", "slider_crank")
@@ -397,3 +399,14 @@ def test_friction_and_gears_are_no_delay_of_all_torques(kind):
     fitted = robot("arm").with_effect("viscous").with_effect("coulomb")
     c = ident.identify(fitted, ident.complete(fitted, p.log)).checks
     assert common_delay(c.estimate, c.table, c.use, c.common) is None
+
+
+def test_the_line_to_copy_keeps_the_scale_of_its_channel():
+    mechanism = replace(robot("arm"), columns={"tau.elbow": Column("current_3", 2.5, 0.0)})
+    own = '[log] "tau.elbow" = { column = "current_2", scale = 2.5 }'
+    assert log_entry(mechanism, "tau.elbow", 1.0, "current_2") == own
+    assert log_entry(robot("arm"), "tau.yaw", 1.0, "b") == '[log] "tau.yaw" = { column = "b" }'
+
+
+def test_times_from_1970_keep_their_fractions():
+    assert [stamp(1763971201.254), stamp(12.3456789)] == ["1763971201.25", "12.3457"]

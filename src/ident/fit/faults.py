@@ -392,7 +392,7 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
         fields[f"{kind}_lines"] = ", ".join(log_entry(mechanism, c, factor) for c in channels)
         columns = [x.column if (x := mechanism.columns.get(c)) else c for c in sources]
         fields[f"{kind}_exchange"] = " and ".join(
-            f'[log] "{c}" = {{ column = "{column}" }}'
+            log_entry(mechanism, c, 1.0, column)
             for c, column in zip(channels, columns, strict=True)
         )
     return fields
@@ -402,8 +402,11 @@ def _vector(x: Sequence[float]) -> str:
     return "[" + ", ".join(f"{each + 0.0:.4g}" for each in x) + "]"
 
 
-def log_entry(mechanism: Mechanism, channel: str, factor: float) -> str:
-    """Return the line of `[log]` that multiplies a channel by a factor."""
+def log_entry(mechanism: Mechanism, channel: str, factor: float, column: str = "") -> str:
+    """Return the line of `[log]` that multiplies a channel by a factor, or takes another column
+    with the scale that it has.
+    """
     source = mechanism.columns.get(channel)
-    column, scale = (source.column, source.scale) if source else (channel, 1.0)
-    return f'[log] "{channel}" = {{ column = "{column}", scale = {factor * scale:.4g} }}'
+    own, scale = (source.column, source.scale) if source else (channel, 1.0)
+    scaled = f", scale = {factor * scale:.4g}" if not column or scale != 1.0 else ""
+    return f'[log] "{channel}" = {{ column = "{column or own}"{scaled} }}'

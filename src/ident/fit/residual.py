@@ -38,6 +38,7 @@ from ident.information.blocks import Error, Squares
 from ident.information.chance import paired
 from ident.motion import Motion
 from ident.motion.signals import runs
+from ident.text import stamp
 
 FAR = 1e4  # s, beyond which no experiment begins by its own clock
 ROUNDING = 1e-9  # of the torque: a smaller residual is none
@@ -80,7 +81,7 @@ class Window:
     stop: float
 
     def __str__(self) -> str:
-        return f"{self.start:.7g}–{self.stop:.7g} s"
+        return f"{stamp(self.start)}–{stamp(self.stop)} s"
 
 
 @dataclass(frozen=True, repr=False)

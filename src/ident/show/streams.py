@@ -41,7 +41,7 @@ from ident.streams.gather import Gathered
 from ident.streams.many_logs import RATE, Disagreement, LogComparison, Verdict, Verdicts
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
-from ident.text import listed, percent, rounded, some
+from ident.text import listed, percent, rounded, some, stamp
 
 NAMED = 6  # logs in a sentence; more are counted
 SHOWN = 6  # logs in one command
@@ -202,7 +202,7 @@ def snapshot_line(x: Snapshot) -> str:
     parts = [f"error of {some(errors)}"] if errors else []
     parts += [listed([*known[-LAST:], *more])] if known else []
     parts += [str(x.multipliers)] if x.multipliers is not None else []
-    return f"t = {x.t:.6g} s: {'; '.join(parts)}"
+    return f"t = {stamp(x.t)} s: {'; '.join(parts)}"
 
 
 @renders(Snapshot, "sheet")
@@ -216,7 +216,7 @@ def snapshot_sheet(x: Snapshot) -> Sheet:
     for name, e in x.errors.items():
         errors.append([name, percent(e.relative), f"{e.rms:.4g}", e.unit])
     title = (
-        f"at t = {x.t:.6g} s: {x.samples} samples, {x.rows:.6g} equations a coordinate, "
+        f"at t = {stamp(x.t)} s: {x.samples} samples, {x.rows:.6g} equations a coordinate, "
         f"{x.rank} base parameters, condition number {x.condition_number:.3g}; lag "
         f"{1e3 * x.lag:.3g} ms"
     )
@@ -372,7 +372,7 @@ class MonitorHistory:
         """How it is: alarms first, then the error by joint."""
         if self._last is None:
             return Card(f"{self._mechanism.name}: no sample yet")
-        head = f"{self._mechanism.name} at t = {self._last.t:.6g} s: "
+        head = f"{self._mechanism.name} at t = {stamp(self._last.t)} s: "
         if self._alarms:
             last = self._alarms[-1].headline
             count = f"{n} alarms, the last" if (n := len(self._alarms)) > 1 else "1 alarm"
