@@ -267,3 +267,10 @@ def test_a_hand_whose_start_is_outside_a_range(tmp_path, locked):
     use = x.use("elbow", "position")
     assert -3.07 < use.low < use.high < -0.07
     assert any("elbow starts outside its range" in note for note in x.notes)
+
+
+def test_a_delay_in_the_model_does_not_stop_the_search():
+    """Limits are checked sample by sample, and of one sample no delayed torque is known."""
+    mechanism = ident.load(ROBOTS / "arm").with_effect("delay:wrist")
+    found = ident.excite(mechanism, duration=6.0, harmonics=2, tries=1)
+    assert found.log.columns["tau.wrist"].any()

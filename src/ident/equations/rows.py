@@ -114,6 +114,8 @@ def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
         return x
     from scipy.interpolate import CubicSpline  # takes 0.2 s to import
 
+    if len(t) < 2:  # of one sample no rate is known
+        return x
     return CubicSpline(t, x)(np.clip(t - d, t[0], t[-1]))
 
 
