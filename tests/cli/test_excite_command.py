@@ -125,3 +125,19 @@ def test_wrong_words_are_one_line(run, said, words):
     assert err.startswith("error: ")
     assert err.count("\n") == 1
     assert said in err
+
+
+def test_a_hand_that_the_log_lacks_is_held(run, tmp_path):
+    """The wrist's name is that of a hand, and [log] has the other joints alone."""
+    (tmp_path / "arm.urdf").write_bytes((ROBOTS / "arm" / "arm.urdf").read_bytes())
+    lines = [
+        f'"{kind}.{joint}" = {{ column = "{kind}_{joint}" }}\n'
+        for joint in ("yaw", "shoulder", "elbow")
+        for kind in ("q", "tau")
+    ]
+    toml = tmp_path / "mechanism.toml"
+    toml.write_text('urdf = "arm.urdf"\n\n[log]\n"t" = { column = "t" }\n' + "".join(lines))
+    status, _, err = run("excite", tmp_path, *QUICK, "--out", "x.csv")
+    assert status == 0, err
+    assert "wrist, parts of a hand: held" in err
+    assert "q.wrist" not in (tmp_path / "x.csv").read_text().partition("\n")[0]

@@ -14,6 +14,7 @@ import ident
 from ident import Diagnosis, Mechanism, Motion, Noise
 from ident.diagnosis.candidates import Contest, candidates_of
 from ident.diagnosis.diagnosis import by_rivals
+from ident.diagnosis.grow import undetermined
 from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import noise, path_shares
 from ident.diagnosis.search import NEAR
@@ -352,12 +353,14 @@ def test_a_searched_shape_is_refined_from_several_starts():
     contest = Contest.of(fit, candidates_of(fit), lambda what, share: None, curved=False)
     regression = contest.regression
     wave = next(e for e in contest.candidates if e.effect.label == "ripple:elbow")
-    found = Weigh(contest, regression, Decision(), float(regression.loss.sum())).refined(wave)
-    gains = regression.explained(regression.gains(wave.groups).by)
-    for start in np.argsort(-gains)[:2]:
-        one = refined(contest, regression, wave.effect, wave.shapes[start])
-        assert regression.gain(found[2]) >= regression.gain(one[2])
-    assert found[0]["N"] == pytest.approx(9.0, rel=0.01)
+    weigh = Weigh(contest, regression, Decision(), float(regression.loss.sum()))
+    falls = regression.explained(regression.gains(wave.groups).by)
+    order = np.argsort(-falls).tolist()
+    worst, best = order[-1], order[0]
+    lost = refined(contest, regression, wave.effect, wave.shapes[worst])
+    found = weigh(wave, [worst, best], 1.0, 0.0, 0.0)
+    assert found.shape["N"] == pytest.approx(9.0, rel=0.01)
+    assert found.gain > regression.gain(lost[2])
 
 
 def test_a_rival_stands_in_where_the_first_name_is_no_cause():
@@ -372,3 +375,18 @@ def test_a_rival_stands_in_where_the_first_name_is_no_cause():
     for each in names:
         assert each.label not in {e.effect.label for e in each.rivals}
     assert not [*by_rivals(replace(d.selection, members=()))]
+
+
+def test_what_the_fit_does_not_determine_is_dropped_first():
+    case = planted(["coulomb:elbow"], {"coulomb.elbow.Fc": 0.5})
+    model = robot("arm").with_effect("coulomb:elbow").with_effect("torque_offset")
+    fit = ident.identify(model, logged(case, model))
+    small = {
+        e.effect.label
+        for e in fit.effects
+        if all(abs(v.value) < (v.stderr or 0.0) for v in e.parameters)
+    }
+    assert small
+    assert "coulomb:elbow" not in small
+    assert undetermined(fit, [e.effect for e in fit.effects]) in small
+    assert undetermined(fit, [e.effect for e in fit.effects if e.effect.label not in small]) == ""

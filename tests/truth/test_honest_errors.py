@@ -116,13 +116,9 @@ def test_the_errors_hold_dry_friction_that_builds_up_with_speed():
     fit = ident.identify(model, ident.complete(model, case.log))
     found = {v.name: v for e in fit.effects for v in e.parameters}
     friction = found["coulomb.elbow.Fc"]
-    alone = fit.without_bias[[friction_at(fit)], [friction_at(fit)]][0] ** 0.5
+    (i,) = np.flatnonzero(fit.estimate.base.independent == fit.columns.index["coulomb.elbow.Fc"])
+    alone = fit.without_bias[i, i] ** 0.5
     assert friction.stderr > 1.5 * alone
     assert abs(friction.value - 1.0) < 2.5 * friction.stderr
     (finding,) = (each for each in fit.all_findings if each.code == "reversals")
     assert finding.where == ("elbow",)
-
-
-def friction_at(fit):
-    own = fit.estimate.base.independent
-    return int(np.flatnonzero(own == fit.columns.index["coulomb.elbow.Fc"])[0])

@@ -271,8 +271,9 @@ def grow(
             new = [each for each in new if each.label != loose]
             found = found.minus(next(each for each in found.members if each.label == loose))
             model = model.without(loose)
-            at, way = again.point, "least-squares"
-            again = identify(model, motion, validate=validate, start=at, estimator=way)
+            again = identify(
+                model, motion, validate=validate, start=again.point, estimator="least-squares"
+            )
         if not (new or removed) or not better(errors_of(fit), errors_of(again)):
             break
         rungs = ladder(search.start, found, removed, fit, again, search.first, material)

@@ -201,7 +201,7 @@ class Ranking:
         found = list(self.evidence)
         for (each, gain, _, start), refit in zip(rest, refits, strict=True):
             p = self.chance.p(gain, self.regression.place(each.groups[0]))
-            found.append(weigh(each, start, gain, self.limit_of(each), p, refit))
+            found.append(weigh(each, [start], gain, self.limit_of(each), p, refit))
         return found
 
     @property
@@ -225,12 +225,13 @@ class Screened:
 
     Attributes:
         candidates: which.
-        start, gain, visible, place: (n,) start, share g, visible share, coordinate.
+        starts: of each candidate, the best first; gain, visible, place: (n,) share g of the best
+            one, visible share, coordinate.
         null: (groups, draws) shares of random residuals, of all starts; of: (groups,) candidate.
     """
 
     candidates: Sequence[CandidateColumns]
-    start: Index
+    starts: Sequence[Sequence[int]]
     gain: Array
     visible: Array
     place: Index
@@ -245,12 +246,14 @@ class Screened:
         found = regression.gains([group for each in candidates for group in each.groups])
         ends = np.cumsum([0, *(len(each.groups) for each in candidates)])
         every = regression.explained(found.by)
-        start = np.array([every[a:b].argmax() for a, b in pairwise(ends)], dtype=np.intp)
+        order = (np.argsort(-every[a:b], kind="stable") for a, b in pairwise(ends))
+        starts = [each[:STARTS].tolist() for each in order]
+        best = [a + own[0] for a, own in zip(ends.tolist(), starts, strict=False)]
         visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
         place = np.array([regression.place(each.groups[0]) for each in candidates], dtype=int)
         null = null_shares(regression, found)
         of = np.repeat(np.arange(len(candidates)), np.diff(ends))
-        return cls(candidates, start, every[ends[:-1] + start], visible, place, null, of)
+        return cls(candidates, starts, every[best], visible, place, null, of)
 
     def chance(self, some: Sequence[int], alpha: float) -> Chance:
         """The largest shares of some candidates, by place: of surrogates of the residual and of
@@ -328,10 +331,10 @@ def rank(
     weigh = Weigh(contest, regression, decision, total)
 
     def weighed(some: Sequence[int]) -> list[Evidence]:
-        start = screened.start.tolist()
-        refits = regression.refits([mine[i].groups[start[i]] for i in some])
+        starts = screened.starts
+        refits = regression.refits([mine[i].groups[starts[i][0]] for i in some])
         return [
-            weigh(mine[i], start[i], gain[i], limits[i], chance.p(gain[i], places[i]), refit)
+            weigh(mine[i], starts[i], gain[i], limits[i], chance.p(gain[i], places[i]), refit)
             for i, refit in zip(some, refits, strict=True)
         ]
 
@@ -343,7 +346,7 @@ def rank(
         wanted = wanted[len(some) :]
         best = max((each.gain for each in evidence if each.credible), default=0.0)
     gains = {
-        each.effect.label: (gain[i], float(screened.visible[i]), int(screened.start[i]))
+        each.effect.label: (gain[i], float(screened.visible[i]), int(screened.starts[i][0]))
         for i, each in enumerate(mine)
     }
     evidence.sort(key=lambda each: -each.gain)
@@ -362,20 +365,26 @@ class Weigh:
     total: float
 
     def __call__(
-        self, candidate: CandidateColumns, start: int, gain: float, limit: float, p: float,
-        refit: Refit | None = None,
+        self, candidate: CandidateColumns, starts: Sequence[int], gain: float, limit: float,
+        p: float, refit: Refit | None = None,
     ) -> Evidence:  # fmt: skip
-        """The evidence for a candidate at one of its starts; `refit`: with it, if that is known."""
-        effect, shape = candidate.effect, dict(candidate.shapes[start])
+        """The evidence for a candidate at the best of some starts, the first; `refit`: with it, if
+        that is known. A shape is refined from all of them: the error of left-out blocks has many
+        minima along the number of waves, and the least may lie between two starts.
+        """
+        effect, shape = candidate.effect, dict(candidate.shapes[starts[0]])
         passed = gain > limit
-        columns, C = candidate.groups[start], list[Array]()
+        columns, C = candidate.groups[starts[0]], list[Array]()
         refit = refit or self.regression.refit(columns)
         if effect.corrects:
             bounds = self.contest.table.bounds(effect)
             for each, value in zip(effect.searched, refit.theta, strict=True):
                 shape[each.name] = float(np.clip(shape[each.name] + value, *bounds[each.name]))
         elif passed and any(not each.discrete for each in effect.searched):
-            found, C, refit = self.refined(candidate)
+            ends = [
+                refined(self.contest, self.regression, effect, candidate.shapes[i]) for i in starts
+            ]
+            found, C, refit = max(ends, key=lambda end: self.regression.gain(end[2]))
             shape, columns = dict(found), columns[:0]
         torque = torque_squares(self.contest, self.regression)
         by = np.maximum(refit.by, 0.0)
@@ -402,17 +411,6 @@ class Weigh:
             plausible,
             passed and plausible and massive and material and seen,
         )
-
-    def refined(self, candidate: CandidateColumns) -> tuple[Shape, list[Array], Refit]:
-        """Shapes of a candidate refined from its best starts: the error of left-out blocks has
-        many minima along the number of waves, and the least may lie between two starts.
-        """
-        gains = self.regression.explained(self.regression.gains(candidate.groups).by)
-        ends = [
-            refined(self.contest, self.regression, candidate.effect, candidate.shapes[i])
-            for i in np.argsort(-gains)[:STARTS]
-        ]
-        return max(ends, key=lambda end: self.regression.gain(end[2]))
 
 
 def torque_squares(contest: Contest, regression: PartialRegression) -> Array:

@@ -46,7 +46,12 @@ from ident.fit.faults import (
 )  # fmt: skip
 from ident.fit.findings import Finding
 from ident.fit.problem import Problem, Table
-from ident.fit.reversals import WORSE, misfit_at_reversals, moved_by_reversals
+from ident.fit.reversals import (
+    WORSE,
+    away_from_reversals,
+    misfit_at_reversals,
+    moved_by_reversals,
+)  # fmt: skip
 from ident.information.chance import zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
@@ -217,12 +222,17 @@ class DataChecks:
     @property
     def moved_at_reversals(self) -> Array:
         """By how much the unknowns (k,) would change without rows at reversals that fit worse."""
-        return moved_by_reversals(self.table, self.estimate, self.misfit)
+        return moved_by_reversals(self.table, self.away, self.estimate, self.misfit)
 
     @cached_property
     def misfit(self) -> Array:
         """(d,) squared residual of a row at reversals over that of a row elsewhere, or 0."""
-        return misfit_at_reversals(self.table, self.estimate.x)
+        return misfit_at_reversals(self.table, self.away, self.estimate.x)
+
+    @cached_property
+    def away(self) -> np.ndarray:
+        """(N, d) rows away from reversals."""
+        return away_from_reversals(self.table)
 
     def reversals(self) -> Iterator[Finding]:
         """Report joints whose dry friction is not its sign at reversals."""

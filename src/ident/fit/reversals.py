@@ -69,15 +69,14 @@ def _away(table: Table, number: int, guard: float) -> np.ndarray:
     return found
 
 
-def misfit_at_reversals(table: Table, x: np.ndarray) -> np.ndarray:
-    """(d,) squared residual of a row at reversals over that of a row elsewhere, of unknowns x (k,);
-    0 where dry friction is not in the model, there are few such rows, or it does not matter.
+def misfit_at_reversals(table: Table, away: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(d,) squared residual of a row at reversals over that of a row `away` (N, d) from them, of
+    unknowns x (k,); 0 where dry friction is not in the model, such rows are few, or do not matter.
     """
     found = np.zeros(table.b.shape[1])
     effects = table.mechanism.effects
     if not any(u.acts in ("level", "dry") for each in effects for u in each.unknowns):
         return found
-    away = away_from_reversals(table)
     squares = (table.b - table.A @ x) ** 2
     for u, (calm, informed) in enumerate(zip(away.T, table.informed.T, strict=True)):
         near = informed & ~calm
@@ -89,11 +88,13 @@ def misfit_at_reversals(table: Table, x: np.ndarray) -> np.ndarray:
     return found
 
 
-def moved_by_reversals(table: Table, estimate: Estimate, misfit: np.ndarray) -> np.ndarray:
+def moved_by_reversals(
+    table: Table, away: np.ndarray, estimate: Estimate, misfit: np.ndarray
+) -> np.ndarray:
     """(k,) x_away − x: what rows at reversals do to the unknowns, where they fit worse."""
     moved, worse = np.zeros(len(estimate.x)), misfit > WORSE
     if worse.any():
-        use = table.informed & (away_from_reversals(table) | ~worse)
+        use = table.informed & (away | ~worse)
         equations, free = ChannelEquations.of(estimate, table, use, []), ~estimate.held
         none = np.zeros((0, equations.k)), np.zeros(0)  # the fit has no limits either
         equations = replace(equations, limits=none)
