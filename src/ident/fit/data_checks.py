@@ -231,8 +231,10 @@ class DataChecks:
 
     @cached_property
     def away(self) -> np.ndarray:
-        """(N, d) rows away from reversals."""
-        return away_from_reversals(self.table)
+        """(N, d) rows away from reversals; all, where the model has no dry friction."""
+        effects = self.mechanism.effects
+        dry = any(u.acts in ("level", "dry") for each in effects for u in each.unknowns)
+        return away_from_reversals(self.table) if dry else np.ones_like(self.table.informed)
 
     def reversals(self) -> Iterator[Finding]:
         """Report joints whose dry friction is not its sign at reversals."""

@@ -71,12 +71,9 @@ def _away(table: Table, number: int, guard: float) -> np.ndarray:
 
 def misfit_at_reversals(table: Table, away: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(d,) squared residual of a row at reversals over that of a row `away` (N, d) from them, of
-    unknowns x (k,); 0 where dry friction is not in the model, such rows are few, or do not matter.
+    unknowns x (k,); 0 where such rows are few, or do not matter.
     """
     found = np.zeros(table.b.shape[1])
-    effects = table.mechanism.effects
-    if not any(u.acts in ("level", "dry") for each in effects for u in each.unknowns):
-        return found
     squares = (table.b - table.A @ x) ** 2
     for u, (calm, informed) in enumerate(zip(away.T, table.informed.T, strict=True)):
         near = informed & ~calm
