@@ -53,6 +53,7 @@ SHOWN: Mapping[str, Shown] = {
     "viscous": Shown("elbow", {"Fv": 0.5}, "v"),
     "coulomb": Shown("elbow", {"Fc": 0.9}, "v"),
     "stribeck": Shown("elbow", {"Fs": 0.6, "vs": 0.4}, "v"),
+    "friction_width": Shown("elbow", {"Fw": 0.9, "w": 0.4}, "v"),
     "load_friction": Shown("elbow", {"mu": 0.1}, "v"),
     "hysteresis": Shown("elbow", {"sigma": 8.0, "z0": 0.1}, "q"),
     "drag": Shown("elbow", {"Fd": 0.2}, "v"),
@@ -130,6 +131,9 @@ def _simulated(kind: str, shown: Shown) -> tuple[ident.Log, ident.Log]:
     if kind == "temperature_friction":
         mechanism = mechanism.with_effect("viscous:elbow")
         base = {"viscous.elbow.Fv": 0.8}
+    if kind == "friction_width":
+        mechanism = mechanism.with_effect("coulomb:elbow")
+        base = {"coulomb.elbow.Fc": 0.9}
     call = f"{kind}:{shown.site}" if shown.site else kind
     true = mechanism.with_effect(call)
     values = {

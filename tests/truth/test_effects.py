@@ -11,7 +11,7 @@ from ident.errors import MechanismError
 from ident.mechanism import load
 
 KNOTS = np.linspace(-2.0, 2.0, 6)
-SHAPES = {"vs": 0.5, "z0": 0.1, "q1": 0.3, "side": 1.0, "N": 5.0}
+SHAPES = {"vs": 0.5, "w": 0.5, "z0": 0.1, "q1": 0.3, "side": 1.0, "N": 5.0}
 SHAPES |= {f"x{i}": float(x) for i, x in enumerate(KNOTS)}
 SITED = {"payload": ("a_link",), "geometry": ("a.x",), "closure_compliance": ("pin",)}
 WITH_COLUMNS = [k for k in KINDS if not issubclass(KINDS[k], Correcting) and k != "payload"]
@@ -197,6 +197,7 @@ FORMULAS = {
     "viscous": (lambda s: [s.v], ["N m s/rad", "N s/m"]),
     "coulomb": (lambda s: [sign(s)], ["N m", "N"]),
     "stribeck": (lambda s: [sign(s) * np.exp(-((s.v / 0.5) ** 2))], ["N m", "N"]),
+    "friction_width": (lambda s: [np.tanh(s.v / 0.5) - sign(s)], ["N m", "N"]),
     "load_friction": (lambda s: [np.abs(s.load) * sign(s)], ["1", "1"]),
     "hysteresis": (lambda s: [dahl(s)], ["N m/rad", "N/m"]),
     "drag": (lambda s: [s.v**2 * np.sign(s.v)], ["N m s²/rad²", "N s²/m²"]),

@@ -16,6 +16,7 @@ ARM = {
     "viscous:elbow": {"Fv": 0.6},
     "coulomb:elbow": {"Fc": 0.9},
     "stribeck:elbow": {"Fs": 0.5, "vs": 0.3},
+    "friction_width:elbow": {"Fw": 0.5, "w": 0.3},
     "drag:yaw": {"Fd": 0.4},
     "load_friction:elbow": {"mu": 0.06},
     "hysteresis:elbow": {"sigma": 60.0, "z0": 0.02},
@@ -60,6 +61,8 @@ def test_an_effect_of_the_arm(label, bare):
     effects = {label: ARM[label]}
     if label.startswith("temperature"):
         effects = {"viscous:elbow": {"Fv": 0.6}, **effects}
+    if label.startswith("friction_width"):
+        effects = {"coulomb:elbow": {"Fc": 0.6}, **effects}
     mechanism = planted(robot("arm"), effects)
     run = integrated(mechanism, moving("arm"))
     close = 2e-4 if label.startswith("hysteresis") else 1e-8  # a tabulated state has steps

@@ -71,6 +71,7 @@ CASES = [
     Case("four_bar", "coulomb:closure.pin", {"Fc": 0.1}),
     Case("arm", "stribeck:elbow", {"Fs": 0.8, "vs": 0.3}),
     Case("five_bar", "stribeck:left", {"Fs": 0.1, "vs": 0.15}),
+    Case("arm", "friction_width:elbow", {"Fw": 0.5, "w": 0.3}),
     Case("arm", "load_friction:shoulder", {"mu": 0.05}),
     Case("four_bar", "load_friction:crank", {"mu": 0.05}),
     Case("four_bar", "load_friction:closure.pin", {"mu": 0.005}, bodies=False),

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.effects import Effect
+from ident.effects import Effect, ReversalPulses
 from ident.effects.curve import Curve, curves
 from ident.errors import IdentError
 from ident.fit import Fit
@@ -92,6 +92,13 @@ def residual_in(table: Table, fit: Fit) -> np.ndarray:
     return np.asarray(table.b - table.A @ x)
 
 
+def pulses_of(mechanism: Mechanism) -> list[Effect]:
+    """What dry friction that is no step leaves at reversals, of each joint that has some."""
+    dry = (effect for effect in mechanism.effects if effect.jumps)
+    joints = dict.fromkeys(joint for effect in dry for joint in effect.joints)
+    return [mechanism.placed(ReversalPulses((joint,))) for joint in joints]
+
+
 # --- columns -----------------------------------------------------------------------------------
 
 
@@ -128,6 +135,7 @@ class Contest:
         fit, table: whose rows.
         use: (N, d) rows that decide.
         regression: the rows, with the model projected out; residuals of nothing are no part yet.
+        pulses: which columns are of dry friction's pulses at reversals, part of the model.
         candidates: laws, then curves; failed: what could not be evaluated, with the reason.
     """
 
@@ -135,6 +143,7 @@ class Contest:
     table: Table
     use: np.ndarray
     regression: PartialRegression
+    pulses: np.ndarray
     candidates: tuple[CandidateColumns, ...]
     failed: tuple[tuple[Effect, str], ...]
 
@@ -159,6 +168,8 @@ class Contest:
         b = table.b - table.A[:, :, held] @ prior[held]
         use = deciding(table, residual_in(table, fit))
         store = ColumnStore(table, use, table.A, b)
+        beside = [store.add(each, [{}]) for each in pulses_of(fit.mechanism)]
+        pulses = np.concatenate([np.zeros(0, dtype=int), *beside])
         known = {} if earlier is None else earlier.unchanged(fit, use)
         moving, columns = _moving(table), columns_of(fit.motion)
         every = curves(moving, moving, columns) if curved else ()
@@ -176,17 +187,26 @@ class Contest:
             except (IdentError, np.linalg.LinAlgError) as error:
                 failed.append((effect, str(error)))
         sigma = weights(fit, table)
-        model = np.flatnonzero(~held)
+        model = np.append(np.flatnonzero(~held), pulses)
         regression = PartialRegression(store.parts(), model, 1.0 / sigma, store.count)
-        return cls(fit, table, use, regression, tuple(found), tuple(failed))
+        return cls(fit, table, use, regression, pulses, tuple(found), tuple(failed))
 
     def at_reversals(self, on_progress: OnProgress) -> Contest | None:
-        """The contest on rows at reversals too; None where they are the same rows."""
+        """The contest on rows at reversals too, without pulses, which are like effects that act
+        there; None where they are the same rows.
+        """
         use = with_reversals(self.table, residual_in(self.table, self.fit))
         if np.array_equal(use, self.use):
             return None
         effects = [each.effect for each in self.laws]
-        return Contest.of(self.fit, effects, on_progress, deciding=lambda *_: use)
+        found = Contest.of(self.fit, effects, on_progress, deciding=lambda *_: use)
+        return replace(found, regression=found.regression.without(found.pulses))
+
+    @property
+    def dry(self) -> np.ndarray:
+        """(d,) whether dry friction of the model acts on a coordinate."""
+        parts = self.regression.parts
+        return np.array([bool(np.isin(self.pulses, part.columns).any()) for part in parts])
 
     @cached_property
     def laws(self) -> tuple[CandidateColumns, ...]:

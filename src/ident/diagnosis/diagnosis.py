@@ -26,15 +26,7 @@ from ident.diagnosis.result import (
     known_of,
 )
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import (
-    MOST,
-    NEGATIVE,
-    Decision,
-    Evidence,
-    Ranking,
-    simplicity,
-    torque_squares,
-)
+from ident.diagnosis.selection import MOST, NEGATIVE, Decision, Evidence, simplicity, torque_squares
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
 from ident.effects import Effect
@@ -48,6 +40,7 @@ from ident.fit.faults import CredibleFault, Fault, fault_finding, scale_of_time
 from ident.fit.findings import Finding
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
+from ident.information.hypotheses import PartialRegression
 
 SHOWN = 3  # candidates that are listed though nothing speaks for them
 TRIED = 3  # rivals of a formula whose constants are not determined
@@ -126,7 +119,9 @@ def at_reversals(
     few, every = ((squares * use).sum(axis=0) for use in (contest.use, table.informed))
     names = zip(found.fit.motion.independent, few < every / 2, strict=True)
     loud = tuple(joint for joint, most in names if most)  # most of it is around reversals
-    more = chosen.members or louder(other, draws, chosen.last, decision).any()
+    # dry friction that is not its sign there is no other effect, and a finding of the fit says so
+    left = louder(other, draws, chosen.last.regression.extended(other.pulses), decision)
+    more = any(m.effect.at_reversals for m in chosen.members) or (left & ~other.dry).any()
     if found.verdict == "nothing" and more:
         return replace(found, verdict="undecided", loud=loud, reversing=True)
     return found
@@ -157,7 +152,7 @@ def judged(
     fit = contest.fit
     names = fit.motion.independent
     floor = dict(zip(names, map(float, draws.floor), strict=True))
-    left = louder(contest, draws, selection.last, decision)
+    left = louder(contest, draws, selection.last.regression, decision)
     loud = tuple(name for name, each in zip(names, left, strict=True) if each)
     last = selection.last.regression
     data = _health_beside(contest, last.losses / last.weight**2)
@@ -346,9 +341,10 @@ def _health_beside(contest: Contest, explained: np.ndarray) -> Health:
     return Health((*health.findings, *freely))
 
 
-def louder(contest: Contest, noise: NoiseDraws, last: Ranking, decision: Decision) -> np.ndarray:
-    """(d,) whether more than the sensors' noise is left, and matters."""
-    regression = last.regression
+def louder(
+    contest: Contest, noise: NoiseDraws, regression: PartialRegression, decision: Decision
+) -> np.ndarray:
+    """(d,) whether a model leaves more than the sensors' noise that matters."""
     rows = np.maximum(regression.rows, 1)
     rms = np.sqrt(regression.losses.sum(axis=0) / rows) / regression.weight
     torque = np.sqrt(torque_squares(contest, regression) / rows) / regression.weight

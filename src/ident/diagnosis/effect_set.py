@@ -160,8 +160,8 @@ def reweighted(regression: PartialRegression) -> PartialRegression:
 def on_all_rows(
     contest: Contest, members: Iterable[Member]
 ) -> tuple[PartialRegression, dict[str, Index]]:
-    """The rows of a fit, those at reversals too, with columns of members by label: on them errors
-    are announced, as a refit has them.
+    """The rows of a fit, those at reversals too, with columns of members by label and without
+    pulses: on them errors are announced, as a refit has them.
     """
     table, held = contest.table, contest.fit.estimate.held
     prior = table.columns.prior_at(table.point.values)
@@ -173,5 +173,5 @@ def on_all_rows(
         if each.effect.corrects:
             shape = {p.name: each.effect.values.get(p.name, 0.0) for p in each.effect.shapes}
         columns[each.effect.label] = store.add(each.effect, [shape])
-    rows = contest.regression
+    rows = contest.regression.without(contest.pulses)
     return PartialRegression(store.parts(), rows.model, rows.weight, store.count), columns

@@ -173,7 +173,8 @@ def path_shares(
     draws: int,
 ) -> Array:  # fmt: skip
     """Return the shares (steps, 1 + draws) of the squares of coordinate u that 1, 2, … effects
-    explain in all rows, for the residual and for draws of the right-hand sides.
+    explain in all rows, for the residual and for draws of the right-hand sides: of surrogates, then
+    of noise, as shares of the residual, if that is larger.
 
     Args:
         effects: groups of columns of each, one a start of its search.
@@ -186,9 +187,11 @@ def path_shares(
     owner = np.repeat(np.arange(len(effects)), [len(each) for each in effects])
     C, r = (np.concatenate(x) for x in zip(*_projected(regression, u, groups), strict=True))
     r = r[:, : 1 + draws]
+    squares = np.maximum((r**2).sum(axis=0), 1e-300)
+    squares[1 + SURROGATES :] = np.maximum(squares[1 + SURROGATES :], squares[0])
     size = np.sqrt((C**2).sum(axis=0))
     C = C / np.where(size > VISIBLE, size, np.inf)
-    S, s, squares = C.T @ C, C.T @ r, np.maximum((r**2).sum(axis=0), 1e-300)
+    S, s = C.T @ C, C.T @ r
     ends = np.cumsum([0, *map(len, groups)])
     of_size = [(n, np.flatnonzero(np.diff(ends) == n)) for n in np.unique(np.diff(ends))]
     found = np.zeros((steps, r.shape[1]))

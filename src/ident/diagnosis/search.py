@@ -173,9 +173,13 @@ class Search:
         return now.rise(bare) < self.limit(now, member)
 
     def joined(self, now: EffectSet, ranking: Ranking) -> EffectSet:
-        """The set with what all drives have in common, before what else single joints may have."""
-        for each in ranking.credible:
-            if each.effect.joined:
+        """The set with what all drives have in common, before what else single joints may have.
+
+        It enters even if it is too small to matter, and to be named: each joint's part of it would
+        be taken for an effect of this joint.
+        """
+        for each in ranking.evidence:
+            if each.effect.joined and each.gain > each.limit and each.sensible:
                 new = now.plus(each, rivals(each, ranking, self.decision))
                 return self.accepted(now, new) or now
         return now
@@ -291,10 +295,13 @@ class Search:
         draws are enough to see that a path is nothing special.
         """
         alpha, looks = self.decision.alpha, judged.d * (PATH - 1)
-        for draws in (SURROGATES // 6, SURROGATES):
-            g = path_shares(judged, u, effects, PATH, draws)[1:]
-            p = {k: looks * exceeding(float(x[0]), x[1:]) for k, x in enumerate(g, 2)}
-            if draws < SURROGATES and min(p.values()) > looks * alpha:
+        few, every = SURROGATES // 6, judged.residual[0].shape[1] - 1  # and draws of noise
+        for draws in (few, every):
+            p = {}
+            for k, g in enumerate(path_shares(judged, u, effects, PATH, draws)[1:], 2):
+                nulls = (x for x in (g[1 : 1 + SURROGATES], g[1 + SURROGATES :]) if len(x))
+                p[k] = looks * max(exceeding(float(g[0]), x) for x in nulls)
+            if draws == few and min(p.values()) > looks * alpha:
                 return 0, 1.0
         good = [k for k, x in p.items() if x <= alpha**k]
         k = min(good, key=lambda k: p[k], default=0)

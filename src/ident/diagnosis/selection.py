@@ -6,7 +6,8 @@ A candidate is credible if
   in which nothing is missing. Waves of position must pass the filter at many speeds, not only
   around reversals, where friction that is not quite sign(v) looks like some wave;
 * its torque exceeds the share `material` of its joint's;
-* its values are such as this kind of effect can have, a body with a mass among them.
+* its values are such as this kind of effect can have, a body with a mass among them, and differ
+  from those that the model has of it beyond the errors of both.
 
 Of candidates that explain the same part within PARSIMONY of the best gain, the one with the fewest
 numbers is chosen, unless the best one is better by `rival_se` standard errors of the paired
@@ -409,7 +410,12 @@ class Weigh:
             p,
             size,
             plausible,
-            passed and plausible and massive and material and seen,
+            passed
+            and plausible
+            and massive
+            and material
+            and seen
+            and differs(self.contest, effect, refit.theta, stderr),
         )
 
 
@@ -437,6 +443,18 @@ def sensible(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> b
         abs(value) > each.largest or (each.nonnegative and value < -max(NEGATIVE * error, rounding))
         for each, value, error in zip(names, values, stderr, strict=False)
     )
+
+
+def differs(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> bool:
+    """Return whether an effect is not in the model, or has values there from which these differ, by
+    theta (u,), beyond the errors of both.
+    """
+    errors, names = contest.fit.known_errors, effect.names
+    if errors is None or not set(names) <= set(errors.names):
+        return True
+    of = dict(zip(errors.names, np.diag(errors.matrix), strict=True))
+    both = np.sqrt([x**2 + of[name] for x, name in zip(stderr, names, strict=False)])
+    return bool((np.abs(theta[: len(both)]) > NEGATIVE * both).any())
 
 
 # --- names and sets ----------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """The library of physical effects: one class a kind, one file a family; see `effect`."""
 
 from ident.effects.effect import Correcting, Correction, Effect, Signals, Sites, Unknown
+from ident.effects.joint import ReversalPulses
 from ident.effects.library import (
     KINDS,
     UserEffect,
@@ -19,6 +20,7 @@ __all__ = [
     "Correcting",
     "Correction",
     "Effect",
+    "ReversalPulses",
     "Signals",
     "Sites",
     "Unknown",

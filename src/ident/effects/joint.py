@@ -25,6 +25,12 @@ def direction(v: np.ndarray, still: np.ndarray) -> np.ndarray:
     return np.asarray(x * (2.25 - 1.25 * x**2))
 
 
+def speeds(s: Signals) -> tuple[float, float]:
+    """Speeds that shape parameters can be: from twice standstill to the top speed."""
+    top = float(np.abs(s.v).max(initial=0.0)) or 1.0
+    return min(max(2 * float(s.still[0]), 0.005 * top), 0.5 * top), top
+
+
 class Viscous(Effect):
     """Friction torque in proportion to speed."""
 
@@ -80,6 +86,29 @@ class Coulomb(Dry):
         return direction(s.v, s.still)[:, :, None]
 
 
+class ReversalPulses(Effect):
+    """What is left of dry friction that is early or late, or builds up over some speed.
+
+    Friction Fc f(v + T a) that differs from Fc sign(v) around a reversal only is, in rows whose
+    filter is slower than that, a pulse with the first moments of the difference; the first one,
+    ∫ (f − sign(v)) dt = 2 T sign(a), is the same at all reversals. A diagnosis has these pulses
+    beside the dry friction of a model; they are no effect to be added.
+    """
+
+    kind = "reversal_pulses"
+    unknowns = (
+        Unknown("I1", ("N m s", "N s"), "torque at reversals times its duration"),
+        Unknown("I2", ("N m s²", "N s²"), "its first moment in time"),
+    )
+    equation = "I1 d/dt sign(v) + I2 d²/dt² sign(v)"
+    signature = "the residual has pulses at reversals"
+    source = ARMSTRONG
+
+    def columns(self, s: Signals) -> np.ndarray:
+        first = np.gradient(direction(s.v, s.still), s.t, axis=0)
+        return np.stack([first, np.gradient(first, s.t, axis=0)], axis=-1)
+
+
 class Stribeck(Dry):
     """Dry friction that is higher at low speed."""
 
@@ -101,14 +130,37 @@ class Stribeck(Dry):
         return (direction(s.v, s.still) * fade)[:, :, None]
 
     def bounds(self, s: Signals) -> Bounds:
-        # from twice standstill to the top speed
-        top = float(np.abs(s.v).max(initial=0.0)) or 1.0
-        return {"vs": (min(max(2 * float(s.still[0]), 0.005 * top), 0.5 * top), top)}
+        return {"vs": speeds(s)}
 
     def starts(self, s: Signals) -> list[Shape]:
         # six speeds in equal ratios
-        low, high = self.bounds(s)["vs"]
+        low, high = speeds(s)
         return [{"vs": float(vs)} for vs in np.geomspace(2 * low, 0.7 * high, 6)]
+
+
+class FrictionWidth(Effect):
+    """Dry friction that builds up over some speed instead of jumping at zero."""
+
+    kind = "friction_width"
+    slow = True
+    needs = ("coulomb",)
+    unknowns = (Unknown("Fw", ("N m", "N"), "friction that builds up, about Fc", True, acts="dry"),)
+    shapes = (Unknown("w", ("rad/s", "m/s"), "speed at which 76 % are there", nonnegative=True),)
+    equation = "Fw (tanh(v/w) − sign(v)), beside `coulomb`"
+    signature = "the residual against speed has a jump at zero that slopes back on either side"
+    confused_with = ("stribeck", "viscous", "hysteresis")
+    separated_by: ClassVar = {"stribeck": "move the joint slowly, to and fro"}
+    source = "Gaz, Cognetti, Oliva, Robuffo Giordano, De Luca, IEEE RA-L 4(4), 2019"
+
+    def columns(self, s: Signals) -> np.ndarray:
+        return (np.tanh(s.v / s.shape["w"]) - direction(s.v, s.still))[:, :, None]
+
+    def bounds(self, s: Signals) -> Bounds:
+        return {"w": speeds(s)}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        low, high = speeds(s)
+        return [{"w": float(w)} for w in np.geomspace(2 * low, 0.7 * high, 6)]
 
 
 class Drag(Effect):

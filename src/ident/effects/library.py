@@ -43,6 +43,7 @@ from ident.effects.joint import (
     Coulomb,
     Drag,
     EndStop,
+    FrictionWidth,
     Hysteresis,
     LoadFriction,
     Payload,
@@ -59,8 +60,8 @@ from ident.files import function_of
 KINDS: Mapping[str, type[Effect]] = {
     effect.kind: effect
     for effect in (
-        Viscous, Coulomb, Stribeck, LoadFriction, Hysteresis, Drag, Spring, Cable, EndStop,
-        RotorInertia, Coupling, Ripple, TorqueOffset, TorqueGain, Delay, EncoderOffset,
+        Viscous, Coulomb, Stribeck, FrictionWidth, LoadFriction, Hysteresis, Drag, Spring, Cable,
+        EndStop, RotorInertia, Coupling, Ripple, TorqueOffset, TorqueGain, Delay, EncoderOffset,
         GravityTilt, Payload, Elasticity, Backlash, Geometry, ClosureCompliance,
         TemperatureFriction, Drift, Curve,
     )

@@ -122,8 +122,8 @@ def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
 def _rates(e: State, dq: np.ndarray | float, cutoff: float | None) -> np.ndarray:
     """δy, δẏ, δÿ (3, n) of a correction, without what is far above the rows' cut-off."""
     n = len(e)
-    if np.ndim(dq) == 0:
-        return np.stack([np.full(n, float(dq)), np.zeros(n), np.zeros(n)])
+    if np.ndim(dq) == 0 or n < 2:  # of one sample no rate is known
+        return np.stack([np.broadcast_to(dq, n), np.zeros(n), np.zeros(n)])
     wide = WIDER * cutoff if cutoff and WIDER * cutoff < 0.5 * e.rate else None
     decimator, x = Decimator.of(wide, e.rate), np.asarray(dq, dtype=float)
     if decimator.taps is not None:

@@ -198,8 +198,9 @@ class LimitBox:
         closed = np.isfinite(self.low) & np.isfinite(self.high)
         low, high = z.min(axis=0), z.max(axis=0)
         covered = np.where(closed, (high - low) / (2 * self.half), 0.0)
+        most = np.where(self.high > 0, self.high, np.inf)  # a joint without a drive has no torque
         ranges = [kind == "position" for _, kind, _ in self.quantities]
-        share = np.where(ranges, covered, np.maximum(-low, high) / self.high)
+        share = np.where(ranges, covered, np.maximum(-low, high) / most)
         numbers = np.stack([low, high, self.low, self.high, share], axis=1).tolist()
         return tuple(
             LimitUse(joint, kind, a, b, lower, upper, unit, used)

@@ -89,10 +89,10 @@ def moved_by_reversals(
     table: Table, away: np.ndarray, estimate: Estimate, misfit: np.ndarray
 ) -> np.ndarray:
     """(k,) x_away − x: what rows at reversals do to the unknowns, where they fit worse."""
-    moved, worse = np.zeros(len(estimate.x)), misfit > WORSE
-    if worse.any():
+    moved, worse, free = np.zeros(len(estimate.x)), misfit > WORSE, ~estimate.held
+    if worse.any() and free.any():
         use = table.informed & (away | ~worse)
-        equations, free = ChannelEquations.of(estimate, table, use, []), ~estimate.held
+        equations = ChannelEquations.of(estimate, table, use, [])
         none = np.zeros((0, equations.k)), np.zeros(0)  # the fit has no limits either
         equations = replace(equations, limits=none)
         logged = equations.as_logged
