@@ -117,8 +117,13 @@ def test_the_errors_hold_dry_friction_that_builds_up_with_speed():
     found = {v.name: v for e in fit.effects for v in e.parameters}
     friction = found["coulomb.elbow.Fc"]
     (i,) = np.flatnonzero(fit.estimate.base.independent == fit.columns.index["coulomb.elbow.Fc"])
-    alone = fit.without_bias[i, i] ** 0.5
+    alone = fit.scatter[i, i] ** 0.5
     assert friction.stderr > 1.5 * alone
     assert abs(friction.value - 1.0) < 2.5 * friction.stderr
     (finding,) = (each for each in fit.all_findings if each.code == "reversals")
     assert finding.where == ("elbow",)
+    wide = ident.identify(model.with_effect("friction_width:elbow"), fit.motion)
+    found = {v.name: v.value for e in wide.effects for v in e.parameters}
+    assert found["coulomb.elbow.Fc"] == pytest.approx(1.0, rel=0.01)
+    assert found["friction_width.elbow.Fw"] == pytest.approx(1.0, rel=0.1)
+    assert found["friction_width.elbow.w"] == pytest.approx(0.04, rel=0.1)

@@ -169,7 +169,6 @@ class Contest:
         use = deciding(table, residual_in(table, fit))
         store = ColumnStore(table, use, table.A, b)
         beside = [store.add(each, [{}]) for each in pulses_of(fit.mechanism)]
-        pulses = np.concatenate([np.zeros(0, dtype=int), *beside])
         known = {} if earlier is None else earlier.unchanged(fit, use)
         moving, columns = _moving(table), columns_of(fit.motion)
         every = curves(moving, moving, columns) if curved else ()
@@ -187,8 +186,17 @@ class Contest:
             except (IdentError, np.linalg.LinAlgError) as error:
                 failed.append((effect, str(error)))
         sigma = weights(fit, table)
-        model = np.append(np.flatnonzero(~held), pulses)
+        model = np.flatnonzero(~held)
         regression = PartialRegression(store.parts(), model, 1.0 / sigma, store.count)
+        # only those that lower left-out errors: others have no rows that determine them
+        falls = regression.explained(regression.gains(beside).by) > 0 if beside else []
+        pulses = np.concatenate(
+            [
+                np.zeros(0, dtype=int),
+                *(each for each, some in zip(beside, falls, strict=True) if some),
+            ]
+        )
+        regression = regression.extended(pulses)
         return cls(fit, table, use, regression, pulses, tuple(found), tuple(failed))
 
     def at_reversals(self, on_progress: OnProgress) -> Contest | None:
@@ -204,9 +212,15 @@ class Contest:
 
     @property
     def dry(self) -> np.ndarray:
-        """(d,) whether dry friction of the model acts on a coordinate."""
+        """(d,) rms of the model's dry friction in the rows that decide [N m | N]."""
         parts = self.regression.parts
-        return np.array([bool(np.isin(self.pulses, part.columns).any()) for part in parts])
+        torque = [np.zeros(len(part.Y)) for part in parts]
+        for effect in (each for each in self.fit.mechanism.effects if each.jumps):
+            c, shape = self.fit.point.of(effect)
+            torque = [x + C @ c for x, C in zip(torque, self.columns(effect, shape), strict=True)]
+        found = np.zeros(self.regression.d)
+        found[[part.coordinate for part in parts]] = [np.sqrt((x**2).mean()) for x in torque]
+        return found
 
     @cached_property
     def laws(self) -> tuple[CandidateColumns, ...]:

@@ -245,7 +245,10 @@ class DataChecks:
                 f"{', '.join(worse)}: at reversals, below 3 % of the top speed, errors are up to "
                 f"{np.sqrt(self.misfit.max()):.2g} times as large: dry friction is no step there"
             )
-            remedy = "standard errors hold what these rows do to parameters"
+            remedy = (
+                "standard errors hold what these rows do to parameters; the effect friction_width "
+                "has friction that builds up over some speed"
+            )
             yield Finding("reversals", text, remedy, worse, float(self.misfit.max()), WORSE)
 
     @cached_property

@@ -162,22 +162,25 @@ class Fit(Charted):
         return again if again and max(again.rho.values()) >= again.chance else None
 
     @cached_property
-    def without_bias(self) -> np.ndarray:
+    def without_faults(self) -> np.ndarray:
         """Covariance (n_ind, n_ind) of the base parameters of the residual's scatter, wider by what
-        a repeated motion repeats.
+        a repeated motion repeats, and of the bias of rows at reversals.
         """
-        again = self.repeated
-        return self.scatter * (1.0 if again is None else again.variance(self.motion.duration))
+        return self._with(self.checks.moved_at_reversals)
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance (n_ind, n_ind) of the base parameters: that `without_bias`, and the bias of
-        the faults that `health` names, or of rows at reversals.
+        """Covariance (n_ind, n_ind) of the base parameters: that `without_faults`, or of the bias
+        of the faults that `health` names.
         """
         good = max(self.relative.values(), default=0.0) < SMALL  # no fault is named
-        of_all = self.checks.moved_at_reversals if good else self.checks.moved
-        moved = self.estimate.base.combined(of_all)
-        return self.without_bias + np.outer(moved, moved)
+        return self.without_faults if good else self._with(self.checks.moved)
+
+    def _with(self, moved: np.ndarray) -> np.ndarray:
+        """Covariance with a bias of the unknowns (k,)."""
+        again, bias = self.repeated, self.estimate.base.combined(moved)
+        wider = 1.0 if again is None else again.variance(self.motion.duration)
+        return self.scatter * wider + np.outer(bias, bias)
 
     @property
     def known_errors(self) -> Covariance | None:
