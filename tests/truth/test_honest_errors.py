@@ -105,7 +105,7 @@ def test_the_noise_floor_is_what_noise_leaves_in_the_filtered_rows(smoothing):
         assert floor == pytest.approx(fit.errors["train"][joint].rms, rel=0.2)
 
 
-def test_the_errors_hold_dry_friction_that_builds_up_with_speed():
+def test_the_errors_hold_dry_friction_that_builds_up_with_speed(tmp_path):
     """Fc tanh(v/v0) in place of Fc sign(v): rows at reversals move Fc and Fv."""
     smooth = ident.user_effect("smooth", lambda s: {"Fc": ca.tanh(s.v / 0.04)})
     machine = robot("arm").with_effect("viscous") + smooth(("elbow",))
@@ -122,6 +122,11 @@ def test_the_errors_hold_dry_friction_that_builds_up_with_speed():
     assert abs(friction.value - 1.0) < 2.5 * friction.stderr
     (finding,) = (each for each in fit.all_findings if each.code == "reversals")
     assert finding.where == ("elbow",)
+    fit.write(tmp_path)  # nothing is unknown in it, so that nothing moves
+    known = ident.load(tmp_path / "identified")
+    again = ident.identify(known, ident.complete(known, case.log))
+    assert "reversals" in {each.code for each in again.all_findings}
+    assert again.covariance.shape == (0, 0)
     wide = ident.identify(model.with_effect("friction_width:elbow"), fit.motion)
     found = {v.name: v.value for e in wide.effects for v in e.parameters}
     assert found["coulomb.elbow.Fc"] == pytest.approx(1.0, rel=0.01)
