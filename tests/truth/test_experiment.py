@@ -17,7 +17,8 @@ from ident import Log, Mechanism, Noise
 from ident.diagnosis import Diagnosis, diagnose
 from ident.diagnosis.experiment import Proposal, attempts, contenders, proposal, questions
 from ident.diagnosis.trials import present, trials
-from ident.show.experiment import next_experiment
+from ident.fit.residual_maps import Dependence
+from ident.show.experiment import next_experiment, unexplained
 
 # presliding refitted at a negative reach overflows on its way; that is not tested here
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -165,3 +166,35 @@ def test_every_verdict_has_an_experiment(narrow: Diagnosis) -> None:
         text = next_experiment(replace(narrow, verdict=verdict)).words
         assert text.endswith(".")
         assert "could not be" not in text
+
+
+@pytest.mark.parametrize("repeats", [False, True])
+@pytest.mark.parametrize("signal", ["v.crank", "a.crank", "q.crank", "sign(v).crank", "load.crank"])
+def test_a_command_is_there_where_it_plans_what_is_advised(
+    narrow: Diagnosis, signal: str, repeats: bool
+) -> None:
+    worst = replace(narrow.where[0], depends_on=(Dependence(signal, 0.5),))
+    d = replace(narrow, where=(worst,), periods=object() if repeats else None)
+    advice = unexplained(d)
+    (top,) = (move.speed for move in present(d.fit.mechanism, d.fit.motion))
+    assert ("at least twice" in advice.words) is not repeats
+    if signal[0] in "va":
+        assert advice.plan == ("--speed", f"crank={0.5 * top:.2g}")
+        assert f"Move crank at up to {0.5 * top:.2g} rad/s" in advice.words
+    else:  # no strokes, no payload; but a motion that repeats
+        assert advice.plan == (None if repeats else ())
+
+
+def test_a_full_turn_has_a_plan(narrow: Diagnosis) -> None:
+    advice = next_experiment(narrow)
+    low, high = re.fullmatch("crank=(.*):(.*)", advice.plan[1]).groups()
+    assert float(high) - float(low) == pytest.approx(2 * np.pi, abs=0.02)
+
+
+def test_no_speed_above_the_urdf_is_advised(arm: Mechanism) -> None:
+    log = sines({name: (0, 0.8, 1.5) for name in arm.driven}, 6.0)
+    motion = ident.complete(arm, log, torques=False)
+    fast = present(arm, motion)
+    assert all(move.speed > 0.4 for move in fast)
+    slow = replace(arm, joints=tuple(replace(j, velocity=0.4) for j in arm.joints))
+    assert all(float(f"{move.speed:.2g}") <= 0.4 for move in present(slow, motion))

@@ -66,6 +66,7 @@ CYCLES = 3  # there and back, in a log worth the name
 MOST = 14  # of the fastest
 LONGEST = 0.2  # s a sample
 SPEEDS = (0.05, 0.15, 0.5)  # of strokes, as shares of the top speed
+KEPT = 0.95  # of a limit of speed, above which no motion is proposed
 MARGIN = 0.05  # of the way between two limits that is kept free
 AWAKE = {True: (0.5, 1.0), False: (0.05, 0.1)}  # rotational: half range, speed of a joint at rest
 WIDER = 1.2  # times the present range or speed, from which a motion is another one
@@ -128,15 +129,16 @@ class Trial:
 
 
 def present(mechanism: Mechanism, motion: Motion) -> tuple[Move, ...]:
-    """Return the motion of each independent joint."""
+    """Return the motion of each independent joint, no faster than the URDF allows."""
     found = []
     for name in motion.independent:
         at = mechanism.joint_index[name]
         y = np.concatenate([e.y[e.usable, at] for e in motion.experiments])
         top = max(np.quantile(np.abs(e.yd[e.usable, at]), 0.99) for e in motion.experiments)
         still = max(e.still[at] for e in motion.experiments)
-        speed = float(top) if top > still else 0.0
-        found.append(Move(mechanism.joint(name), float(y.min()), float(y.max()), speed))
+        joint = mechanism.joint(name)
+        speed = min(float(top), KEPT * (joint.velocity or np.inf)) if top > still else 0.0
+        found.append(Move(joint, float(y.min()), float(y.max()), speed))
     return tuple(found)
 
 

@@ -154,14 +154,17 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     """Return the verdict, how sure it is, the error by joint, and the command to copy."""
     logs = ", ".join(e.name for e in d.fit.motion.experiments)
     errors, after, planned = errors_of(d.fit), d.after if d.best else {}, ""
-    command = next_command("identify" if d.verdict == "nothing" else "excite", added)
-    if d.best is not None:
+    if d.verdict == "nothing":
+        command = next_command("identify", added)
+    elif d.best is not None:
         command = add_command(d.fit.mechanism, [*added, *d.group])
-        planned = next_command("excite", added, pair) if (pair := _separable(d)) else ""
+        planned = planning(d, added) if _separable(d) else ""
     elif d.laws:
         after = d.laws[-1].after  # its fit has all laws
         files = [f"{folder.get() or 'DIR'}/{law.option}" for law in d.laws]
         command = add_command(d.fit.mechanism, added, files)
+    else:
+        command = planned = planning(d, added)
     bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
     bars.sort(key=lambda bar: bar.sizes[1] - bar.sizes[0])  # the largest fall first
     rest = sorted(bars[1:], key=lambda bar: -bar.before.rms / (bar.noise or math.inf))
@@ -175,8 +178,16 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     sentences = " ".join(told).strip()
     line, command = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}", planned or command
     then = first_motion(d, bool(planned))
-    command *= d.health.good and not d.reversing  # the slow motion is no work for excite
+    command *= d.health.good
     return Card(line, sentences, tuple(bars), command, then)
+
+
+def planning(d: Diagnosis, added: Sequence[Effect] = ()) -> str:
+    """Return the command that plans the next experiment; nothing where `ident excite` cannot."""
+    pair, plan = _separable(d), d.advice.plan
+    if not (d.health.good and (pair or (plan is not None and len(d.fit.columns)))):
+        return ""
+    return next_command("excite", added, pair, () if pair else plan or ())
 
 
 def first_motion(d: Diagnosis, planned: bool) -> str:

@@ -27,6 +27,7 @@ from ident.show.diagnosis import (
     experiment_steps,
     held_out,
     mark,
+    planning,
     spoilt,
     story,
     where_rows,
@@ -169,7 +170,7 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
         elif title == "What to log next" and words:
             steps = [each.partition(": ")[::2] for each in experiment_steps(d.next_experiment)]
             blocks = [table([["step", "why"], *steps], "The most urgent first", tied=False)]
-            blocks += [code(each) for each in [card(d).command] if each.startswith("ident excite")]
+            blocks += [code(each) for each in [planning(d)] if each]
         title = "Joint by joint" if title == FAILS and d.verdict == "nothing" else title
         sections.append(Section(title, tuple(blocks)))
     return (*sections, *fit_sections(d.fit, first=d.candidates[0].joint if d.best else ""))

@@ -32,6 +32,8 @@ SHOWS = 0.02  # visible share from which an effect can be seen
 SLOWLY = 0.1  # of the logged top speed: friction that depends on the speed shows between reversals
 LOOKED_AT = 24  # invisible effects that are tried in other motions
 EXPLAINED = 0.9  # of what exceeds the noise, from which a formula leaves no question in its joint
+TWICE = "a motion that is made at least twice in one log"
+REPEATS = "what then repeats is the mechanism, what does not is noise or drift"
 NOTHING = "This log leaves no question that another motion would answer."
 HOW = {
     "turn": "turn {names} through a full turn, there and back{before}, at up to {top}",
@@ -44,13 +46,15 @@ HOW = {
     "alone": "move {spans} alone, at up to {top}, and hold the other drives still",
     "awake": "move {spans} too, at up to {top}",
 }
+PLANNED = {"turn", "limits", "wider", "faster", "awake"}  # what `ident excite` can plan
 FOLLOWS = {  # by the first signal on which a residual depends
-    "v": "move at half and at twice the speed: what goes with speed then changes in step",
-    "sign(v)": "move in slow strokes of constant speed, with reversals at different places",
-    "q": "move slowly over the full travel of the joint, up and down",
-    "a": "move at half and at twice the speed: what goes with acceleration changes fourfold",
+    "v": "move {joint}{half}, half as fast as now: what goes with speed then falls in step",
+    "sign(v)": "move {joint}{slow} in strokes, with reversals at different places",
+    "q": "move {joint}{slow} over its full travel, up and down",
+    "a": "move {joint}{half}, half as fast as now: what goes with acceleration then falls most",
     "load": "repeat the motion with a known payload: what goes with the load then grows",
     "t": "warm the machine up first, and log temperatures (`temperature.<joint>`)",
+    "": "move {joint}{slow} with reversals at different places, to look for memory",
 }
 
 
@@ -73,6 +77,20 @@ def described(trial: Trial, now: Sequence[Move]) -> str:
         before="" if moves[1:] else f" (it moved {_span(was)})",
     )
     return text + rest
+
+
+def _plan(trial: Trial) -> tuple[str, ...] | None:
+    """Return the options with which `ident excite` plans a motion; None where it cannot."""
+    options = (
+        words
+        for m in trial.changed
+        for name in [m.joint.name]
+        for words in (
+            ("--range", f"{name}={m.low:.3g}:{m.high:.3g}"),
+            ("--speed", f"{name}={m.speed:.2g}"),
+        )
+    )
+    return tuple(word for words in options for word in words) if trial.kind in PLANNED else None
 
 
 def _span(m: Move) -> str:
@@ -111,11 +129,12 @@ def _advice(d: Diagnosis) -> Advice:
                 "log of another motion, over the full travel of the joint, shows whether it is a "
                 "cause: compare both fits there."
             )
-        return Advice(unexplained(d))
+        return unexplained(d)
     first = f"Add {named(d.group)} and diagnose again: nothing rivals it. " if d.best else ""
     if d.best and d.health.faults:  # of the clock, the only one beside a name
         first = f"Compare t with another clock, and measure the length {named(d.group)}. "
-    return Advice(f"{first}{unseen(d)}".strip() or NOTHING)
+    words, plan = unseen(d)
+    return Advice(f"{first}{words}".strip() or NOTHING, plan=plan)
 
 
 def _explained(d: Diagnosis, joint: str) -> bool:
@@ -133,7 +152,8 @@ def _between(d: Diagnosis, rivals: Sequence[Evidence], tried: Sequence[Attempt])
     parts: list[str] = []
     for pairs in questions(rivals):
         if found := proposal(d, tried, pairs):
-            return Advice(" ".join([*parts, _proposed(d, found)]), found.apart)
+            words = " ".join([*parts, _proposed(d, found)])
+            return Advice(words, found.apart, _plan(found.trial))
         parts = parts or [_no_motion(d, tried, pairs)]
     return Advice(" ".join(parts) or NOTHING)
 
@@ -189,28 +209,34 @@ def without_motion(d: Diagnosis, effects: Sequence[Effect]) -> str:
 # --- no rivals to distinguish ---------------------------------------------------------------------
 
 
-def unexplained(d: Diagnosis) -> str:
+def unexplained(d: Diagnosis) -> Advice:
     """Return how to learn what a residual is that no effect explains."""
-    first, worst = "", d.where[0]
-    if d.periods is None:
-        first = (
-            "Log the same motion at least twice in one log: what then repeats is the mechanism, "
-            "what does not is noise or drift. "
-        )
-    if not worst.depends_on:
-        return (
-            f"{first}Repeat the motion slowly with reversals at different places, to look for "
-            f"memory: the residual of {worst.joint} depends on no single signal."
-        )
-    signal = worst.depends_on[0].signal
-    step, _, effect = FOLLOWS[signal.partition(".")[0]].partition(": ")
-    why = f"the residual of {worst.joint} depends on {signal}" + f", and {effect}" * bool(effect)
-    return f"{first}{_capital(step)}: {why}."
+    again, worst = d.periods is None, d.where[0]
+    signal = worst.depends_on[0].signal if worst.depends_on else ""
+    kind, _, name = signal.partition(".")
+    moves = {m.joint.name: m for m in present(d.fit.mechanism, d.fit.motion)}
+    m = moves.get(name, moves[worst.joint])  # of a loop: a joint that can be moved
+    half, slow = (f"{share * m.speed:.2g}" for share in (0.5, SLOWLY))
+    text = FOLLOWS[kind].format(
+        joint=m.joint.name,
+        half=f" at up to {half} {m.joint.unit}/s",
+        slow=f" at up to {slow} {m.joint.unit}/s" if m.speed else " slowly",
+    )
+    step, _, effect = text.partition(": ")
+    why = f"the residual of {worst.joint} depends on {signal or 'no single signal'}"
+    why += f", and {effect}" * bool(effect)
+    if "{half}" in FOLLOWS[kind]:
+        both = f"{step}{f', in {TWICE}' * again}: {why}{f'; {REPEATS}' * again}."
+        return Advice(_capital(both), plan=("--speed", f"{m.joint.name}={half}"))
+    first = f"Log {TWICE}: {REPEATS}. " * again
+    return Advice(f"{first}{_capital(step)}: {why}.", plan=() if again else None)
 
 
-def unseen(d: Diagnosis) -> str:
-    """Return which motion shows most of what is invisible now, and what to do about the rest."""
-    shown, words = _best_trial(d) if d.invisible else ([], "")
+def unseen(d: Diagnosis) -> tuple[str, tuple[str, ...] | None]:
+    """Return which motion shows most of what is invisible now, and what to do about the rest; and
+    how that motion is planned.
+    """
+    shown, words, plan = _best_trial(d) if d.invisible else ([], "", None)
     found = []
     if shown:
         found.append(f"{_capital(words)}: that would show {some(shown)}, invisible in this log.")
@@ -222,15 +248,15 @@ def unseen(d: Diagnosis) -> str:
         names = some([effect.label for effect in effects])
         alone = ", which no motion tried does" * (len(found) < 2)
         found.append(f"{_capital(effects[0].remedy)}: that would show {names}{alone}.")
-    return " ".join(found)
+    return " ".join(found), plan
 
 
-def _best_trial(d: Diagnosis) -> tuple[list[str], str]:
-    """Return the labels of what the most revealing motion shows, and that motion."""
+def _best_trial(d: Diagnosis) -> tuple[list[str], str, tuple[str, ...] | None]:
+    """Return the labels of what the most revealing motion shows, that motion, and its plan."""
     loops = d.fit.mechanism.closures  # a correction closes them anew at every sample: not tried
     wanted = [e.effect for e in d.invisible if not (e.effect.corrects and loops)][:LOOKED_AT]
     now = present(d.fit.mechanism, d.fit.motion)
-    best: tuple[list[str], str] = [], ""
+    best: tuple[list[str], str, tuple[str, ...] | None] = [], "", None
     kinds = {"awake", "turn", "limits", "wider"}
     for trial in trials(now, concerned(d, [])):
         probe = Probe.of(d, trial) if trial.kind in kinds else None
@@ -244,7 +270,7 @@ def _best_trial(d: Diagnosis) -> tuple[list[str], str]:
             ):  # what cannot be evaluated in this motion is not shown by it
                 found += [effect.label] if probe.visible(effect) > SHOWS else []
         if len(found) > len(best[0]):
-            best = found, described(trial, now)
+            best = found, described(trial, now), _plan(trial)
     return best
 
 

@@ -310,11 +310,14 @@ def unused(name: str) -> str:
     return str(path)
 
 
-def next_command(verb: str, added: Iterable[Effect] = (), separate: Sequence[str] = ()) -> str:
+def next_command(
+    verb: str, added: Iterable[Effect] = (), separate: Sequence[str] = (), plan: Sequence[str] = ()
+) -> str:
     """Return the command that goes on with a verb from the one that runs, ready to be copied.
 
     Nothing outside of a command, or where the verb does not take the options of the model, with
-    which stand the effects that were `added`. `separate`: two labels that excite is to tell apart.
+    which stand the effects that were `added`. `separate`: two labels that excite is to tell apart;
+    `plan`: its options of a motion.
     """
     if (given := inputs.get()) is None:
         return ""
@@ -340,6 +343,7 @@ def next_command(verb: str, added: Iterable[Effect] = (), separate: Sequence[str
         "excite": [
             *own(*PAIRS, "--allow-code"),
             *(["--separate", *separate] if separate else []),
+            *plan,
             "--out",
             unused("next.csv"),
         ],
