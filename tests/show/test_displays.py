@@ -201,7 +201,8 @@ def test_torques_of_another_unit_are_doubted_in_the_card():
     fit = ident.identify(arm, ident.complete(arm, scaled), estimator="least-squares")
     assert max(e.relative for e in fit.train.values()) < 0.01
     assert "Doubtful" in fit_card(fit).sure
-    assert "scale" in fit_card(fit).sure  # the remedy
+    assert fit_card(fit).line.startswith("The size looks wrong of all torques")
+    assert "scale" in fit_card(fit).line  # the remedy
 
 
 def test_a_payload_is_a_mass_and_its_centre():

@@ -5,6 +5,7 @@ elsewhere), faults are made on the log's columns.
 """
 
 import json
+import re
 import time
 from dataclasses import replace
 
@@ -346,6 +347,22 @@ def test_one_factor_of_all_torques_is_found():
     for factor, shown in ((torques, [pytest.approx(1.3, rel=0.05)]), ({}, [])):
         fit = ident.identify(mechanism, ident.complete(mechanism, changed(log, **factor)))
         assert [e.number for e in fit.health.findings if e.code == "magnitude"] == shown
+
+
+def test_currents_of_several_drives_are_no_wrong_scale_of_one():
+    """Each torque over its own constant: the factors, and no fault where these are 1."""
+    arm, log = robot("arm"), ident.read_log(ROBOTS / "arm" / "run.csv")
+    fitted = arm.with_effect("viscous").with_effect("coulomb")
+    constants = {"yaw": 12.0, "shoulder": 19.0, "elbow": 6.0, "wrist": 4.0}
+    amperes = {f"tau__{n}": log.columns[f"tau.{n}"] / K for n, K in constants.items()}
+    fit = ident.identify(fitted, ident.complete(fitted, changed(log, **amperes)))
+    (fault,) = fit.health.faults
+    assert fault.code == "units"
+    assert set(fault.where) == {f"tau.{n}" for n in constants}
+    about = dict(re.findall(r"(\w+) ([\d.]+)[,]", fault.remedy))
+    assert all(abs(np.log(float(about[n]) / K)) < 0.5 for n, K in constants.items())
+    fit = ident.identify(arm, ident.complete(arm, log))
+    assert not {each.code for each in fit.health.findings} & {"units", "magnitude", "scale"}
 
 
 @pytest.mark.parametrize("factor", [0.4, 2.5])

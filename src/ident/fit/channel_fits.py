@@ -368,7 +368,7 @@ def squares(gram: Array, z: Array) -> Array:
 
 
 def columns_of(
-    table: Table, free: Array, columns: Sequence[tuple[np.ndarray, np.ndarray]], u: int
+    table: Table, free: np.ndarray, columns: Sequence[tuple[np.ndarray, np.ndarray]], u: int
 ) -> Array:
     """Columns (N, k) of the free unknowns and of further effects in coordinate u."""
     extra = [

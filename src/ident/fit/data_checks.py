@@ -30,6 +30,7 @@ from ident.fit.channel_fits import (
     RIVAL,
     SMALL,
     ChannelEquations,
+    columns_of,
     credible_t,
     limits_of_machines,
 )  # fmt: skip
@@ -61,7 +62,7 @@ from ident.text import percent, some
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
-    "position swapped", "joints swapped", "time", "gravity", "another run",
+    "position swapped", "joints swapped", "time", "gravity", "another run", "units",
 }  # fmt: skip
 FEW = 300  # samples that tell a right motion from a wrong one
 BAD = 0.05  # relative error from which positions are doubted, of which there are many wrong ones
@@ -74,7 +75,6 @@ TIMES = 30.0  # of the URDF's torque at one joint, where a rotor behind its gear
 TOGETHER = 3.0  # the same at all joints alike: masses in a URDF are rarely so wrong, units are
 SAME = 0.03  # difference of logarithms of factors that are one number, as no errors of masses are …
 OTHER = 1.15  # … from which that number is another scale than the URDF's
-ALIKE = 0.7  # difference of logarithms of factors that are one, bodies being off by some 30 %
 
 
 @dataclass(frozen=True, repr=False)
@@ -202,7 +202,10 @@ class DataChecks:
         if self.mechanism.driven:
             if all(each.code == "delay" and len(each.where) == 1 for each in found):
                 found += self._late()  # in one joint alone it is that joint's friction
-            found = found or [*self._strangers(self.faults[2])] or [*self._magnitudes()]
+            sizes = [*self._magnitudes()]
+            if {each.code for each in found} <= {"scale"} and any(x.code == "units" for x in sizes):
+                found = sizes
+            found = found or [*self._strangers(self.faults[2])] or sizes
         return Health((*found, *log_findings(self.mechanism, self.problem.motion)))
 
     @property
@@ -337,54 +340,88 @@ class DataChecks:
 
     def _magnitudes(self) -> Iterator[Finding]:
         """Report torques of another size or shape than the URDF's bodies need: a hint, for a URDF
-        may be wrong.
+        may be wrong; but a fault where factors of several torques explain the log.
         """
         columns, table, gains = self.problem.columns, self.table, dict[str, float]()
         rigid = np.arange(len(columns)) < len(columns.rigid)
-        heavy = rigid & np.array(
-            [n.endswith((".m", ".mx", ".my", ".mz")) for n in columns.names], bool
-        )
-        enough = 2  # torques; one alone where it is gravity's, which no rotor makes
+        beside = [table.effect_columns(each, [{}]) for each in self.common]
         for u, name in enumerate(self.problem.motion.independent):
-            if name not in self.mechanism.driven or self.errors[name] >= LEAVES:
+            if name not in self.mechanism.driven or not self.use[:, u].any():
                 continue
-            some = self.use[:, u]
-            A, known = table.A[some, u], (table.tau - table.b)[some, u]  # of known bodies
-            some_of = rigid
-            if self.use.shape[1] == 1 and np.linalg.norm(A[:, heavy] @ columns.prior[heavy]) > 0:
-                some_of, enough = heavy, 1
-            then, now = (
-                A[:, some_of] @ x[some_of] + known for x in (columns.prior, self.estimate.x)
-            )
-            sizes = [float(np.linalg.norm(x)) for x in (now, then)]
-            like = now @ then / max(sizes[0] * sizes[1], 1e-300)
-            if like > LIKE:
-                gains[name] = sizes[0] / sizes[1]
+            some, tau = self.use[:, u], table.tau[self.use[:, u], u]
+            A, known = table.A[some, u], tau - table.b[some, u]  # of known bodies
+            then, now = (A[:, rigid] @ x[rigid] + known for x in (columns.prior, self.estimate.x))
+            like, sizes = _cosine(now, then), [float(np.linalg.norm(x)) for x in (now, then)]
+            X = columns_of(table, ~rigid, beside, u)[some]  # friction and rotors
+            own, logged = (x - X @ np.linalg.lstsq(X, x, rcond=None)[0] for x in (then, tau))
+            if np.linalg.norm(own) > SMALL * sizes[1] and _cosine(own, logged) > LIKE:
+                gains[name] = float(own @ logged / (own @ own))
             many = self.estimate.triangle.rows > MANY * self.estimate.base.rank
-            matter = min(sizes) > LEAVES * float(np.linalg.norm(table.tau[some, u]))
-            if many and matter and like < UNLIKE:
+            matter = min(sizes) > LEAVES * float(np.linalg.norm(tau))
+            if many and matter and like < UNLIKE and self.errors[name] < LEAVES:
                 text = (
                     f"tau.{name}: the bodies that were identified need a torque of another shape "
                     f"than the URDF's (correlation {like:.2f}): gravity, the zero or sign of a "
                     "position or a unit of time is wrong, unless its masses are no real ones"
                 )
                 remedy = "check [mechanism] gravity, q.… and t against the machine"
-                yield Finding("unlike", text, remedy, (f"tau.{name}",), float(like), UNLIKE)
+                yield Finding("unlike", text, remedy, (f"tau.{name}",), like, UNLIKE)
         logs = np.log(list(gains.values()))
         least = OTHER if len(gains) > 1 and np.ptp(logs) < SAME else TOGETHER
-        alike = len(gains) >= enough and np.ptp(logs) < ALIKE and np.abs(logs).min() > np.log(least)
-        alone = [[name] for name, x in gains.items() if max(x, 1 / x) > TIMES]
-        for names in [list(gains)] if alike else alone:
-            gain = float(np.exp(np.mean([np.log(gains[name]) for name in names])))
-            where = tuple(f"tau.{name}" for name in names)
-            text = (
-                f"{', '.join(where)}: {gain:.3g} times what the URDF's bodies need, and of the "
-                "same shape: a unit, a gear ratio or a torque constant, a wrong unit of time, "
-                "length or gravity, unless its masses are no real ones"
-            )
-            remedy = log_entry(self.mechanism, where[0], exact_factor(float(f"{1 / gain:.2g}")))
-            remedy += ", all alike" if len(names) > 1 else ""
-            yield Finding("magnitude", text, remedy, where, gain, least if alike else TIMES)
+        far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}
+        several = 2 * len(far) >= len(self.use.T) and len({x > 1 for x in far.values()}) == 1
+        if several and len(far) > 1 and (units := self._units(gains)) is not None:
+            yield units
+        elif several and len(far) == len(gains):
+            yield self._magnitude(far, least)
+        else:
+            alone = ({name: x} for name, x in far.items() if max(x, 1 / x) > TIMES)
+            yield from (self._magnitude(each, TIMES) for each in alone)
+
+    def _units(self, gains: Mapping[str, float]) -> Finding | None:
+        """Return a finding if torques that are `gains` times what the URDF's bodies need, by joint,
+        explain the log once each is scaled by a factor of its own.
+        """
+        equations, names = self.equations, list(gains)
+        factors = {equations.driven.index(name): 1 / x for name, x in gains.items()}
+        scaled = equations.as_logged.with_("scale", gain=factors)
+        before, after = (
+            float(np.exp(np.log(equations.noise(each)[equations.rows_of(scaled)]).mean()))
+            for each in (equations.as_logged, scaled)
+        )
+        if before < DOUBT or after > HALF * before:
+            return None
+        where = tuple(f"tau.{name}" for name in names)
+        text = (
+            f"{self._torques(where)}: {_times(gains)}, by a factor of its own each: currents "
+            "without their torque constants, or another unit? Scaled, the error of the predicted "
+            f"torque falls from {percent(before)} to {percent(after)}"
+        )
+        now = [self.mechanism.columns.get(each) for each in where]
+        constants = [
+            (source.scale if source else 1.0) / x
+            for source, x in zip(now, gains.values(), strict=True)
+        ]
+        about = ", ".join(f"{n} {x:.2g}" for n, x in zip(names, constants, strict=True))
+        entry = log_entry(self.mechanism, where[0], float(f"{1 / gains[names[0]]:.2g}"))
+        remedy = f"give each its torque constant, about {about}, as {entry}"
+        return Finding("units", text, remedy, where, min(gains.values()), TOGETHER)
+
+    def _torques(self, where: tuple[str, ...]) -> str:
+        several = len(where) == len(self.mechanism.driven) > 2
+        return "all torques" if several else ", ".join(where)
+
+    def _magnitude(self, gains: Mapping[str, float], least: float) -> Finding:
+        """Return a hint on torques that are `gains` times, by joint, what the URDF needs."""
+        gain = float(np.exp(np.mean(np.log([*gains.values()]))))
+        where = tuple(f"tau.{name}" for name in gains)
+        text = (
+            f"{self._torques(where)}: {_times(gains)}: a unit, a gear ratio or a torque constant, "
+            "a wrong unit of time, length or gravity, unless its masses are no real ones"
+        )
+        remedy = log_entry(self.mechanism, where[0], exact_factor(float(f"{1 / gain:.2g}")))
+        remedy += ", all alike" if len(where) > 1 else ""
+        return Finding("magnitude", text, remedy, where, gain, least)
 
     # --- positions, time and gravity --------------------------------------------------------------
 
@@ -466,6 +503,15 @@ class DataChecks:
         band = replace(self.problem.motion.band, cutoff=None)
         motion = replace(self.problem.motion, experiments=tuple(states), band=band)
         return Table.of(mechanism, self.problem.columns, motion, self.table.point)
+
+
+def _times(gains: Mapping[str, float]) -> str:
+    ends = dict.fromkeys(f"{x:.2g}" for x in (min(gains.values()), max(gains.values())))
+    return f"{' to '.join(ends)} times what the URDF's bodies need, and of the same shape"
+
+
+def _cosine(x: Array, y: Array) -> float:
+    return float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
 
 
 def _rms(x: Array) -> float:

@@ -15,10 +15,21 @@ from ident.diagnosis.selection import Evidence
 from ident.display import folder, renders
 from ident.effects import KINDS, Effect
 from ident.fit import Fit
+from ident.fit.findings import Finding
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.information.chance import odds_ratio
-from ident.show.html import NOISY, Bar, Card, add_command, by_kind, good_enough, named, next_command
+from ident.show.html import (
+    NOISY,
+    Bar,
+    Card,
+    add_command,
+    by_kind,
+    good_enough,
+    named,
+    next_command,
+    wrong_unit,
+)
 from ident.show.laws import curve_name, curves, expression, labels, laws, numbers
 from ident.show.residual import failure_text
 from ident.show.sheet import Sheet
@@ -59,15 +70,17 @@ def failing(d: Diagnosis) -> list[Failure]:
     return [f for f in d.where if errors[f.joint].rms > NOISY * d.floor[f.joint]] or [*d.where[:1]]
 
 
-def spoilt(d: Diagnosis) -> bool:
-    """Return whether a fault of the data explains the log, and no effect is named beside it."""
-    return bool(d.health.faults) and d.best is None
+def spoilt(d: Diagnosis) -> list[Finding]:
+    """Return the faults of the data that explain the log, and another unit of several torques,
+    where no effect is named beside them.
+    """
+    return [] if d.best else [*d.health.faults, *wrong_unit(d.health.findings)]
 
 
 def verdict_line(d: Diagnosis) -> str:
     """Return the verdict in one sentence; what is wrong with the data comes before effects."""
-    if spoilt(d):
-        return f"the data look wrong: {d.health.faults[0].meaning}"
+    if wrong := spoilt(d):
+        return f"the data look wrong: {wrong[0].meaning}"
     if d.best is not None:
         first = f"{d.best.label if d.rivals else named(d.group)} ({type(d.best).summary()})"
         names = ["other values of " * bool(d.candidates[0].known) + first, *_alike(d)]

@@ -35,6 +35,7 @@ from ident.show.html import (
     next_command,
     paragraph,
     scale_doubts,
+    wrong_unit,
 )
 from ident.show.html import table as html_table
 from ident.show.laws import body_words
@@ -247,10 +248,13 @@ def card(fit: Fit) -> Card:
     following = "monitor" if fit.validation else "compare"
     command = next_command(following if fine else "diagnose")
     wrong = [f"The data look wrong: {each}." for each in fit.health.faults]
-    wrong += [f"{each}." for each in scale_doubts(doubts)]
-    trust = " ".join([*wrong, good, f"{words}."]).strip() * bool(bars)
+    wrong += [f"The size looks wrong of {each}." for each in scale_doubts(doubts)]
     if fit.changes is None:
-        return Card(headline(fit), trust, bars, command)
+        first, grave = headline(fit), bool(fit.health.faults or wrong_unit(doubts))
+        line, *rest = [*wrong, first] if grave and bars else [first, *wrong]
+        trust = " ".join([*rest, good, f"{words}."]).strip() * bool(bars)
+        return Card(line, trust, bars, command)
+    trust = " ".join([*wrong, good, f"{words}."]).strip() * bool(bars)
     if fit.changes.changed:  # with the earlier bodies known, which names the cause
         command = next_command("diagnose")
     then = earlier.errors if earlier else {}

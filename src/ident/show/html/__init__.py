@@ -21,6 +21,7 @@ from markupsafe import Markup
 from ident.display import acceptable, folder, inputs, running
 from ident.effects import Effect
 from ident.fit.channel_fits import LEAVES
+from ident.fit.faults import UNITS
 from ident.fit.findings import Finding
 from ident.information.blocks import Error
 from ident.mechanism.load import is_fit
@@ -36,6 +37,7 @@ STRIP = 32  # characters of the longest bar in a terminal
 BARS = 8  # joints that a terminal shows at most
 NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
 SAME = 0.005  # of an error: a change below is none, since both are printed with three digits
+BODIES = 0.3  # difference of logarithms that the masses of a URDF make
 LONG, ROOM = 8.0, 4.0  # times what stays or noise: a longer bar is cut, at this length
 TRIFLE = 0.003  # of the torque: what a diagnosis takes to be too small to matter
 
@@ -137,6 +139,17 @@ OTHER = "is this a log of this machine, with its load and units?"
 def scale_doubts(findings: Iterable[Finding]) -> list[Finding]:
     """Return the findings on the size of torques: a fit follows them, whatever their unit is."""
     return [each for each in findings if each.code == "magnitude"]
+
+
+def wrong_unit(findings: Iterable[Finding]) -> list[Finding]:
+    """Return those of them on several torques whose factor is about that of another unit."""
+    return [
+        each
+        for each in scale_doubts(findings)
+        if each.number and each.where[1:]
+        for size in [abs(math.log(each.number))]
+        if any(abs(size - math.log(unit)) < BODIES for unit in UNITS)
+    ]
 
 
 def enough(
