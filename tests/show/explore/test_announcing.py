@@ -125,6 +125,7 @@ def test_what_stands_under_would_lower_the_error_lowers_it(label):
     rows = [row for row in effect_rows(e) if row["group"] == GROUPS[1]]
     assert len(rows) > 5
     assert all(announced(e, row["label"]).fall > 0 for row in rows)
+    assert all("≈ " in row["fall"] for row in rows)  # of the joint that it mends
 
 
 def test_what_cannot_be_seen_says_why():

@@ -111,8 +111,8 @@ def _offer(x: Law | FoundCurve) -> dict[str, Any]:
 def _effect_row(x: PredictedGain, marks: dict[str, str]) -> dict[str, Any]:
     change, fall = "not linear" if x.present else "", 0.0
     if x.before is not None and x.after is not None:
-        near = "" if x.effect.linear else "≈ "  # exact for what is linear in its unknowns
-        change = f"{near}{Bar('', x.before, x.after).words}"
+        other = "" if {*x.joints[:1]} <= {*x.effect.joints} else f"{x.joints[0]} "
+        change = f"{other}≈ {Bar('', x.before, x.after).words}"  # all else is refitted when added
         fall = 1 - x.after.rms / max(x.before.rms, 1e-300)
     about = x.effect.equation if isinstance(x.effect, Formula) else type(x.effect).summary()
     mark = "in the model" if x.present else marks.get(x.label, "")

@@ -109,7 +109,7 @@ function ladder() {
     return make("tr", now ? {"aria-current": "true"} : {}, make("th", {scope: "row"}, first),
                 ...cells.map((cell, j) => make("td", {"data-head": head[j + 1]}, cell)))
   })
-  const top = make("tr", {}, ...head.map((cell) => make("th", {scope: "col"}, cell)))
+  const top = make("tr", {}, ...head.map((cell) => make("th", {scope: "col"}, cell.replaceAll("_", "_\u200b"))))
   $("ladder").replaceChildren(make("table", {}, make("thead", {}, top), make("tbody", {}, ...lines)))
   $("ladder").scrollTop = $("ladder").scrollHeight
 }
