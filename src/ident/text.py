@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import shutil
+import sys
 import textwrap
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-WIDTH = 100  # characters of a line in a terminal
+WIDTH = 100  # characters of a line, where no terminal is narrower
+NARROW = 40  # of a terminal, in which nothing is set narrower
 MUCH = 10.0  # relative error above which its size says nothing more
 LARGE = 1e5  # below, a number with an error is written without an exponent
 
@@ -46,10 +49,17 @@ def stamp(t: float) -> str:
     return f"{t:.6g}" if abs(t) < 1e5 else f"{t:.2f}"
 
 
+def width() -> int:
+    """Return the characters of a line: 100, or those of a narrower terminal."""
+    if not sys.stdout.isatty():
+        return WIDTH
+    return max(NARROW, min(WIDTH, shutil.get_terminal_size((WIDTH, 0)).columns))
+
+
 def wrapped(text: str, indent: str = "") -> list[str]:
-    """Return lines of at most 100 characters, all but the first indented."""
+    """Return lines of at most `width` characters, all but the first indented."""
     return textwrap.wrap(
-        text, WIDTH, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
+        text, width(), subsequent_indent=indent, break_on_hyphens=False, break_long_words=False
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from diagnosed import clean, grown, lacking, lawful, loop
@@ -184,3 +185,13 @@ def test_a_value_smaller_than_its_error_is_not_determined():
     text = numbers([known, unknown])
     assert "z0 = 0.07 ± 0.01 rad and" in text
     assert text.endswith("290 N m/rad (not determined)")
+
+
+def test_lines_are_as_wide_as_a_narrow_terminal(monkeypatch):
+    printed = lacking().short
+    monkeypatch.setattr("ident.text.sys.stdout", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setenv("COLUMNS", "72")
+    narrow = lacking().short
+    assert max(len(x) for x in narrow.splitlines() if not x.startswith("  ident ")) <= 72
+    assert max(len(x) for x in printed.splitlines()) > 80  # a file has its own width
+    assert set(narrow.split()) >= {*printed.split("\nerror:")[0].split()}

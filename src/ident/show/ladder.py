@@ -58,7 +58,7 @@ from ident.show.residual import (
 )  # fmt: skip
 from ident.show.sheet import Sheet
 from ident.simulate.replay import Replay
-from ident.text import WIDTH, percent, places, rounded, shortened, wrapped
+from ident.text import WIDTH, percent, places, rounded, shortened, width, wrapped
 
 SCHEMA = "ident.compare/1"
 OTHERWISE = 0.1  # of the torque of every joint, from which a log may be of another machine
@@ -258,8 +258,8 @@ def head(joints: Sequence[str]) -> str:
 
 def _columns(joints: Sequence[str]) -> list[str]:
     """Return the names of the columns."""
-    width = NAME + sum(2 + max(CELL, len(joint)) for joint in joints)
-    return list(joints) if width <= WIDTH else [f"[{i + 1}]" for i in range(len(joints))]
+    wide = NAME + sum(2 + max(CELL, len(joint)) for joint in joints)
+    return list(joints) if wide <= width() else [f"[{i + 1}]" for i in range(len(joints))]
 
 
 def _row(first: str, cells: Sequence[str], joints: Sequence[str], last: str = "") -> str:

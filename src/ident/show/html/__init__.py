@@ -29,11 +29,11 @@ from ident.mechanism.mechanism import Mechanism
 from ident.plugins import version
 from ident.show.charts import Chart, scripts
 from ident.show.template import piece
-from ident.text import listed, percent, places, some, wrapped
+from ident.text import listed, percent, places, some, width, wrapped
 
 PAIRS, FLAGS = ("--with", "--lock"), ("--absolute", "--allow-code")  # options of the model
 MONITOR = {"--with", "--lock", "--absolute", "--allow-code", "--cutoff", "--smoothing"}  # it takes
-STRIP = 32  # characters of the longest bar in a terminal
+STRIP = 32  # characters of the longest bar in a terminal that has room for it
 BARS = 8  # joints that a terminal shows at most
 NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
 SAME = 0.005  # of an error: a change below is none, since both are printed with three digits
@@ -253,25 +253,26 @@ class Card:
     def text(self) -> list[str]:
         """Return the lines for a terminal."""
         lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
-        rows = [[bar.joint, self._strip(bar), bar.words] for bar in self.bars[: self.most]]
-        if rows:
+        if bars := self.bars[: self.most]:
             lines += ["", f"error{self.key('█ stays, ░ goes', '▒ comes', '| noise', '// cut')}"]
-            width = max(len(row[0]) for row in rows)
-            lines += [f"  {joint:<{width}}  {strip}  {words}" for joint, strip, words in rows]
+            wide = max(len(bar.joint) for bar in bars)
+            left = width() - wide - max(len(bar.words) for bar in bars) - 7
+            strip = max(STRIP // 4, min(STRIP, left))
+            lines += [f"  {x.joint:<{wide}}  {self._strip(x, strip)}  {x.words}" for x in bars]
         if (more := len(self.bars) - self.most) > 0:
             lines.append(f"  and {more} joint{'s' * (more > 1)} more")
         lines += ["", f"  {self.command}"] if self.command else []
         return [*lines, *([""] if self.then else []), *wrapped(self.then, "  ")]
 
-    def _strip(self, bar: Bar) -> str:
+    def _strip(self, bar: Bar, size: int) -> str:
         before, after, noise = self.shares(bar)
-        cells = "█" * round(STRIP * min(before, after))
-        change = round(STRIP * max(before, after)), "▒" if bar.rises else "░"
-        cells = cells.ljust(*change).ljust(STRIP + 1)
+        cells = "█" * round(size * min(before, after))
+        change = round(size * max(before, after)), "▒" if bar.rises else "░"
+        cells = cells.ljust(*change).ljust(size + 1)
         if self.cut(bar):
             cells = f"{cells[:-5]}//{cells[-3:]}"
-        at = STRIP + 1 if noise is None else round(STRIP * noise)
-        return f"{cells[:at]}|{cells[at + 1 :]}" if at <= STRIP else cells
+        at = size + 1 if noise is None else round(size * noise)
+        return f"{cells[:at]}|{cells[at + 1 :]}" if at <= size else cells
 
 
 def by_kind(effects: Iterable[Effect]) -> list[list[Effect]]:
