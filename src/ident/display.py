@@ -42,13 +42,15 @@ acceptable: ContextVar[float | None] = ContextVar("acceptable", default=None)
 class Inputs:
     """What a command line is given: the mechanism, logs, and options of the model as words.
 
-    `like` are its logs of normal running, where it has any.
+    `like` are its logs of normal running, where it has any; `fit` is the folder of an earlier fit
+    that is compared with the logs.
     """
 
     mechanism: str
     logs: tuple[str, ...]
     options: tuple[str, ...]
     like: tuple[str, ...] = ()
+    fit: str = ""
 
 
 inputs: ContextVar[Inputs | None] = ContextVar("inputs", default=None)

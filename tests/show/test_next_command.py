@@ -1,6 +1,7 @@
 """The command that goes on from a result: it runs as it is printed, or is not printed."""
 
 import shlex
+from dataclasses import replace
 
 import pytest
 
@@ -101,3 +102,11 @@ def test_the_present_folder_is_a_mechanism_too(monkeypatch):
     monkeypatch.chdir(ROBOTS / "arm")
     mechanism = ident.load(".")
     assert add_command(mechanism, [ident.effect("spring", "elbow")]).startswith("ident add . ")
+
+
+def test_what_has_changed_since_a_fit_is_diagnosed_with_its_bodies(given):
+    given(["--with", "coulomb", "--lock", "wrist"], logs=("new.csv",))
+    inputs.set(replace(inputs.get(), fit="last month"))
+    words = shlex.split(next_command("diagnose", known=True))
+    assert words[2:] == ["last month/identified", "new.csv", "--lock", "wrist"]
+    assert shlex.split(next_command("diagnose"))[2] == "my arm"

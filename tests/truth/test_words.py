@@ -9,13 +9,16 @@ import pytest
 from diagnosed import clean, grown, lacking, lawful, loop
 
 import ident
+from helpers import ROBOTS
 from ident import Health
 from ident.diagnosis.unobservable import Invisible, Unsupported
 from ident.fit.findings import Finding
 from ident.fit.values import Value
+from ident.information.blocks import Error
+from ident.show.diagnosis import beside, in_order
 from ident.show.diagnosis import words as text_of
-from ident.show.html import named
-from ident.show.ladder import head, rung
+from ident.show.html import Bar, named
+from ident.show.ladder import head, history_card, rung
 from ident.show.laws import numbers
 from ident.text import WIDTH, listed, percent, some
 
@@ -96,7 +99,9 @@ def test_effects_that_the_data_do_not_support():
     drift, spring = ident.effect("drift", "yaw"), ident.effect("spring", "elbow")
     found = (Unsupported(drift, "it is not", False), Unsupported(spring, "it is negative", True))
     text = text_of(replace(clean(), unsupported=found), "")
-    assert "drift:yaw is idle: it is not (`mechanism.without('drift:yaw')`)" in text
+    assert "drift:yaw is idle: it is not." in text
+    assert "To leave out drift:yaw and spring:elbow" in text
+    assert "`mechanism.without('drift:yaw')`" in text
     assert "spring:elbow cannot be as it is: it is negative" in text
 
 
@@ -195,3 +200,27 @@ def test_lines_are_as_wide_as_a_narrow_terminal(monkeypatch):
     assert max(len(x) for x in narrow.splitlines() if not x.startswith("  ident ")) <= 72
     assert max(len(x) for x in printed.splitlines()) > 80  # a file has its own width
     assert set(narrow.split()) >= {*printed.split("\nerror:")[0].split()}
+
+
+def test_the_joint_of_what_is_named_has_a_bar():
+    history = grown()
+    top = history_card(history)
+    last = next(step.added for step in history.steps[::-1] if step.added)
+    assert top.bars[0].joint in {
+        joint for effect in (*last, *history.diagnosis.group) for joint in effect.joints
+    }
+    small = Bar("b", Error(1.0, 0.1, "N m"), Error(0.9, 0.09, "N m"), 0.1)
+    bars = [Bar("a", Error(9.0, 0.9, "N m"), Error(1.0, 0.1, "N m"), 0.1), small]
+    assert [bar.joint for bar in in_order(bars)] == ["a", "b"]
+    assert [bar.joint for bar in in_order(bars, "b")] == ["b", "a"]
+    assert in_order([]) == []
+
+
+def test_what_lowers_no_error_is_not_among_what_is_missing_too():
+    arm = ident.load(ROBOTS / "arm")
+    d = ident.diagnose(ident.identify(arm, ident.complete(arm, ROBOTS / "arm" / "run.csv")))
+    assert {m.label for m in d.also} <= {m.label for m in d.together}
+    assert "That is not all" in " ".join(beside(d))
+    strict = replace(d, decision=replace(d.decision, material=0.99))  # no error falls by as much
+    assert not strict.also
+    assert "That is not all" not in " ".join(beside(strict))

@@ -246,6 +246,7 @@ def compare(
     from ident.fit.files import read_fit
     from ident.fit.identify import compare as compare_
     from ident.fit.residual import floor_of
+    from ident.mechanism.load import is_fit
     from ident.show.ladder import comparison_files, comparison_json, judged
 
     acceptable.set(None if good_enough is None else good_enough / 100)
@@ -263,7 +264,8 @@ def compare(
         words = [word for name in names for word in ("--with", name)]
         words += ["--absolute"] * absolute + ["--allow-code"] * allow_code
         words += [word for text in lock or () for word in ("--lock", text)]
-        go_on_with(mechanism, logs, words)
+        known = str(fit[0].parent) * (len(fit) == 1 and is_fit(fit[0].parent))
+        go_on_with(mechanism, logs, words, fit=known)
     inputs = [*logs, *fit]
     output_file(plot, CHARTS, inputs)
     output_folder(out, ("report.html", "compare.json"), inputs)

@@ -192,10 +192,12 @@ class DecisionOptions:
         return vars(self)
 
 
-def go_on_with(mechanism: Path, logs: Paths, options: Sequence[str], like: Paths = None) -> None:
+def go_on_with(
+    mechanism: Path, logs: Paths, options: Sequence[str], like: Paths = None, fit: str = ""
+) -> None:
     """Remember what the command that goes on from this one is given."""
     files, normal = map(str, logs or [Path("LOG.csv")]), map(str, like or ())
-    inputs.set(Inputs(str(mechanism), tuple(files), tuple(options), tuple(normal)))
+    inputs.set(Inputs(str(mechanism), tuple(files), tuple(options), tuple(normal), fit))
 
 
 def mechanism_of(

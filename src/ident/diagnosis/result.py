@@ -379,6 +379,21 @@ class Diagnosis(Concluded):
         return self._errors_with([m for m in self.selection.named if m.effect in self.group])
 
     @cached_property
+    def also(self) -> tuple[Member, ...]:
+        """Further effects of the set, beside the group, with which an error falls as matters."""
+        mine = {effect.label for effect in self.group}
+        group = [m for m in self.selection.members if m.label in mine]
+        rest = [m for m in self.together if m.label not in mine]
+        sizes = np.array([e.rms**2 / (e.relative or 1.0) ** 2 for e in self.after.values()])
+
+        def squares(*more: Member) -> np.ndarray:
+            errors = announced_with(self.fit, self.selection, [*group, *more])
+            return np.array([e.rms**2 for e in errors.values()])
+
+        now = squares() if rest else sizes
+        return tuple(m for m in rest if self.decision.matters(now, squares(m), sizes))
+
+    @cached_property
     def every(self) -> tuple[Explanation, ...]:
         """All candidates: `candidates`, then the others as announced, by what they explain."""
         first = self.selection.first

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -179,9 +179,7 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     else:
         command = planned = planning(d, added)
     bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
-    bars.sort(key=lambda bar: bar.sizes[1] - bar.sizes[0])  # the largest fall first
-    rest = sorted(bars[1:], key=lambda bar: -bar.before.rms / (bar.noise or math.inf))
-    bars = bars[:1] + rest  # the loudest, which are named in the words beside the bars
+    bars = in_order(bars, d.candidates[0].joint if d.best else "")
     searched, doubts = d.verdict == "nothing", d.health.findings
     good = good_enough(errors, d.floor, d.fit.residual.away, searched, doubts=doubts)
     told = [*_health(d), good, certainty(d), *beside(d)]
@@ -193,6 +191,14 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     then = first_motion(d, bool(planned))
     command *= d.health.good
     return Card(line, sentences, tuple(bars), command, then)
+
+
+def in_order(bars: Iterable[Bar], named: str = "") -> list[Bar]:
+    """Return the bar of a joint that is named, or else the largest fall, then the loudest, which
+    are named in the words beside the bars.
+    """
+    falls = sorted(bars, key=lambda bar: (bar.joint != named, bar.sizes[1] - bar.sizes[0]))
+    return falls[:1] + sorted(falls[1:], key=lambda bar: -bar.before.rms / (bar.noise or math.inf))
 
 
 def planning(d: Diagnosis, added: Sequence[Effect] = ()) -> str:
@@ -426,10 +432,8 @@ def beside(d: Diagnosis) -> list[str]:
         return []
     laws = [_relative(each) for each in d.relatives[:MOST]]
     found = [f"Over the travelled range {listed(laws, 'or')} would do as well."] if laws else []
-    mine = {effect.label for effect in d.group}
-    rest = [m for m in d.together if m.label not in mine]
-    more = [named(group) for group in by_kind(m.effect for m in rest if not m.curve)]
-    more += [f"{m.label}, or a {curve_name(m.curve)}" for m in rest if m.curve]
+    more = [named(group) for group in by_kind(m.effect for m in d.also if not m.curve)]
+    more += [f"{m.label}, or a {curve_name(m.curve)}" for m in d.also if m.curve]
     if more:
         found.append(
             f"That is not all: beside it, the data ask for {some(more)}. Add it and diagnose "
@@ -481,8 +485,15 @@ def _invisible(d: Diagnosis) -> list[str]:
 
 
 def _unsupported(d: Diagnosis) -> list[str]:
-    return [
+    names = [each.effect.label for each in d.unsupported]
+    found = [
         f"In the model, {each.effect.label} {'cannot be as it is' if each.absurd else 'is idle'}: "
-        f"{each.why} (`mechanism.without('{each.effect.label}')`)."
+        f"{each.why}."
         for each in d.unsupported
     ]
+    if names:
+        found.append(
+            f"To leave out {listed(names)}: name the others by `--with`, or take [[effect]] out of "
+            f"mechanism.toml; in Python, `mechanism.without('{names[0]}')`."
+        )
+    return found

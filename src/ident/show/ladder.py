@@ -27,7 +27,7 @@ from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
 from ident.show.charts import Chart, Level, Line, Mark, Panel
-from ident.show.diagnosis import card, noise_errors, short, verdict_line
+from ident.show.diagnosis import card, in_order, noise_errors, short, verdict_line
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.html import (
     OTHER,
@@ -116,8 +116,9 @@ def comparison_card(c: Comparison) -> Card:
         parts = [f"{way} in {places(names)}" for way, names in ways.items() if names]
         line += f": the error {' and '.join(parts) or 'is the same in all joints'}"
         good = good and f"{shown[last.name]}: {good}"
-    command = next_command("monitor" if enough(errors, floor) else "diagnose")
-    return Card(line, good, bars, command)
+    differs = alone and bool(changed)
+    verb = "diagnose" if differs or not enough(errors, floor) else "monitor"
+    return Card(line, good, bars, next_command(verb, known=differs))
 
 
 def judged(c: Comparison, residual: Residual) -> Mapping[str, Error]:
@@ -366,10 +367,12 @@ def history_card(history: History) -> Card:
     """Return the verdict on what is left, what was added, and the error before and after."""
     d, first, errors = history.diagnosis, history.steps[0].errors, errors_of(history.fit)
     top, added = card(d, history.added), named(history.added) if history.added else "nothing"
-    bars = tuple(Bar(joint, first[joint], e, d.floor[joint]) for joint, e in errors.items())
+    last = d.group or next((s.added for s in history.steps[::-1] if s.added), ())
+    own = [joint for effect in last for joint in effect.joints]
+    bars = in_order((Bar(j, first[j], e, d.floor[j]) for j, e in errors.items()), *own[:1])
     if d.verdict == "nothing":
         top = replace(top, command=next_command("compare", history.added))
-    return replace(top, sure=f"Added: {added}. {top.sure}", bars=bars)
+    return replace(top, sure=f"Added: {added}. {top.sure}", bars=tuple(bars))
 
 
 @renders(History, "short")

@@ -325,13 +325,14 @@ def unused(name: str) -> str:
 
 
 def next_command(
-    verb: str, added: Iterable[Effect] = (), separate: Sequence[str] = (), plan: Sequence[str] = ()
-) -> str:
+    verb: str, added: Iterable[Effect] = (), separate: Sequence[str] = (),
+    plan: Sequence[str] = (), known: bool = False,
+) -> str:  # fmt: skip
     """Return the command that goes on with a verb from the one that runs, ready to be copied.
 
     Nothing outside of a command, or where the verb does not take the options of the model, with
     which stand the effects that were `added`. `separate`: two labels that excite is to tell apart;
-    `plan`: its options of a motion.
+    `plan`: its options of a motion. `known`: with the bodies of an earlier fit, if one is compared.
     """
     if (given := inputs.get()) is None:
         return ""
@@ -371,6 +372,8 @@ def next_command(
     mechanism = given.mechanism
     if verb == "diagnose" and is_fit(Path(mechanism)):  # with known bodies a load can be the cause
         mechanism = f"{mechanism}/identified"
+    elif verb == "diagnose" and known and given.fit:  # effects are in it, with their values
+        mechanism, words[verb] = f"{given.fit}/identified", [*given.logs, *own("--lock", *FLAGS)]
     return shlex.join(["ident", verb, mechanism, *words[verb]])
 
 
