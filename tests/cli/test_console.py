@@ -33,3 +33,10 @@ def test_the_first_line_goes_before_anything_else_is_written(monkeypatch, capsys
     console.notes(["x"])
     assert terminal.file.getvalue().count("\x1b[K") == 1
     assert capsys.readouterr().out == "mechanism arm\n"
+
+
+def test_notes_that_differ_in_the_joint_only_are_one():
+    turning = [f"{joint} may turn on and on" for joint in ("shoulder", "elbow", "wrist")]
+    assert merged(turning) == ["shoulder … wrist (3) may turn on and on"]
+    counts = ["78 samples are left out", "9 samples are left out"]
+    assert merged(counts) == counts

@@ -115,29 +115,33 @@ def notes(lines: Iterable[str]) -> None:
 
 
 def merged(lines: Iterable[str]) -> list[str]:
-    """Join lines that differ in a name before the colon and in numbers only, which become ranges.
+    """Join lines that differ in the name at their beginning and in numbers only, which become
+    ranges.
 
     >>> merged(["a.csv: 9 samples are left out", "b.csv: 12 samples are left out", "x"])
     ['a.csv … b.csv (2): 9 to 12 samples are left out', 'x']
+    >>> merged(["yaw may turn on and on", "wrist may turn on and on"])
+    ['yaw … wrist (2) may turn on and on']
     """
     kinds: dict[str, list[tuple[str, str]]] = {}
     for line in dict.fromkeys(lines):
-        log, colon, rest = line.partition(": ")
-        if not colon or " " in log:
-            log, rest = "", line
-        kinds.setdefault(NUMBER.sub("#", rest) if log else line, []).append((log, rest))
+        name, space, rest = line.partition(" ")
+        named = space and not name[0].isdigit()
+        kinds.setdefault(NUMBER.sub("#", rest) if named else line, []).append((name, space + rest))
     return [_one(kind) for kind in kinds.values()]
 
 
 def _one(kind: list[tuple[str, str]]) -> str:
-    logs, texts = list(dict.fromkeys(log for log, _ in kind)), [text for _, text in kind]
+    names, texts = list(dict.fromkeys(name for name, _ in kind)), [text for _, text in kind]
     numbers = zip(*map(NUMBER.findall, texts), strict=True)
     columns = (sorted(each, key=float) for each in numbers)
     ranges = (f"{c[0]} to {c[-1]}" if c[0] != c[-1] else c[0] for c in columns)
     text = NUMBER.sub(lambda _: next(ranges), texts[0])
-    if len(logs) > 1:
-        return f"{logs[0]} … {logs[-1]} ({len(logs)}): {text}"
-    return f"{logs[0]}: {text}" if logs[0] else text
+    if len(names) > 1:
+        colon = ":" * names[0].endswith(":")
+        both = (name.removesuffix(":") for name in (names[0], names[-1]))
+        return f"{' … '.join(both)} ({len(names)}){colon}{text}"
+    return f"{names[0]}{text}"
 
 
 def wrote(paths: Iterable[Path]) -> None:
