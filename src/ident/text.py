@@ -13,6 +13,7 @@ import numpy as np
 WIDTH = 100  # characters of a line, where no terminal is narrower
 NARROW = 40  # of a terminal, in which nothing is set narrower
 MUCH = 10.0  # relative error above which its size says nothing more
+NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
 LARGE = 1e5  # below, a number with an error is written without an exponent
 
 
@@ -119,3 +120,33 @@ def shortened(name: str, most: int = 72) -> str:
     cut = max(name.rfind(" + ", 0, most), name.rfind(" - ", 0, most))
     rest = name[cut:].count(" + ") + name[cut:].count(" - ")
     return f"{name[:cut]} + … ({rest} more)"
+
+
+def merged(lines: Iterable[str]) -> list[str]:
+    """Join lines that differ in the name at their beginning and in numbers only, which become
+    ranges.
+
+    >>> merged(["a.csv: 9 samples are left out", "b.csv: 12 samples are left out", "x"])
+    ['a.csv … b.csv (2): 9 to 12 samples are left out', 'x']
+    >>> merged(["yaw may turn on and on", "wrist may turn on and on"])
+    ['yaw … wrist (2) may turn on and on']
+    """
+    kinds: dict[str, list[tuple[str, str]]] = {}
+    for line in dict.fromkeys(lines):
+        name, space, rest = line.partition(" ")
+        named = space and not name[0].isdigit()
+        kinds.setdefault(NUMBER.sub("#", rest) if named else line, []).append((name, space + rest))
+    return [_one(kind) for kind in kinds.values()]
+
+
+def _one(kind: list[tuple[str, str]]) -> str:
+    names, texts = list(dict.fromkeys(name for name, _ in kind)), [text for _, text in kind]
+    numbers = zip(*map(NUMBER.findall, texts), strict=True)
+    columns = (sorted(each, key=float) for each in numbers)
+    ranges = (f"{c[0]} to {c[-1]}" if c[0] != c[-1] else c[0] for c in columns)
+    text = NUMBER.sub(lambda _: next(ranges), texts[0])
+    if len(names) > 1:
+        colon = ":" * names[0].endswith(":")
+        both = (name.removesuffix(":") for name in (names[0], names[-1]))
+        return f"{' … '.join(both)} ({len(names)}){colon}{text}"
+    return f"{names[0]}{text}"

@@ -8,7 +8,6 @@ from __future__ import annotations
 import inspect
 import io
 import os
-import re
 import shlex
 import sys
 import traceback
@@ -31,6 +30,7 @@ from ident.errors import IdentError
 from ident.files import LARGEST_LOG, json_line, most_bytes
 from ident.plugins import version
 from ident.show.progress import terminal_bar
+from ident.text import merged
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -45,7 +45,6 @@ class Piped(Console):
 
 
 errors = Piped(stderr=True, highlight=False, soft_wrap=True)
-NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
 _starting: list[str] = []  # the line that shows that a command has begun
 _steps: list[str] = []  # the present step of the command, for the line that Ctrl-C gets
 _bars: list[Bar] = []  # the bar of progress that is shown
@@ -112,36 +111,6 @@ def notes(lines: Iterable[str]) -> None:
     """Write notes to standard error, one line each; several of one kind are one line."""
     for each in merged(lines):
         remark(f"note: {each}")
-
-
-def merged(lines: Iterable[str]) -> list[str]:
-    """Join lines that differ in the name at their beginning and in numbers only, which become
-    ranges.
-
-    >>> merged(["a.csv: 9 samples are left out", "b.csv: 12 samples are left out", "x"])
-    ['a.csv … b.csv (2): 9 to 12 samples are left out', 'x']
-    >>> merged(["yaw may turn on and on", "wrist may turn on and on"])
-    ['yaw … wrist (2) may turn on and on']
-    """
-    kinds: dict[str, list[tuple[str, str]]] = {}
-    for line in dict.fromkeys(lines):
-        name, space, rest = line.partition(" ")
-        named = space and not name[0].isdigit()
-        kinds.setdefault(NUMBER.sub("#", rest) if named else line, []).append((name, space + rest))
-    return [_one(kind) for kind in kinds.values()]
-
-
-def _one(kind: list[tuple[str, str]]) -> str:
-    names, texts = list(dict.fromkeys(name for name, _ in kind)), [text for _, text in kind]
-    numbers = zip(*map(NUMBER.findall, texts), strict=True)
-    columns = (sorted(each, key=float) for each in numbers)
-    ranges = (f"{c[0]} to {c[-1]}" if c[0] != c[-1] else c[0] for c in columns)
-    text = NUMBER.sub(lambda _: next(ranges), texts[0])
-    if len(names) > 1:
-        colon = ":" * names[0].endswith(":")
-        both = (name.removesuffix(":") for name in (names[0], names[-1]))
-        return f"{' … '.join(both)} ({len(names)}){colon}{text}"
-    return f"{names[0]}{text}"
 
 
 def wrote(paths: Iterable[Path]) -> None:

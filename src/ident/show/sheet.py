@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from ident.show.html import Card, in_frame, paragraph, strong
 from ident.show.template import piece
-from ident.text import table, wrapped
+from ident.text import merged, table, wrapped
 
 Rows = Sequence[Sequence[str]]
 
@@ -53,7 +53,7 @@ class Sheet:
 
     def text(self) -> str:
         """Return the description for a terminal."""
-        return "\n".join([self.summary(), *(f"note: {note}" for note in self.notes)])
+        return "\n".join([self.summary(), *(f"note: {note}" for note in merged(self.notes))])
 
     def blocks(self) -> tuple[Markup, ...]:
         """Return all but the title as HTML."""
