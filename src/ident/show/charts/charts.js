@@ -101,12 +101,16 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
   }
 
   function fitting(name, pixels) { // a name that is longer than so many in several lines
-    const most = Math.max(16, Math.floor(pixels / 7.5)), lines = [""]
-    for (const word of name.split(/(?<=[:,. _\n])/)) {
-      if (lines.at(-1) && lines.at(-1).length + word.length > most) lines.push("")
-      lines[lines.length - 1] += word
+    const most = Math.max(16, Math.floor(pixels / 7.5)), lines = []
+    for (const part of name.split("\n")) {
+      lines.push("")
+      const words = part.match(/\[[^\]]*\]\s*|[^\s:,[]+[\s:,]*|[\s:,[]+/g) ?? [] // a unit is one word, and so is a name that fits
+      for (const word of words.flatMap((each) => each.trim().length > most ? each.split(/(?<=[._ ])/) : [each])) {
+        if (lines.at(-1) && lines.at(-1).length + word.trim().length > most) lines.push("")
+        lines[lines.length - 1] += word
+      }
     }
-    return lines.join("\n").split(/\n+/).map((each) => each.length <= most ? each : `${each.slice(0, most - 1)}…`).join("\n")
+    return lines.filter((each) => each).join("\n").split(/\n+/).map((each) => each.length <= most ? each : `${each.slice(0, most - 1)}…`).join("\n")
   }
 
   function named(axis, names, text, looks) {
@@ -150,8 +154,9 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     fig.title = new Bokeh.Title({text: plain(panel.title), text_color: panel.marked ? "#d1495b" : GREY})
     const bare = chart.shared_x && !last // numbers stand below the last row
     const tilted = Math.max(0, ...panel.x_names.map((name) => name.length)) > 6
+    const far = panel.marks.some((m) => "x" in m && Math.abs(numbers[m.x].at(-1)) > 1e6) // as times from 1970
     for (const axis of fig.xaxes) {
-      if (!panel.x_names.length) axis.ticker.setv({desired_num_ticks: across < 450 ? 3 : 6})
+      if (!panel.x_names.length) axis.ticker.setv({desired_num_ticks: across < 450 ? (far ? 1 : 3) : 6})
       named(axis, panel.x_names, bare ? "" : fitting(panel.x, across), {
         major_label_text_font_size: bare ? "0px" : "11px",
         major_label_orientation: tilted ? 0.45 : "horizontal"})
@@ -162,10 +167,16 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     for (const axis of fig.yaxes) {
       named(axis, names, fitting(panel.y, panel.height - 30), {visible: !inner})
     }
+    if (panel.logarithmic) { // numbers below 1 too, as few as there is room for
+      const sizes = panel.marks.flatMap((m) => "y" in m ? [...numbers[m.y]] : []).filter((y) => y > 0)
+      const decades = Math.log10(Math.max(...sizes) / Math.min(...sizes))
+      const ticks = Array.from({length: 24}, (_, i) => i - 12).flatMap((i) => (decades > 3 ? [1] : [1, 2, 5]).map((x) => Number(`${x}e${i}`)))
+      fig.yaxes[0].setv({ticker: new Bokeh.FixedTicker({ticks}), major_label_overrides: new Map(ticks.map((x) => [x, plain(String(x))]))})
+    }
     for (const axis of [...fig.xaxes, ...fig.yaxes]) {
       const format = axis.formatter
       if (!("power_limit_high" in format)) continue
-      format.setv({power_limit_high: 6, power_limit_low: -6})
+      format.setv({power_limit_high: far && fig.xaxes.includes(axis) ? 12 : 6, power_limit_low: -6})
       const written = format.doFormat.bind(format) // 3.000e−7 is 3e−7
       format.doFormat = (...given) => written(...given).map((text) => text.replace(/\.?0+e/, "e").replace(/^0e.*/, "0"))
     }
