@@ -197,7 +197,7 @@ FORMULAS = {
     "viscous": (lambda s: [s.v], ["N m s/rad", "N s/m"]),
     "coulomb": (lambda s: [sign(s)], ["N m", "N"]),
     "stribeck": (lambda s: [sign(s) * np.exp(-((s.v / 0.5) ** 2))], ["N m", "N"]),
-    "friction_width": (lambda s: [np.tanh(s.v / 0.5) - sign(s)], ["N m", "N"]),
+    "friction_width": (lambda s: [np.clip(s.v / 0.5, -1, 1) - sign(s)], ["N m", "N"]),
     "load_friction": (lambda s: [np.abs(s.load) * sign(s)], ["1", "1"]),
     "hysteresis": (lambda s: [dahl(s)], ["N m/rad", "N/m"]),
     "drag": (lambda s: [s.v**2 * np.sign(s.v)], ["N m s²/rad²", "N s²/m²"]),

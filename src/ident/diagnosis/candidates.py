@@ -189,7 +189,7 @@ class Contest:
         model = np.flatnonzero(~held)
         regression = PartialRegression(store.parts(), model, 1.0 / sigma, store.count)
         # only those that lower left-out errors: others have no rows that determine them
-        falls = regression.explained(regression.gains(beside).by) > 0 if beside else []
+        falls = regression.explained(regression.gains(beside).by) > 0 if beside else np.zeros(0)
         pulses = np.concatenate(
             [
                 np.zeros(0, dtype=int),

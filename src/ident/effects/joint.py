@@ -145,15 +145,18 @@ class FrictionWidth(Effect):
     slow = True
     needs = ("coulomb",)
     unknowns = (Unknown("Fw", ("N m", "N"), "friction that builds up, about Fc", True, acts="dry"),)
-    shapes = (Unknown("w", ("rad/s", "m/s"), "speed at which 76 % are there", nonnegative=True),)
-    equation = "Fw (tanh(v/w) − sign(v)), beside `coulomb`"
+    shapes = (
+        Unknown("w", ("rad/s", "m/s"), "speed at which all of it is there", nonnegative=True),
+    )
+    equation = "Fw (sat(v/w) − sign(v)), sat within ±1, beside `coulomb`"
     signature = "the residual against speed has a jump at zero that slopes back on either side"
     confused_with = ("stribeck", "viscous", "hysteresis")
     separated_by: ClassVar = {"stribeck": "move the joint slowly, to and fro"}
-    source = "Gaz, Cognetti, Oliva, Robuffo Giordano, De Luca, IEEE RA-L 4(4), 2019"
+    source = "Todorov, Convex and analytically-invertible dynamics, IEEE ICRA 2014 (MuJoCo)"
 
     def columns(self, s: Signals) -> np.ndarray:
-        return (np.tanh(s.v / s.shape["w"]) - direction(s.v, s.still))[:, :, None]
+        part = np.clip(s.v / s.shape["w"], -1.0, 1.0)
+        return (part - direction(s.v, s.still))[:, :, None]
 
     def bounds(self, s: Signals) -> Bounds:
         return {"w": speeds(s)}

@@ -15,6 +15,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
 
 CROSSING = 1.0  # [s] in which a joint without a limit of speed may cross its range; a convention
+TURN = 6.29  # [rad] a range beyond one turn, however 2 π is rounded in a URDF
 ROUNDING = 1e-9  # of the box's width: a joint may stand at its limit
 Given = float | Mapping[str, float] | None
 
@@ -124,7 +125,7 @@ class LimitBox:
             torque = (1 - limits.reserve) * _limit(
                 limits.torque, j.name, driven, j.effort or np.inf
             )
-            if j.name in start and j.rotational and high - low > 2 * np.pi:
+            if j.name in start and j.rotational and high - low > TURN:
                 low, high = start[j.name] - np.pi, start[j.name] + np.pi
                 notes.append(f"{j.name} may turn on and on: moved by up to half a turn either way")
             if j.name in start and not np.isfinite(high - low):

@@ -348,7 +348,8 @@ def story(d: Diagnosis, experiment: str | None = None) -> dict[str, list[str]]:
         CLAIMS[d.verdict]: _claim(d),
         "Curve and formula": form,
         "Invisible in this data": _invisible(d),
-        "In the model, but not supported": _unsupported(d),
+        # beside what is missing the effects of the model have wrong values
+        "In the model, but not supported": _unsupported(d) if d.verdict == "nothing" else [],
         "What to log next": [_next(first), *more] if first else [],
     }
 
