@@ -134,7 +134,7 @@ def merged(lines: Iterable[str]) -> list[str]:
     kinds: dict[str, list[tuple[str, str]]] = {}
     for line in dict.fromkeys(lines):
         name, space, rest = line.partition(" ")
-        named = space and not name[0].isdigit()
+        named = space and not name[:1].isdigit()
         kinds.setdefault(NUMBER.sub("#", rest) if named else line, []).append((name, space + rest))
     return [_one(kind) for kind in kinds.values()]
 

@@ -28,6 +28,10 @@ SLOPES = {  # ∂(E c)/∂s by hand, of the signals of the joint and the values 
         {"Fs": 0.8, "vs": 0.3}, "vs",
         lambda s: 0.8 * np.sign(s.v) * np.exp(-((s.v / 0.3) ** 2)) * 2 * s.v**2 / 0.3**3,
     ),
+    "friction_width:elbow": (
+        {"Fw": 0.8, "w": 0.3}, "w",
+        lambda s: np.where(np.abs(s.v) < 0.3, -0.8 * s.v / 0.3**2, 0.0),
+    ),
     "end_stop:elbow": (
         {"k": 20.0, "q1": 1.2, "side": 1.0}, "q1", lambda s: np.where(s.q > 1.2, -20.0, 0.0),
     ),

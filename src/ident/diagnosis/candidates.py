@@ -13,13 +13,15 @@ from ident.effects.curve import Curve, curves
 from ident.errors import IdentError
 from ident.fit import Fit
 from ident.fit.problem import Table
-from ident.fit.reversals import away_from_reversals
+from ident.fit.reversals import WORSE, away_from_reversals
 from ident.information.blocks import Part
+from ident.information.chance import zscore
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
 CALM = 1 / 3  # share of a residual's squares away from reversals, below which these decide too
+SURE = 2.0  # standard errors over blocks by which pulses lower left-out errors
 Shape = Mapping[str, float]
 Columns = Mapping[int, np.ndarray]  # (m, u) in the rows of each coordinate
 OnProgress = Callable[[str, float], None]
@@ -92,11 +94,16 @@ def residual_in(table: Table, fit: Fit) -> np.ndarray:
     return np.asarray(table.b - table.A @ x)
 
 
-def pulses_of(mechanism: Mechanism) -> list[Effect]:
-    """What dry friction that is no step leaves at reversals, of each joint that has some."""
-    dry = (effect for effect in mechanism.effects if effect.jumps)
+def pulses_of(fit: Fit) -> list[Effect]:
+    """What dry friction that is no step leaves at reversals, of each joint that has some and whose
+    rows there fit worse; of one without a coordinate of its own, where any do.
+    """
+    names = fit.motion.independent
+    worse = [n for n, times in zip(names, fit.checks.misfit, strict=True) if times > WORSE]
+    dry = (effect for effect in fit.mechanism.effects if effect.jumps)
     joints = dict.fromkeys(joint for effect in dry for joint in effect.joints)
-    return [mechanism.placed(ReversalPulses((joint,))) for joint in joints]
+    some = (joint for joint in joints if joint in worse or (worse and joint not in names))
+    return [fit.mechanism.placed(ReversalPulses((joint,))) for joint in some]
 
 
 # --- columns -----------------------------------------------------------------------------------
@@ -168,7 +175,7 @@ class Contest:
         b = table.b - table.A[:, :, held] @ prior[held]
         use = deciding(table, residual_in(table, fit))
         store = ColumnStore(table, use, table.A, b)
-        beside = [store.add(each, [{}]) for each in pulses_of(fit.mechanism)]
+        beside = [store.add(each, [{}]) for each in pulses_of(fit)]
         known = {} if earlier is None else earlier.unchanged(fit, use)
         moving, columns = _moving(table), columns_of(fit.motion)
         every = curves(moving, moving, columns) if curved else ()
@@ -189,13 +196,9 @@ class Contest:
         model = np.flatnonzero(~held)
         regression = PartialRegression(store.parts(), model, 1.0 / sigma, store.count)
         # only those that lower left-out errors: others have no rows that determine them
-        falls = regression.explained(regression.gains(beside).by) > 0 if beside else np.zeros(0)
-        pulses = np.concatenate(
-            [
-                np.zeros(0, dtype=int),
-                *(each for each, some in zip(beside, falls, strict=True) if some),
-            ]
-        )
+        D = regression.gains(beside).D if beside else np.zeros((0, 1))
+        some = [each for each, falls in zip(beside, D, strict=True) if zscore(falls) > SURE]
+        pulses = np.concatenate([np.zeros(0, dtype=int), *some])
         regression = regression.extended(pulses)
         return cls(fit, table, use, regression, pulses, tuple(found), tuple(failed))
 
