@@ -53,9 +53,13 @@ def test_every_kind_with_columns_and_shapes_is_here():
 @pytest.mark.parametrize("text", SLOPES)
 def test_a_shapes_column_is_the_slope_of_the_torque(text):
     given, name, formula = SLOPES[text]
-    mechanism = robot("arm") + ident.effect(*text.split(":"))
-    (effect,) = mechanism.effects
+    effect = robot("arm").with_effect(text).effects[0]
+    mechanism = robot("arm")
+    for needed in effect.required:
+        mechanism = mechanism.with_effect(needed)
+    mechanism = mechanism.with_effect(text)
     true = {full: given[p.name] for full, p in zip(effect.names, effect.parameters, strict=True)}
+    true |= {f"{needed.replace(':', '.')}.Fc": 0.5 for needed in effect.required}
     case = plant(mechanism, motion_log("arm", 100.0), true)
     scene, x = scene_of(mechanism, case.log, case.values)
     found = scene.terms(slice(None))
@@ -72,7 +76,8 @@ def test_a_shapes_column_is_the_slope_of_the_torque(text):
         slope = (beside[0] - beside[1])[:, 0, 0] * given["sigma"] / (2 * h)
     S = found.A[:, row, place]
     smooth = np.abs(s.v[:, 0]) > s.still[0]
-    assert np.linalg.norm((S - slope)[smooth]) < 0.05 * np.linalg.norm(slope[smooth])
+    close = 0.1 if text.startswith("friction_width") else 0.05  # samples at its kink
+    assert np.linalg.norm((S - slope)[smooth]) < close * np.linalg.norm(slope[smooth])
     others = np.delete(np.arange(mechanism.model.nv), row)
     assert not found.A[:, others, place].any()
     off = np.einsum("ndk,k->nd", found.A, x) - found.b  # S s₀ stands on both sides
