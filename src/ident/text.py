@@ -123,8 +123,8 @@ def shortened(name: str, most: int = 72) -> str:
 
 
 def merged(lines: Iterable[str]) -> list[str]:
-    """Join lines that differ in the name at their beginning and in numbers only, which become
-    ranges.
+    """Join lines that differ in the name at their beginning only; after a name with a colon, also
+    those that differ in numbers, which become ranges.
 
     >>> merged(["a.csv: 9 samples are left out", "b.csv: 12 samples are left out", "x"])
     ['a.csv … b.csv (2): 9 to 12 samples are left out', 'x']
@@ -134,8 +134,9 @@ def merged(lines: Iterable[str]) -> list[str]:
     kinds: dict[str, list[tuple[str, str]]] = {}
     for line in dict.fromkeys(lines):
         name, space, rest = line.partition(" ")
+        form = NUMBER.sub("#", rest) if name.endswith(":") else rest
         named = space and not name[:1].isdigit()
-        kinds.setdefault(NUMBER.sub("#", rest) if named else line, []).append((name, space + rest))
+        kinds.setdefault(form if named else line, []).append((name, space + rest))
     return [_one(kind) for kind in kinds.values()]
 
 

@@ -264,7 +264,8 @@ def compare(
         words = [word for name in names for word in ("--with", name)]
         words += ["--absolute"] * absolute + ["--allow-code"] * allow_code
         words += [word for text in lock or () for word in ("--lock", text)]
-        known = str(fit[0].parent) * (len(fit) == 1 and is_fit(fit[0].parent))
+        home = fit[0] if fit[0].is_dir() else fit[0].parent
+        known = str(home) * (len(fit) == 1 and is_fit(home))
         go_on_with(mechanism, logs, words, fit=known)
     inputs = [*logs, *fit]
     output_file(plot, CHARTS, inputs)

@@ -21,7 +21,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
 CALM = 1 / 3  # share of a residual's squares away from reversals, below which these decide too
-SURE = 2.0  # standard errors over blocks by which pulses lower left-out errors
+SURE = 1.0  # standard errors over blocks by which pulses lower left-out errors
 Shape = Mapping[str, float]
 Columns = Mapping[int, np.ndarray]  # (m, u) in the rows of each coordinate
 OnProgress = Callable[[str, float], None]
@@ -95,15 +95,13 @@ def residual_in(table: Table, fit: Fit) -> np.ndarray:
 
 
 def pulses_of(fit: Fit) -> list[Effect]:
-    """What dry friction that is no step leaves at reversals, of each joint that has some and whose
-    rows there fit worse; of one without a coordinate of its own, where any do.
+    """What dry friction that is no step leaves at reversals, of each joint that has some, where
+    rows at reversals fit worse.
     """
-    names = fit.motion.independent
-    worse = [n for n, times in zip(names, fit.checks.misfit, strict=True) if times > WORSE]
     dry = (effect for effect in fit.mechanism.effects if effect.jumps)
     joints = dict.fromkeys(joint for effect in dry for joint in effect.joints)
-    some = (joint for joint in joints if joint in worse or (worse and joint not in names))
-    return [fit.mechanism.placed(ReversalPulses((joint,))) for joint in some]
+    worse = bool((fit.checks.misfit > WORSE).any())
+    return [fit.mechanism.placed(ReversalPulses((joint,))) for joint in joints if worse]
 
 
 # --- columns -----------------------------------------------------------------------------------
@@ -222,7 +220,9 @@ class Contest:
             c, shape = self.fit.point.of(effect)
             torque = [x + C @ c for x, C in zip(torque, self.columns(effect, shape), strict=True)]
         found = np.zeros(self.regression.d)
-        found[[part.coordinate for part in parts]] = [np.sqrt((x**2).mean()) for x in torque]
+        found[[part.coordinate for part in parts]] = [
+            np.sqrt((x**2).sum() / max(len(x), 1)) for x in torque
+        ]
         return found
 
     @cached_property

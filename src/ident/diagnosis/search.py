@@ -175,11 +175,13 @@ class Search:
     def joined(self, now: EffectSet, ranking: Ranking) -> EffectSet:
         """The set with what all drives have in common, before what else single joints may have.
 
-        It enters even if it is too small to matter, and to be named: each joint's part of it would
-        be taken for an effect of this joint.
+        It enters even where it is too small to matter, and is not named then: otherwise each
+        joint's part of it would be taken for an effect of that joint.
         """
+        known = {effect.label for effect in now.contest.fit.mechanism.effects}
         for each in ranking.evidence:
-            if each.effect.joined and each.gain > each.limit and each.sensible:
+            seen = each.gain > each.limit and each.sensible and each.effect.label not in known
+            if each.effect.joined and (each.credible or seen):
                 new = now.plus(each, rivals(each, ranking, self.decision))
                 return self.accepted(now, new) or now
         return now

@@ -171,8 +171,8 @@ def trials(now: tuple[Move, ...], about: Sequence[str]) -> Iterator[Trial]:
 
 
 def _turn(m: Move) -> Move:
-    """A full turn about the middle of the present range, where nothing forbids it."""
-    middle = 0.5 * (m.low + m.high)
+    """A full turn about the middle of the present range, or as near to that as the limits allow."""
+    middle = max(min(0.5 * (m.low + m.high), m.joint.upper - np.pi), m.joint.lower + np.pi)
     low, high = middle - np.pi, middle + np.pi
     free = m.joint.rotational and m.joint.upper - m.joint.lower >= 2 * np.pi - 1e-6
     return m.wide(low, high) if free and np.pi > WIDER * m.half else m

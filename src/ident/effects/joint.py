@@ -105,6 +105,8 @@ class ReversalPulses(Effect):
     source = ARMSTRONG
 
     def columns(self, s: Signals) -> np.ndarray:
+        if len(s.t) < 2:  # of one sample no rate is known
+            return np.zeros((*s.v.shape, 2))
         first = np.gradient(direction(s.v, s.still), s.t, axis=0)
         return np.stack([first, np.gradient(first, s.t, axis=0)], axis=-1)
 

@@ -249,8 +249,8 @@ class DataChecks:
                 f"{np.sqrt(self.misfit.max()):.2g} times as large: dry friction is no step there"
             )
             remedy = (
-                "standard errors hold what these rows do to parameters; the effect friction_width "
-                "has friction that builds up over some speed"
+                "standard errors hold what these rows do to parameters; a diagnosis names friction "
+                "that builds up over much speed"
             )
             yield Finding("reversals", text, remedy, worse, float(self.misfit.max()), WORSE)
 
@@ -402,7 +402,9 @@ class DataChecks:
             (source.scale if source else 1.0) / x
             for source, x in zip(now, gains.values(), strict=True)
         ]
-        about = ", ".join(f"{n} {x:.2g}" for n, x in zip(names, constants, strict=True))
+        about = ", ".join(
+            f"{n} {float(f'{x:.2g}'):g}" for n, x in zip(names, constants, strict=True)
+        )
         entry = log_entry(self.mechanism, where[0], float(f"{1 / gains[names[0]]:.2g}"))
         remedy = f"give each its torque constant, about {about}, as {entry}"
         return Finding("units", text, remedy, where, min(gains.values()), TOGETHER)
@@ -506,7 +508,9 @@ class DataChecks:
 
 
 def _times(gains: Mapping[str, float]) -> str:
-    ends = dict.fromkeys(f"{x:.2g}" for x in (min(gains.values()), max(gains.values())))
+    ends = dict.fromkeys(
+        f"{float(f'{x:.2g}'):g}" for x in (min(gains.values()), max(gains.values()))
+    )
     return f"{' to '.join(ends)} times what the URDF's bodies need, and of the same shape"
 
 

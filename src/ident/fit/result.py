@@ -170,8 +170,8 @@ class Fit(Charted):
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance (n_ind, n_ind) of the base parameters: that `without_faults`, or of the bias
-        of the faults that `health` names.
+        """Covariance (n_ind, n_ind) of the base parameters: `without_faults`, or, where `health`
+        names faults, the same with their bias in place of that of reversals.
         """
         good = max(self.relative.values(), default=0.0) < SMALL  # no fault is named
         return self.without_faults if good else self._with(self.checks.moved)

@@ -206,7 +206,7 @@ def planning(d: Diagnosis, added: Sequence[Effect] = ()) -> str:
     pair, plan = _separable(d), d.advice.plan
     if not (d.health.good and (pair or (plan is not None and len(d.fit.columns)))):
         return ""
-    return next_command("excite", added, pair, () if pair else plan or ())
+    return next_command("excite", added, pair, plan or ())
 
 
 def first_motion(d: Diagnosis, planned: bool) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from math import ceil, floor
 
 from numpy.linalg import LinAlgError
 
@@ -51,7 +52,7 @@ FOLLOWS = {  # by the first signal on which a residual depends
     "v": "move {joint}{half}, half as fast as now: what goes with speed then falls in step",
     "sign(v)": "move {joint}{slow} in strokes, with reversals at different places",
     "q": "move {joint}{slow} over its full travel, up and down",
-    "a": "move {joint}{half}, half as fast as now: what goes with acceleration then falls most",
+    "a": "move {joint}{half}, half as fast as now: what goes with acceleration falls to a quarter",
     "load": "repeat the motion with a known payload: what goes with the load then grows",
     "t": "warm the machine up first, and log temperatures (`temperature.<joint>`)",
     "": "move {joint}{slow} with reversals at different places, to look for memory",
@@ -86,7 +87,7 @@ def _plan(trial: Trial) -> tuple[str, ...] | None:
         for m in trial.changed
         for name in [m.joint.name]
         for words in (
-            ("--range", f"{name}={m.low:.3g}:{m.high:.3g}"),
+            ("--range", f"{name}={ceil(1e3 * m.low) / 1e3:g}:{floor(1e3 * m.high) / 1e3:g}"),
             ("--speed", f"{name}={m.speed:.2g}"),
         )
     )
@@ -219,13 +220,13 @@ def unexplained(d: Diagnosis) -> Advice:
     half, slow = (f"{share * m.speed:.2g}" for share in (0.5, SLOWLY))
     text = FOLLOWS[kind].format(
         joint=m.joint.name,
-        half=f" at up to {half} {m.joint.unit}/s",
+        half=f" at up to {half} {m.joint.unit}/s" if m.speed else " slowly",
         slow=f" at up to {slow} {m.joint.unit}/s" if m.speed else " slowly",
     )
     step, _, effect = text.partition(": ")
     why = f"the residual of {worst.joint} depends on {signal or 'no single signal'}"
     why += f", and {effect}" * bool(effect)
-    if "{half}" in FOLLOWS[kind]:
+    if "{half}" in FOLLOWS[kind] and m.speed:
         both = f"{step}{f', in {TWICE}' * again}: {why}{f'; {REPEATS}' * again}."
         return Advice(_capital(both), plan=("--speed", f"{m.joint.name}={half}"))
     first = f"Log {TWICE}: {REPEATS}. " * again
