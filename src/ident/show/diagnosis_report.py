@@ -216,10 +216,13 @@ def _option(d: Diagnosis, each: Explanation) -> Option:
     ]
     if each.rivals:
         lines.append(f"not distinguishable from it in this data: {labels(each.rivals, 'or')}")
-    models = {"without it": after.without(label), "with it": after}
     blocks: list[Block] = [headed(f"With {label}"), items(lines)]
     blocks += [plot_before_after(before, after, joint, label)]
-    blocks += [paragraph(EFFECT), plot_maps(models, joint, effect=label)]
+    if each.effect.corrects:  # it has no torque of its own, which could be drawn
+        blocks += [plot_maps({"as it is": before, "with it": after}, joint)]
+    else:
+        models = {"without it": after.without(label), "with it": after}
+        blocks += [paragraph(EFFECT), plot_maps(models, joint, effect=label)]
     return Option(f"{mark(d, each)} {label}".strip(), tuple(blocks))
 
 
