@@ -32,6 +32,15 @@ def rounded(value: float, stderr: float | None) -> str:
     return " ± ".join(texts)
 
 
+def two_digits(x: float) -> str:
+    """Return a number with two digits, hundreds without an exponent.
+
+    >>> two_digits(1234.0), two_digits(0.0567)
+    ('1200', '0.057')
+    """
+    return f"{float(f'{x:.2g}'):g}"
+
+
 def table(rows: Sequence[Sequence[str]], indent: str = "  ") -> list[str]:
     """Return rows of cells as lines, the first column aligned left and the others right."""
     width = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -19,7 +19,7 @@ from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import noise, path_shares
 from ident.diagnosis.search import NEAR
 from ident.diagnosis.selection import Decision, Weigh, rank
-from ident.effects import Effect
+from ident.effects import Effect, ReversalPulses, Signals
 from ident.fit.problem import Table
 from ident.fit.reversals import GUARD, away_from_reversals
 from identification import Planted, motion_log, plant, robot
@@ -161,6 +161,17 @@ def test_what_only_rows_at_reversals_show_is_undecided():
     d = diagnosed(planted([*present, "stribeck:elbow"], values), *present)
     assert (d.verdict, d.reversing, d.loud) == ("undecided", True, ("elbow",))
     assert "elbow at up to" in d.next_experiment
+
+
+def test_pulses_at_reversals_are_the_moments_of_friction_that_is_early():
+    """∫ (sign(v + T a) − sign(v)) dt = 2 T at a reversal, as of T d/dt sign(v)."""
+    t = np.linspace(-1.0, 1.0, 2001)
+    v, one = np.sin(3 * t)[:, None], np.ones((2001, 1))
+    s = Signals(t=t, q=0 * one, v=v, a=one, still=np.array([0.02]))
+    first, second = (ReversalPulses(("a",)).columns(s)[:, 0] * 1e-3).T
+    assert first.sum() == pytest.approx(2.0, rel=1e-6)
+    assert second.sum() == pytest.approx(0.0, abs=1e-6)
+    assert second @ t == pytest.approx(-2.0, rel=1e-3)
 
 
 def test_lengths_are_judged_on_several_logs_as_on_one():

@@ -165,7 +165,7 @@ def test_every_verdict_has_an_experiment(narrow: Diagnosis) -> None:
     for verdict in ("nothing", "unexplained"):
         text = next_experiment(replace(narrow, verdict=verdict)).words
         assert text.endswith(".")
-        assert "could not be" not in text
+        assert "could be worked out" not in text
 
 
 @pytest.mark.parametrize("repeats", [False, True])

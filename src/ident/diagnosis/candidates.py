@@ -157,6 +157,7 @@ class Contest:
         cls, fit: Fit, effects: Iterable[Effect], on_progress: OnProgress, curved: bool = True,
         earlier: Contest | None = None,
         deciding: Callable[[Table, np.ndarray], np.ndarray] = deciding,
+        pulsed: Callable[[Fit], Sequence[Effect]] = pulses_of,
     ) -> Contest:  # fmt: skip
         """The rows of a fit and the columns of some effects, all made once.
 
@@ -166,6 +167,7 @@ class Contest:
             curved: whether curves are candidates too.
             earlier: of another model, from which columns are taken that are the same there.
             deciding: rows (N, d) that decide, of a table and the residuals (N, d).
+            pulsed: the pulses at reversals that stand beside the dry friction of a fit.
         """
         table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
         held = fit.estimate.held
@@ -173,7 +175,7 @@ class Contest:
         b = table.b - table.A[:, :, held] @ prior[held]
         use = deciding(table, residual_in(table, fit))
         store = ColumnStore(table, use, table.A, b)
-        beside = [store.add(each, [{}]) for each in pulses_of(fit)]
+        beside = [store.add(each, [{}]) for each in pulsed(fit)]
         known = {} if earlier is None else earlier.unchanged(fit, use)
         moving, columns = _moving(table), columns_of(fit.motion)
         every = curves(moving, moving, columns) if curved else ()
@@ -208,8 +210,9 @@ class Contest:
         if np.array_equal(use, self.use):
             return None
         effects = [each.effect for each in self.laws]
-        found = Contest.of(self.fit, effects, on_progress, deciding=lambda *_: use)
-        return replace(found, regression=found.regression.without(found.pulses))
+        return Contest.of(
+            self.fit, effects, on_progress, deciding=lambda *_: use, pulsed=lambda _: ()
+        )
 
     @property
     def dry(self) -> np.ndarray:

@@ -58,7 +58,7 @@ from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
-from ident.text import percent, some
+from ident.text import percent, some, two_digits
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
@@ -402,9 +402,7 @@ class DataChecks:
             (source.scale if source else 1.0) / x
             for source, x in zip(now, gains.values(), strict=True)
         ]
-        about = ", ".join(
-            f"{n} {float(f'{x:.2g}'):g}" for n, x in zip(names, constants, strict=True)
-        )
+        about = ", ".join(f"{n} {two_digits(x)}" for n, x in zip(names, constants, strict=True))
         entry = log_entry(self.mechanism, where[0], float(f"{1 / gains[names[0]]:.2g}"))
         remedy = f"give each its torque constant, about {about}, as {entry}"
         return Finding("units", text, remedy, where, min(gains.values()), TOGETHER)
@@ -508,9 +506,7 @@ class DataChecks:
 
 
 def _times(gains: Mapping[str, float]) -> str:
-    ends = dict.fromkeys(
-        f"{float(f'{x:.2g}'):g}" for x in (min(gains.values()), max(gains.values()))
-    )
+    ends = dict.fromkeys(two_digits(x) for x in (min(gains.values()), max(gains.values())))
     return f"{' to '.join(ends)} times what the URDF's bodies need, and of the same shape"
 
 

@@ -33,7 +33,7 @@ from ident.show.html import (
 from ident.show.laws import curve_name, curves, expression, labels, laws, numbers
 from ident.show.residual import failure_text
 from ident.show.sheet import Sheet
-from ident.text import listed, percent, some
+from ident.text import listed, percent, some, two_digits
 
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
@@ -313,7 +313,7 @@ def _cells(d: Diagnosis, each: Explanation) -> list[str]:
     joint, e = each.joint, each.evidence
     change = Bar(joint, each.before[joint], each.after[joint], d.floor[joint]).words
     visible = f"{100 * e.refit.visible:.0f} %"
-    chance = f"< {100 * RAREST:g} %" if e.p < RAREST else f"{float(f'{100 * e.p:.2g}'):g} %"
+    chance = f"< {100 * RAREST:g} %" if e.p < RAREST else f"{two_digits(100 * e.p)} %"
     return [joint, change, "–" if np.isnan(e.p) else chance, visible, numbers(each.parameters)]
 
 

@@ -27,7 +27,7 @@ from ident.effects import Effect
 from ident.effects.library import separating
 from ident.errors import IdentError
 from ident.show.html import named
-from ident.text import listed, some
+from ident.text import listed, some, two_digits
 
 SHOWS = 0.02  # visible share from which an effect can be seen
 SLOWLY = 0.1  # of the logged top speed: friction that depends on the speed shows between reversals
@@ -164,7 +164,7 @@ def _proposed(d: Diagnosis, p: Proposal) -> str:
         f"{_capital(described(p.trial, present(d.fit.mechanism, d.fit.motion)))}: "
         f"{some([each.label for each in p.apart])} then differ by at least "
         f"{p.separation:.2g} standard errors in a log as long as this one; log about "
-        f"{float(f'{p.seconds:.2g}'):g} s of it to be sure"
+        f"{two_digits(p.seconds)} s of it to be sure"
     )
     if p.alike:
         effects, names = _effects(p.alike)

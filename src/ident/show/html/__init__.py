@@ -29,7 +29,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.plugins import version
 from ident.show.charts import Chart, scripts
 from ident.show.template import piece
-from ident.text import listed, percent, places, some, width, wrapped
+from ident.text import listed, percent, places, some, two_digits, width, wrapped
 
 PAIRS, FLAGS = ("--with", "--lock"), ("--absolute", "--allow-code")  # options of the model
 MONITOR = {"--with", "--lock", "--absolute", "--allow-code", "--cutoff", "--smoothing"}  # it takes
@@ -117,7 +117,7 @@ def good_enough(
         rest = max((away or {}).get(j, math.inf) / floor[j] for j in loud)
         turns = ", but only near reversals, where a smoothed speed misses the jump of dry friction"
         turns = f"{turns}: elsewhere {rest:.1f} times" * (rest <= NOISY)
-        words = [f"{j} ({float(f'{times[j]:.2g}'):g} times)" for j in loud]
+        words = [f"{j} ({two_digits(times[j])} times)" for j in loud]
         words[0] = words[0].replace("times)", "times the noise of the sensors)")
         how = f"As good as this data can show, at {most:.1f} times the noise of the sensors"
         return f"{ask} {how if searched else f'Not in {some(words, 2)}'}{turns}."
