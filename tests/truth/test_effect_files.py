@@ -55,13 +55,14 @@ def on_four_bar(kind):
 def test_written_and_read_back(kind, tmp_path):
     folder = copied(tmp_path)
     effect = (ident.load(folder) + on_four_bar(kind)).effects[0]
-    add_effects(ident.load(folder), [effect])
-    assert ident.load(folder).effects == (effect,)
+    beside = [ident.effect(*label.split(":")) for label in effect.required]
+    add_effects(ident.load(folder), [*beside, effect])
+    assert ident.load(folder).effects == (*beside, effect)
     assert ('joint = "' in (folder / "mechanism.toml").read_text()) == bool(effect.joints)
     bare = replace(effect, values={k: effect.values[k] for k in effect.settings})
     folder = copied(tmp_path / "again")
-    add_effects(ident.load(folder), [bare])
-    assert ident.load(folder).effects == (bare,)
+    add_effects(ident.load(folder), [*beside, bare])
+    assert ident.load(folder).effects == (*beside, bare)
 
 
 FITTED = [
@@ -122,7 +123,7 @@ def test_temperature_friction_needs_viscous_and_its_column():
     )
     alone = robot("arm") + ident.effect("temperature_friction", "elbow")
     motion = ident.complete(alone, log, cutoff=None)
-    with pytest.raises(MotionError, match="changes 'viscous:elbow', which is not there; add it"):
+    with pytest.raises(MechanismError, match="changes 'viscous:elbow', which is not there; add it"):
         ident.identify(alone, motion)
     both = alone.with_effect("viscous:elbow")
     with pytest.raises(MotionError, match=r"no column 'temperature\.elbow'.*; log it"):
@@ -178,3 +179,11 @@ def test_a_place_of_a_closure_moves_in_the_axes_of_its_link():
     assert off["pin.a.x"] == pytest.approx(0.01)
     assert off["pin.a.y"] == pytest.approx(0.02)
     assert off["pin.a.z"] == pytest.approx(0.0)
+
+
+def test_an_effect_is_not_added_without_the_one_that_it_changes(tmp_path):
+    folder = copied(tmp_path)
+    before = (folder / "mechanism.toml").read_bytes()
+    with pytest.raises(MechanismError, match="changes 'coulomb:crank', which is not there; add it"):
+        add_effects(ident.load(folder), [ident.effect("friction_width", "crank")])
+    assert (folder / "mechanism.toml").read_bytes() == before

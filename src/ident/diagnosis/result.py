@@ -27,6 +27,7 @@ from ident.fit.residual import Failure
 from ident.fit.residual_maps import Periods
 from ident.fit.values import Value
 from ident.information.blocks import Error
+from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.text import rounded
 
@@ -342,23 +343,35 @@ class Diagnosis(Concluded):
 
     @cached_property
     def group(self) -> tuple[Effect, ...]:
-        """What is named together: the best effect, then those of its kind at other joints that the
-        data ask for beside it and that matter to the errors of these; the best alone where it has
-        rivals, none where nothing is named.
+        """What is named together: the best effect, then those of its kind at other joints without
+        which, all others in place, the error of their joint would be larger by what matters; the
+        best alone where it has rivals, none where nothing is named.
         """
         if self.best is None:
             return ()
         own = next(m for m in self.selection.members if m.label == self.best.label)
         others = (m for m in self.selection.named if m is not own)
         alike = leading([own, *others])
-        before, after = errors_of(self.fit), self._errors_with(alike)
-        sizes = {n: (e.rms / e.relative) ** 2 if e.relative else 0.0 for n, e in before.items()}
-        return tuple(
-            m.effect
-            for m, name in zip(alike, map(self._joint_of, alike), strict=True)
-            if m is own
-            or self.decision.matters(before[name].rms ** 2, after[name].rms ** 2, sizes[name])
-        )
+        if len(alike) == 1:
+            return (own.effect,)
+        regression, columns = on_all_rows(self.selection.first.contest, alike)
+        richer = reweighted(regression.extended(np.concatenate([*columns.values()])))
+
+        def squares(model: PartialRegression) -> np.ndarray:
+            old, new = (x.losses.sum(axis=0) / x.weight**2 for x in (regression, model))
+            errors = announced_errors(errors_of(self.fit), old, new)
+            return np.array([e.rms**2 for e in errors.values()])
+
+        after, names = squares(richer), self.fit.motion.independent
+        torque = [(e.rms / e.relative) ** 2 if e.relative else 0.0
+                  for e in errors_of(self.fit).values()]  # fmt: skip
+        kept = [own.effect]
+        for m in (m for m in alike if m is not own):
+            u = names.index(self._joint_of(m))
+            without = squares(richer.without(columns[m.label]))
+            if self.decision.matters(without[u], after[u], torque[u]):
+                kept.append(m.effect)
+        return tuple(kept)
 
     def _joint_of(self, member: Member) -> str:
         """The independent coordinate whose error a member lowers most."""

@@ -219,14 +219,8 @@ class Scene:
 
 def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None:
     """Refuse an effect without the other effect, or the column of the log, that it needs."""
-    present = {effect.label for effect in mechanism.effects}
+    mechanism.check_required()
     for effect in mechanism.effects:
-        for other in effect.required:
-            if other not in present:
-                raise MotionError(
-                    f"{mechanism.name}: effect '{effect.label}' changes '{other}', which is not "
-                    f"there; add it (--with {other}), or leave out {effect.label}"
-                )
         for name in effect.reads():
             if name not in columns:
                 raise MotionError(

@@ -69,7 +69,8 @@ class Charted(Plotted):
         return render(self, "plot_maps", joint)
 
 
-ANOTHER = 2.0  # times the squares that the same machine may leave of another motion
+ANOTHER = 2.0  # times the squares that the same machine's noise may leave of another motion
+MISFIT = 16.0  # the same of what a model leaves beyond noise: 9 where four joints lacked effects
 
 
 @dataclass(frozen=True)
@@ -189,6 +190,8 @@ class Residual(Displayed):
     def risen(self, then: Mapping[str, Error]) -> list[str]:
         """Return the joints whose error is above that of `then`, the most first: by more than it
         differs between blocks of time and motions, not because the torque or the noise is larger.
+
+            e² > ANOTHER σ² + MISFIT (e_then² − σ²)        σ: noise; what else it left may grow more
         """
         if not then:
             return []
@@ -205,8 +208,10 @@ class Residual(Displayed):
                 blocks = np.split(squares_of, np.searchsorted(trace.t[rows], edges))
                 squares += [float(block.mean()) for block in blocks if len(block)]
             torque = self.parts["measured"][u]
-            least = max(old.rms, (old.relative or 0.0) * torque, noise.get(joint) or 0.0)
-            usual = np.full(len(squares), ANOTHER * least**2)
+            sigma = noise.get(joint) or 0.0
+            least = max(old.rms, (old.relative or 0.0) * torque, sigma)
+            allowed = ANOTHER * sigma**2 + MISFIT * (least**2 - sigma**2)
+            usual = np.full(len(squares), allowed)
             if paired(np.array(squares), usual) > credible_t(len(then), len(squares)):
                 found[joint] = self.errors[joint].rms / max(old.rms, 1e-300)
         return sorted(found, key=lambda joint: -found[joint])

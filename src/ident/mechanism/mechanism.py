@@ -308,6 +308,21 @@ class Mechanism(Displayed):
             raise MechanismError(f"{self.name}: every {what} has '{kind}' already")
         return grown
 
+    def check_required(self) -> None:
+        """Refuse an effect without the other effect that it changes.
+
+        Raises:
+            MechanismError: for friction_width, say, where there is no coulomb.
+        """
+        present = {effect.label for effect in self.effects}
+        for effect in self.effects:
+            for other in effect.required:
+                if other not in present:
+                    raise MechanismError(
+                        f"{self.name}: effect '{effect.label}' changes '{other}', which is not "
+                        f"there; add it ({other} beside it), or leave out {effect.label}"
+                    )
+
     def without(self, label: str) -> Mechanism:
         """This mechanism without one of its effects, named as `kind:joint`.
 

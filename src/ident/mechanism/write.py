@@ -8,6 +8,7 @@ from __future__ import annotations
 import codecs
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +34,14 @@ def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
         raise MechanismError(
             f"{path}: is there already; give it (or its folder) instead of {mechanism.urdf.name}"
         )
+    new = {effect.label for effect in effects}
+    kept = [effect for effect in mechanism.effects if effect.label not in new]
+    replace(mechanism, effects=(*kept, *effects)).check_required()
     document = _document(mechanism)
     tables = document.get("effect")
     if not isinstance(tables, tomlkit.items.AoT):  # [[effect]] does not fit behind an array in line
         tables = _array(document.pop("effect", []))
         document["effect"] = tables
-    new = {effect.label for effect in effects}
     for i, effect in reversed(list(enumerate(mechanism.effects[: len(tables)]))):
         if effect.label in new:
             del tables[i]

@@ -97,16 +97,18 @@ def comparison_card(c: Comparison) -> Card:
     )
     models = shown[first.name] if alone else f"{shown[first.name]} → {shown[last.name]}"
     line = f"{models} on {', '.join(trace.name for trace in first.traces)}"
+    larger = [bar.joint for bar in bars if bar.rises and bar.joint not in changed and before]
+    grown = f"the error is larger in {places(larger)}, by no more than it differs from motion to "
+    grown += "motion"
     if alone and changed:
         line += f": changed since it was fitted in {places(changed)}"
-        line += "; all other joints are as then" * (len(changed) < len(joints))
+        others = grown if larger else "all other joints are as then"
+        line += f"; {others}" * (len(changed) < len(joints))
         if all(((bar.after or bar.before).relative or 0.0) > OTHERWISE for bar in bars):
             line += f", by much of its torque: {OTHER}"
     elif alone:
-        larger = [bar.joint for bar in bars if bar.rises] if before else []
         if larger:
-            line += f": unchanged; the error is larger in {places(larger)}, by no more than it "
-            line += "differs between parts of the log that was fitted"
+            line += f": unchanged; {grown}"
         elif before:
             line += ": in all joints as when it was fitted"
     else:

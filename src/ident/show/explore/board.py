@@ -141,7 +141,9 @@ def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
         return [*tables, items(e.fit.warnings)]
     if e.diagnosis is None:
         return [paragraph(UNJUDGED)]
-    return [piece("card", card(e.diagnosis)), *sheet(e.diagnosis).blocks()]
+    given = fit_of(e.rungs[0]).mechanism.effects  # the command adds the others, too
+    added = [effect for effect in e.mechanism.effects if effect not in given]
+    return [piece("card", card(e.diagnosis, added)), *sheet(e.diagnosis).blocks()]
 
 
 def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
