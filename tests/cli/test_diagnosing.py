@@ -135,7 +135,7 @@ def test_the_command_to_copy_tells_rivals_apart(robots, tmp_path, done):
     words = shlex.split(line)
     assert words[:3] == ["ident", "excite", str(robots / "four_bar")]
     assert words[3] == "--separate"
-    assert "planned by this command or by hand" in text
+    assert "planned for all drives by this command; by hand" in text
     out = tmp_path / "next.csv"
     done(*words[1:-1], out, "--tries", 1, "--harmonics", 3)
     assert out.is_file()

@@ -33,6 +33,7 @@ from ident.motion.motion import left_out
 
 SMALL = 1e-3  # share of a joint's torque that is never trusted
 NEARBY = (0.7, 0.85, 1.2, 1.4)  # times a formula's constant, at which it may do what a rival does
+SURE = 7.0  # standard errors by which rivals are told apart, with chance against it
 WORSE = 10.0  # times the present log's largest ‖K⁺‖: nearer no trial goes to a singular position
 
 
@@ -118,12 +119,20 @@ class Probe:
         return self.spans[b.effect.label]
 
     def visible(self, effect: Effect) -> float:
-        """The largest share of an effect's columns that the model does not have."""
+        """The largest share of an effect's columns that the model does not have; none where the
+        largest values that it can have would not show beside the model.
+        """
+        bounds = self.table.bounds(effect) if effect.searched else {}
+        ends = {name: max(map(abs, both)) for name, both in bounds.items()}
+        own = effect.unknowns or effect.searched
+        largest = np.array([min(p.largest, ends.get(p.name, np.inf)) for p in own])
         shares = [0.0]
         for C in self.columns(effect, []):
-            size = float(np.linalg.norm(C))
-            if size > 1e-9 * float(np.sqrt(len(C))):
-                shares.append(float(np.linalg.norm(self.projected(C))) / size)
+            beside = self.projected(C)
+            size, left = (np.linalg.norm(x, axis=0) for x in (C, beside))
+            seen = left > 1e-9 * np.sqrt(len(C))
+            if np.any(left[seen] * largest[seen] > SURE):
+                shares.append(float(np.linalg.norm(left) / np.linalg.norm(size)))
         return max(shares)
 
 
@@ -179,7 +188,6 @@ def _length(motion: Motion) -> float:
 # First question: at which place, of effects of one kind. Second: of which kind.
 
 
-SURE = 7.0  # standard errors by which rivals are told apart, with chance against it
 SOME = 1.0  # from which a longer log tells them apart
 AMPLE = 10.0  # beyond which more is worth nothing
 CLOSE = 0.8  # share of the best worth with which a simpler motion does

@@ -110,13 +110,11 @@ class Advice:
     Attributes:
         words: whole sentences.
         apart: the effects that a log of the motion would tell apart, if it is proposed for that.
-        plan: options with which `ident excite` plans the motion; None where it cannot.
         interrupted: whether Ctrl-C came before a motion was worked out.
     """
 
     words: str
     apart: tuple[Effect, ...] = ()
-    plan: tuple[str, ...] | None = None
     interrupted: bool = False
 
 

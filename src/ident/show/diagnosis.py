@@ -178,6 +178,7 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
         command = add_command(d.fit.mechanism, added, files)
     else:
         command = planned = planning(d, added)
+        command = command or next_command("explore", added)
     bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
     bars = in_order(bars, d.candidates[0].joint if d.best else "")
     searched, doubts = d.verdict == "nothing", d.health.findings
@@ -202,11 +203,11 @@ def in_order(bars: Iterable[Bar], named: str = "") -> list[Bar]:
 
 
 def planning(d: Diagnosis, added: Sequence[Effect] = ()) -> str:
-    """Return the command that plans the next experiment; nothing where `ident excite` cannot."""
-    pair, plan = _separable(d), d.advice.plan
-    if not (d.health.good and (pair or (plan is not None and len(d.fit.columns)))):
-        return ""
-    return next_command("excite", added, pair, plan or ())
+    """Return the command that plans a motion that tells the best effect and a rival apart; nothing
+    where there are none that a motion tells apart.
+    """
+    pair = _separable(d)
+    return next_command("excite", added, pair) if d.health.good and pair else ""
 
 
 def first_motion(d: Diagnosis, planned: bool) -> str:
@@ -215,7 +216,7 @@ def first_motion(d: Diagnosis, planned: bool) -> str:
     """
     if not d.health.good:
         return ""
-    way = ", planned by this command or by hand" if planned else ""
+    way = ", planned for all drives by this command; by hand" if planned else ""
     first, *_ = experiment_steps(d.next_experiment)
     return _next(first, way)
 

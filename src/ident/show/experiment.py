@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from math import ceil, floor
 
 from numpy.linalg import LinAlgError
 
@@ -47,7 +46,6 @@ HOW = {
     "alone": "move {spans} alone, at up to {top}, and hold the other drives still",
     "awake": "move {spans} too, at up to {top}",
 }
-PLANNED = {"turn", "limits", "wider", "faster", "awake"}  # what `ident excite` can plan
 FOLLOWS = {  # by the first signal on which a residual depends
     "v": "move {joint}{half}, half as fast as now: what goes with speed then falls in step",
     "sign(v)": "move {joint}{slow} in strokes, with reversals at different places",
@@ -78,20 +76,6 @@ def described(trial: Trial, now: Sequence[Move]) -> str:
         before="" if moves[1:] else f" (it moved {_span(was)})",
     )
     return text + rest
-
-
-def _plan(trial: Trial) -> tuple[str, ...] | None:
-    """Return the options with which `ident excite` plans a motion; None where it cannot."""
-    options = (
-        words
-        for m in trial.changed
-        for name in [m.joint.name]
-        for words in (
-            ("--range", f"{name}={ceil(1e3 * m.low) / 1e3:g}:{floor(1e3 * m.high) / 1e3:g}"),
-            ("--speed", f"{name}={m.speed:.2g}"),
-        )
-    )
-    return tuple(word for words in options for word in words) if trial.kind in PLANNED else None
 
 
 def _span(m: Move) -> str:
@@ -134,8 +118,7 @@ def _advice(d: Diagnosis) -> Advice:
     first = f"Add {named(d.group)} and diagnose again: nothing rivals it. " if d.best else ""
     if d.best and d.health.faults:  # of the clock, the only one beside a name
         first = f"Compare t with another clock, and measure the length {named(d.group)}. "
-    words, plan = unseen(d)
-    return Advice(f"{first}{words}".strip() or NOTHING, plan=plan)
+    return Advice(f"{first}{unseen(d)}".strip() or NOTHING)
 
 
 def _explained(d: Diagnosis, joint: str) -> bool:
@@ -154,7 +137,7 @@ def _between(d: Diagnosis, rivals: Sequence[Evidence], tried: Sequence[Attempt])
     for pairs in questions(rivals):
         if found := proposal(d, tried, pairs):
             words = " ".join([*parts, _proposed(d, found)])
-            return Advice(words, found.apart, _plan(found.trial))
+            return Advice(words, found.apart)
         parts = parts or [_no_motion(d, tried, pairs)]
     return Advice(" ".join(parts) or NOTHING)
 
@@ -228,16 +211,14 @@ def unexplained(d: Diagnosis) -> Advice:
     why += f", and {effect}" * bool(effect)
     if "{half}" in FOLLOWS[kind] and m.speed:
         both = f"{step}{f', in {TWICE}' * again}: {why}{f'; {REPEATS}' * again}."
-        return Advice(_capital(both), plan=("--speed", f"{m.joint.name}={half}"))
+        return Advice(_capital(both))
     first = f"Log {TWICE}: {REPEATS}. " * again
-    return Advice(f"{first}{_capital(step)}: {why}.", plan=() if again else None)
+    return Advice(f"{first}{_capital(step)}: {why}.")
 
 
-def unseen(d: Diagnosis) -> tuple[str, tuple[str, ...] | None]:
-    """Return which motion shows most of what is invisible now, and what to do about the rest; and
-    how that motion is planned.
-    """
-    shown, words, plan = _best_trial(d) if d.invisible else ([], "", None)
+def unseen(d: Diagnosis) -> str:
+    """Return which motion shows most of what is invisible now, and what to do about the rest."""
+    shown, words = _best_trial(d) if d.invisible else ([], "")
     found = []
     if shown:
         found.append(f"{_capital(words)}: that would show {some(shown)}, invisible in this log.")
@@ -249,15 +230,15 @@ def unseen(d: Diagnosis) -> tuple[str, tuple[str, ...] | None]:
         names = some([effect.label for effect in effects])
         alone = ", which no motion tried does" * (len(found) < 2)
         found.append(f"{_capital(effects[0].remedy)}: that would show {names}{alone}.")
-    return " ".join(found), plan
+    return " ".join(found)
 
 
-def _best_trial(d: Diagnosis) -> tuple[list[str], str, tuple[str, ...] | None]:
-    """Return the labels of what the most revealing motion shows, that motion, and its plan."""
+def _best_trial(d: Diagnosis) -> tuple[list[str], str]:
+    """Return the labels of what the most revealing motion shows, and that motion."""
     loops = d.fit.mechanism.closures  # a correction closes them anew at every sample: not tried
     wanted = [e.effect for e in d.invisible if not (e.effect.corrects and loops)][:LOOKED_AT]
     now = present(d.fit.mechanism, d.fit.motion)
-    best: tuple[list[str], str, tuple[str, ...] | None] = [], "", None
+    best: tuple[list[str], str] = [], ""
     kinds = {"awake", "turn", "limits", "wider"}
     for trial in trials(now, concerned(d, [])):
         probe = Probe.of(d, trial) if trial.kind in kinds else None
@@ -271,7 +252,7 @@ def _best_trial(d: Diagnosis) -> tuple[list[str], str, tuple[str, ...] | None]:
             ):  # what cannot be evaluated in this motion is not shown by it
                 found += [effect.label] if probe.visible(effect) > SHOWS else []
         if len(found) > len(best[0]):
-            best = found, described(trial, now), _plan(trial)
+            best = found, described(trial, now)
     return best
 
 

@@ -325,14 +325,13 @@ def unused(name: str) -> str:
 
 
 def next_command(
-    verb: str, added: Iterable[Effect] = (), separate: Sequence[str] = (),
-    plan: Sequence[str] = (), known: bool = False,
-) -> str:  # fmt: skip
+    verb: str, added: Iterable[Effect] = (), separate: Sequence[str] = (), known: bool = False
+) -> str:
     """Return the command that goes on with a verb from the one that runs, ready to be copied.
 
     Nothing outside of a command, or where the verb does not take the options of the model, with
-    which stand the effects that were `added`. `separate`: two labels that excite is to tell apart;
-    `plan`: its options of a motion. `known`: with the bodies of an earlier fit, if one is compared.
+    which stand the effects that were `added`. `separate`: two labels that excite is to tell apart.
+    `known`: with the bodies of an earlier fit, if one is compared.
     """
     if (given := inputs.get()) is None:
         return ""
@@ -355,10 +354,10 @@ def next_command(
             *own("--lock", *FLAGS),
         ],  # on a log that was not fitted
         "diagnose": [*given.logs, *options],
+        "explore": [*given.logs, *options],
         "excite": [
             *own(*PAIRS, "--allow-code"),
             *(["--separate", *separate] if separate else []),
-            *plan,
             "--out",
             unused("next.csv"),
         ],
