@@ -161,11 +161,12 @@ class FrictionWidth(Effect):
         return (part - direction(s.v, s.still))[:, :, None]
 
     def bounds(self, s: Signals) -> Bounds:
-        return {"w": speeds(s)}
+        low, high = speeds(s)
+        return {"w": (min(low, high / 4), high / 2)}  # above the top speed it would be viscous friction
 
     def starts(self, s: Signals) -> list[Shape]:
         low, high = speeds(s)
-        return [{"w": float(w)} for w in np.geomspace(2 * low, 0.7 * high, 6)]
+        return [{"w": float(w)} for w in np.geomspace(min(2 * low, high / 4), 0.45 * high, 6)]
 
 
 class Drag(Effect):
