@@ -47,7 +47,7 @@ def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> R
     """The rows of some samples, unfiltered; `farthest` is `largest_transmission` of the state."""
     s, found = scene.samples(part), scene.terms(part)
     farthest = largest_transmission(scene.e) if farthest is None else farthest
-    informed = informing(s, found.informative, farthest)
+    informed = informing(s, farthest)
     moving = informed & in_motion(s, farthest)
     sample = np.arange(part.start, part.stop)
     return Rows(scene.e.t[part], sample, found.A, found.b, found.tau, informed, moving)

@@ -21,7 +21,7 @@ from ident.diagnosis.search import NEAR
 from ident.diagnosis.selection import Decision, Weigh, rank
 from ident.effects import Effect, ReversalPulses, Signals
 from ident.fit.problem import Table
-from ident.fit.reversals import GUARD, away_from_reversals
+from ident.fit.small_errors import GUARD, away_from_reversals
 from identification import Planted, motion_log, plant, robot
 
 NOISE = (Noise("tau", 0.01, relative=True), Noise("q", 1e-5))

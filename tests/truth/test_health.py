@@ -15,9 +15,9 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Column, Log, Noise, health
-from ident.fit.common_delay import common_delay
 from ident.fit.data_checks import DataChecks
 from ident.fit.faults import log_entry
+from ident.fit.small_errors import common_delay
 from ident.text import stamp
 from identification import motion_log, plant, robot
 

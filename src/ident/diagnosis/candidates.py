@@ -13,7 +13,7 @@ from ident.effects.curve import Curve, curves
 from ident.errors import IdentError
 from ident.fit import Fit
 from ident.fit.problem import Table
-from ident.fit.reversals import WORSE, away_from_reversals
+from ident.fit.small_errors import WORSE, away_from_reversals
 from ident.information.blocks import Part
 from ident.information.chance import zscore
 from ident.information.hypotheses import PartialRegression

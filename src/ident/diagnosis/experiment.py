@@ -16,7 +16,7 @@ from ident.effects.formula import Formula
 from ident.equations.terms import Samples, unbalanced
 from ident.errors import IdentError
 from ident.fit.problem import Table
-from ident.fit.reversals import away_from_reversals
+from ident.fit.small_errors import away_from_reversals
 from ident.information import linear
 from ident.information.hypotheses import RANK
 from ident.motion import Motion, State, complete

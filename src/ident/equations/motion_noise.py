@@ -31,7 +31,7 @@ from scipy.linalg import cho_solve_banded
 
 from ident.equations.filter import Decimator, filtered_windows
 from ident.equations.rows import Scene, corrected, informing, largest_transmission, residual, rows
-from ident.equations.terms import Samples, informative_joints
+from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.information.time_bases import Basis, Chunk, Elimination, eliminate
 from ident.mechanism.mechanism import Mechanism
@@ -73,8 +73,7 @@ def gain(
             beside = residual(at(e.at(mechanism, moved, given, start=start)))
             G[:, :, i, order] = (beside - base) / step
     whole = Samples(mechanism, e, slice(None), point).reduced(slice(None))
-    informative = [x for effect in mechanism.effects for x in informative_joints(whole, effect)]
-    G[~informing(whole, informative, largest_transmission(e))] = 0.0
+    G[~informing(whole, largest_transmission(e))] = 0.0
     return G
 
 

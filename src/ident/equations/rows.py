@@ -265,11 +265,15 @@ class Rows:
 
 
 def informing(
-    s: Samples, informative: Sequence[tuple[str, np.ndarray]], farthest: np.ndarray | None
+    s: Samples,
+    farthest: np.ndarray | None,
+    informative: Sequence[tuple[str, np.ndarray]] | None = None,
 ) -> np.ndarray:
-    """(n, r), false where a joint with dry friction stands still and its torque is open."""
+    """(n, r), false where a joint of the coordinate does not inform: by default one with dry
+    friction that stands still; `farthest` is `largest_transmission`.
+    """
     informed = np.ones(s.shape, dtype=bool)
-    for name, moves in informative:
+    for name, moves in s.informative if informative is None else informative:
         at, lever = s.lever(name)
         most = np.ones(1) if farthest is None else farthest[s.mechanism.joint_index[name]]
         moved = (most > ROUNDING * most.max()) & (np.abs(lever) > LEVER * most)
@@ -277,13 +281,17 @@ def informing(
     return informed
 
 
-def in_motion(s: Samples, farthest: np.ndarray | None) -> np.ndarray:
-    """(n, r), false where a joint stands still that moves with the coordinate."""
-    moves = np.abs(s.e.yd[s.part]) >= s.e.still
+def of_joints(s: Samples, good: np.ndarray, farthest: np.ndarray | None) -> np.ndarray:
+    """(n, r), false where a joint that moves with the coordinate is not `good` (n, J)."""
     joints = s.mechanism.joint_index.items()
     return informing(
-        s, [(name, moves[:, j]) for name, j in joints if not moves[:, j].all()], farthest
+        s, farthest, [(name, good[:, j]) for name, j in joints if not good[:, j].all()]
     )
+
+
+def in_motion(s: Samples, farthest: np.ndarray | None) -> np.ndarray:
+    """(n, r), false where a joint stands still that moves with the coordinate."""
+    return of_joints(s, np.abs(s.e.yd[s.part]) >= s.e.still, farthest)
 
 
 def largest_transmission(e: State) -> np.ndarray | None:
@@ -323,7 +331,7 @@ def rows(
         found = scene.effects(s)
         gamma = [] if stored is not None else [s.gamma[:, u, span] for u, span in enumerate(spans)]
         effects = [found.A[:, u, mine] for u, mine in enumerate(of_effects)]
-        informed = informing(s, found.informative, farthest)
+        informed = informing(s, farthest)
         return [*gamma, *effects, found.b, found.tau, informed, in_motion(s, farthest)]
 
     d, done, size = len(spans), 0, 0
@@ -415,7 +423,7 @@ def full_rows(scene: Scene, part: slice) -> tuple[np.ndarray, np.ndarray, np.nda
     """A (n, nv, k), b (n, nv) of [Γ E] and the known side, and (n, nv) whether a row informs."""
     s, found = scene.generalised(part), scene.terms(part, full=True)
     informed = np.ones(s.shape, dtype=bool)
-    for name, moves in found.informative:
+    for name, moves in s.informative:
         rows, W = s.lever(name)
         informed[:, rows] &= moves[:, None] | (np.abs(W) < ABSENT)
     return found.A, found.b, informed

@@ -185,6 +185,20 @@ class Samples:
         loop = self.e.loop is not None
         return Samples(self.mechanism, self.e, part, self.point, self.memo, loop)
 
+    @cached_property
+    def informative(self) -> list[tuple[str, np.ndarray]]:
+        """By effect and joint where some sample does not inform: the name and (n,), false where dry
+        friction at standstill leaves the torque of that joint open.
+        """
+        found = []
+        for effect in self.mechanism.effects:
+            if effect.local:
+                both = zip(
+                    effect.joints, effect.informed(self.signals(effect.joints)).T, strict=True
+                )
+                found += [(name, informed) for name, informed in both if not informed.all()]
+        return found
+
     def lever(self, name: str) -> tuple[slice, np.ndarray]:
         """The rows in which a joint's torque works, and W (n | 1, rows) there."""
         if self.independent:
@@ -274,9 +288,6 @@ class Terms:
     A: np.ndarray  # (n, r, k), the columns of the unknowns x
     b: np.ndarray  # (n, r) [N m | N], the known side
     tau: np.ndarray  # (n, r) [N m | N], the measured torques alone
-    # by effect and joint where some sample does not inform: the name and (n,), false where dry
-    # friction at standstill leaves the torque of that joint open
-    informative: list[tuple[str, np.ndarray]]
 
 
 def effect_terms(
@@ -292,7 +303,6 @@ def effect_terms(
     before = len(columns.rigid)
     # columns stand whole in memory: that is how they are filled, filtered and factored
     A = np.zeros((r, len(columns) - before, n)).transpose(2, 0, 1)
-    informative = []
     for effect, places in columns.effects:
         if effect.corrects or effect.loaded_link:
             continue
@@ -308,11 +318,10 @@ def effect_terms(
             if at >= 0:  # ∂(E c)/∂s
                 s.add_sensitivity(A[:, :, at - before], effect, c, shape, name)
                 b += A[:, :, at - before] * shape[name]
-        informative += informative_joints(s, effect)
     for place, value, S in sensitivities:
         A[:, :, place - before] = S
         b += S * value
-    return Terms(A, b, tau, informative)
+    return Terms(A, b, tau)
 
 
 def with_bodies(
@@ -346,16 +355,6 @@ def with_bodies(
             if first <= column < stop and value:
                 b[:, row] -= each[:, column - first] * value
     return whole, b
-
-
-def informative_joints(s: Samples, effect: Effect) -> list[tuple[str, np.ndarray]]:
-    """Joints of an effect at which some sample does not inform, with (n,) whether it does."""
-    if not effect.local:
-        return []
-    informed = effect.informed(s.signals(effect.joints))
-    return [
-        (name, informed[:, i]) for i, name in enumerate(effect.joints) if not informed[:, i].all()
-    ]
 
 
 def unbalanced(s: Samples) -> np.ndarray:

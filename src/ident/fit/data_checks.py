@@ -34,7 +34,6 @@ from ident.fit.channel_fits import (
     credible_t,
     limits_of_machines,
 )  # fmt: skip
-from ident.fit.common_delay import common_delay, delay_shows
 from ident.fit.faults import (
     CredibleFault,
     Fault,
@@ -47,12 +46,14 @@ from ident.fit.faults import (
 )  # fmt: skip
 from ident.fit.findings import Finding
 from ident.fit.problem import Problem, Table
-from ident.fit.reversals import (
+from ident.fit.small_errors import (
     WORSE,
     away_from_reversals,
+    common_delay,
+    delay_shows,
     misfit_at_reversals,
     moved_by_reversals,
-)  # fmt: skip
+)
 from ident.information.chance import zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array

@@ -24,7 +24,7 @@ import numpy as np
 from ident.display import Plotted
 from ident.equations.filter import STANDING, STICKING, Decimator
 from ident.equations.rows import Scene, in_motion, informing, largest_transmission
-from ident.equations.terms import Samples, informative_joints
+from ident.equations.terms import Samples
 from ident.equations.unknowns import NOTHING, Point
 from ident.errors import FitError, one_of
 from ident.fit.problem import Problem
@@ -173,10 +173,9 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
         forces = _generalised(s, scene.point)
         gravity = rigid_forces(mechanism.model, e.q[part], 0 * e.v[part], 0 * e.v[part], point.pi)
         direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
-        informs = [each for effect in mechanism.effects for each in informative_joints(u, effect)]
         rows = [u.measured(mechanism.driven), u.reduce(gravity), *map(u.reduce, forces.values())]
         joints = np.stack([e.y[part], e.yd[part], e.ydd[part], direction], axis=1)
-        inform = informing(u, informs, farthest), in_motion(u, farthest)
+        inform = informing(u, farthest), in_motion(u, farthest)
         return [np.stack(rows, axis=1), joints, *inform]
 
     d, J = len(motion.independent), len(mechanism.joints)
