@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.equations.filter import Decimator, decimated
+from ident.equations.filter import Decimator, multiplied, products
 
 CASES = [(5.0, 200.0), (20.0, 1000.0), (40.0, 5000.0), (30.0, 100.0)]
 
@@ -105,4 +105,6 @@ def test_whole_series_are_filtered_at_any_rows():
     second = np.arange(3000, 6000 - half, 2 * filters.factor)
     at = np.concatenate([first, [2500], second, [6000 - half - 1]])
     expected = [filters.taps @ x[i - half : i + half + 1] for i in np.unique(at)]
-    np.testing.assert_allclose(decimated(x, filters.taps, np.unique(at)), expected, atol=1e-12)
+    np.testing.assert_allclose(
+        multiplied(products(filters.taps, np.unique(at)), x), expected, atol=1e-12
+    )

@@ -19,7 +19,6 @@ OVERSAMPLING = 4.0  # filtered samples a period of the cut-off
 STICKING = 0.2  # share of a filtered row that may come from samples that do not inform it
 STANDING = 0.02  # share of a row in motion that may come from standstill
 CHUNK = 4096  # samples that are in memory at once
-FEW = 8192  # numbers of a series that are filtered at all samples: faster than products at some
 ROUNDING = 1e-6  # of a sample: parts of a log, whose rates differ by it, are decimated alike
 Product = tuple[slice, np.ndarray]  # samples m, and weights (rows, m) of some filtered rows
 
@@ -78,24 +77,19 @@ class Decimator:
             held = [np.concatenate(pair) for pair in zip(held, flat, strict=True)] if held else flat
             at = np.arange(row, part.stop - self.half, self.factor)
             if len(at):
-                filtered = []
-                for x, y in zip(series, held, strict=True):
-                    taps = np.abs(self.taps) if x.dtype == bool else self.taps
-                    filtered.append(decimated(y, taps, at - first).reshape(len(at), *x.shape[1:]))
+                shares, weighted = (products(h, at - first) for h in (np.abs(self.taps), self.taps))
                 row = int(at[-1]) + self.factor
-                yield at, filtered
+                yield (
+                    at,
+                    [
+                        multiplied(shares if x.dtype == bool else weighted, y).reshape(
+                            len(at), *x.shape[1:]
+                        )
+                        for x, y in zip(series, held, strict=True)
+                    ],
+                )
             needed = min(row - self.half, part.stop)
             held, first = [y[needed - first :] for y in held], needed
-
-
-def decimated(x: np.ndarray, taps: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Filtered series Σ_i taps_i x[at − half + i] (N, c) at samples `at` (N,) of x (n, c)."""
-    if x.size > FEW:
-        return multiplied(products(taps, at), x)
-    out, half = np.empty((len(at), x.shape[1])), len(taps) // 2
-    for i, column in enumerate(x.T):
-        out[:, i] = np.convolve(column, taps, "valid")[at - half]
-    return out
 
 
 def products(taps: np.ndarray, at: np.ndarray) -> list[Product]:

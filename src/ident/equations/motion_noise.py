@@ -108,11 +108,10 @@ def torque_noise(mechanism: Mechanism, e: State, cutoff: float | None) -> np.nda
     """(d,) white noise of the measured torques that the rows' filter lets pass [N m | N]."""
     taps = Decimator.of(cutoff, e.rate).taps
     passed = 1.0 if taps is None else float(np.sqrt(taps @ taps))
-    sigma = np.array([e.noise.get(f"tau.{name}", 0.0) for name in mechanism.driven])
     squares = np.zeros(e.leverage.shape[2])
-    for name, level in zip(mechanism.driven, sigma, strict=True):
+    for name in mechanism.driven:
         W = e.leverage[e.usable, mechanism.joint_index[name]]
-        squares += level**2 * (W**2).sum(axis=0)
+        squares += e.noise.get(f"tau.{name}", 0.0) ** 2 * (W**2).sum(axis=0)
     return passed * np.asarray(np.sqrt(squares / max(int(e.usable.sum()), 1)))
 
 
@@ -165,6 +164,10 @@ class TorqueRows:
     first: np.ndarray  # (n,) the first function in reach
     L: np.ndarray  # (n, w, coordinates, d), F G B
     t: np.ndarray  # (n,) [s]
+
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        """b − A x (n, d), zero where rows do not inform."""
+        return np.where(self.informed, self.b - self.A @ x, 0.0)
 
 
 def weighed(torques: TorqueRows, spline: Spline, c: np.ndarray, sigma: np.ndarray) -> list[Chunk]:
@@ -219,12 +222,9 @@ class Linear:
 
     def residual_squares(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(d,) Σ |b − A x|² of the rows that inform, and their number."""
-        squares, count = 0.0, 0.0
-        for torques in self.torques:
-            if torques is not None:
-                r = np.where(torques.informed, torques.b - torques.A @ x, 0.0)
-                squares, count = squares + (r**2).sum(axis=0), count + torques.informed.sum(axis=0)
-        return np.asarray(squares), np.asarray(count)
+        some = [torques for torques in self.torques if torques is not None]
+        squares = sum((torques.residual(x) ** 2).sum(axis=0) for torques in some)
+        return np.asarray(squares), np.asarray(sum(each.informed.sum(axis=0) for each in some))
 
     def loss(self, x: np.ndarray, sigma: np.ndarray) -> float:
         """|U (c − ĉ)|² + Σ |b − A x|² / σ² at the present motion, for x (k,)."""
@@ -234,28 +234,27 @@ class Linear:
                 continue
             off = (c - spline.c)[spline.first[:, None] + np.arange(spline.U.shape[1])]
             total += float((np.einsum("nwi,nwi->n", spline.U, off) ** 2).sum())
-            r = (torques.b - torques.A @ x) / sigma
-            total += float((r[torques.informed] ** 2).sum())
+            total += float(((torques.residual(x) / sigma) ** 2).sum())
         return total
 
     def between(self, other: Linear) -> Smooth:
         """The motion halfway to another one."""
-        found = tuple(
-            (segment, replace(spline, c=0.5 * (a + b)))
-            for (segment, spline), a, b in zip(self.fine.runs, self.c, other.c, strict=True)
-        )
-        return Smooth(self.fine.names, self.fine.spacing, found, self.fine.channels)
+        return self._through([0.5 * (a + b) for a, b in zip(self.c, other.c, strict=True)])
 
     def moved(self, runs: Sequence[EliminatedRun], x: np.ndarray) -> Smooth:
         """The motion that goes with the parameters x (k,)."""
-        by_segment = {run.segment.start: run for run in runs}
-        found = []
-        for (segment, spline), c in zip(self.fine.runs, self.c, strict=True):
-            if segment.start in by_segment:
-                step = by_segment[segment.start].elimination.back_substitute(x)
-                c = spline.c + step
-            found.append((segment, replace(spline, c=c)))
-        return Smooth(self.fine.names, self.fine.spacing, tuple(found), self.fine.channels)
+        steps = {run.segment.start: run.elimination.back_substitute(x) for run in runs}
+        return self._through(
+            [
+                spline.c + steps[segment.start] if segment.start in steps else c
+                for (segment, spline), c in zip(self.fine.runs, self.c, strict=True)
+            ]
+        )
+
+    def _through(self, coefficients: Sequence[np.ndarray]) -> Smooth:
+        both = zip(self.fine.runs, coefficients, strict=True)
+        runs = tuple((segment, replace(spline, c=c)) for (segment, spline), c in both)
+        return replace(self.fine, runs=runs)
 
 
 def rows_cutoff(fine: Smooth, rate: float) -> float | None:

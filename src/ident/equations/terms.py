@@ -32,6 +32,7 @@ STEP = 1e-3  # of the range of a shape parameter, for differences
 WHOLE = 48_000_000  # bytes of Γ at all samples of a state, up to which it is kept unfiltered
 CHUNK = 4096  # samples whose regressor is in memory at once
 UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
+RIGID, WRENCHES = "rigid bodies", "external wrenches"
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,25 +224,34 @@ class Samples:
                 self.add_torque(total, name, self.e.tau[self.part, i])
         return total
 
+    def parts(self, explicit: bool = False) -> dict[str, np.ndarray]:
+        """Forces (n, r) of the model at the point, by name: rigid bodies, each effect's label, and
+        less the wrenches; `explicit`: without effects that depend on its own prediction.
+        """
+        found = {RIGID: self.rigid(self.point.pi)}
+        for effect in self.mechanism.effects:
+            c, shape = self.point.of(effect)
+            known = effect.unknowns and len(shape) == len(effect.shapes)
+            if known and not (explicit and effect.implicit):
+                found[effect.label] = np.zeros(self.shape)
+                self.add_effect(found[effect.label], effect, c, shape)
+        if self.wrench is not None:
+            found[WRENCHES] = -self.wrench
+        return found
+
     # --- predictions of the present model, none of which sees the measured torque of the joint ----
 
     def forces(self) -> tuple[np.ndarray, np.ndarray]:
         """Generalised forces (n, nv): bodies with their loads, less wrenches; explicit effects."""
         key = ("forces",)
         if key not in self.memo:
-            n, nv = len(self.e), self.mechanism.model.nv
-            found = np.zeros((2, n, nv))
+            n = len(self.e)
+            loads = (each.label for each in self.mechanism.effects if each.loaded_link)
+            bodies, found = {RIGID, WRENCHES, *loads}, np.zeros((2, n, self.mechanism.model.nv))
             for start in range(0, n, CHUNK):
                 part = slice(start, min(start + CHUNK, n))
-                s = self.generalised(part)
-                found[0, part] = s.rigid(self.point.pi)
-                if s.wrench is not None:
-                    found[0, part] -= s.wrench
-                for effect in self.mechanism.effects:
-                    c, shape = self.point.of(effect)
-                    if not effect.implicit and effect.unknowns and len(shape) == len(effect.shapes):
-                        own = 0 if effect.loaded_link else 1
-                        s.add_effect(found[own, part], effect, c, shape)
+                for name, force in self.generalised(part).parts(explicit=True).items():
+                    found[0 if name in bodies else 1, part] += force
             self.memo[key] = found
         rigid, others = self.memo[key]
         return rigid[self.part], others[self.part]
@@ -359,11 +369,4 @@ def with_bodies(
 
 def unbalanced(s: Samples) -> np.ndarray:
     """b − A x (n, r) at the working point."""
-    f = s.measured(s.mechanism.driven) - s.rigid(s.point.pi)
-    if s.wrench is not None:
-        f += s.wrench
-    for effect in s.mechanism.effects:
-        c, shape = s.point.of(effect)
-        if effect.unknowns and len(shape) == len(effect.shapes):
-            s.add_effect(f, effect, -c, shape)
-    return f
+    return s.measured(s.mechanism.driven) - sum(s.parts().values())

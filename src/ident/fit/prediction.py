@@ -24,7 +24,7 @@ import numpy as np
 from ident.display import Plotted
 from ident.equations.filter import STANDING, STICKING, Decimator
 from ident.equations.rows import Scene, in_motion, informing, largest_transmission
-from ident.equations.terms import Samples
+from ident.equations.terms import RIGID, WRENCHES
 from ident.equations.unknowns import NOTHING, Point
 from ident.errors import FitError, one_of
 from ident.fit.problem import Problem
@@ -37,7 +37,6 @@ from ident.mechanism.parameters import rigid_forces
 from ident.motion import Motion, State
 
 CHUNK = 2048  # samples whose regressor is in memory at once
-RIGID, WRENCHES = "rigid bodies", "external wrenches"
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +147,7 @@ def _predict(mechanism: Mechanism, motion: Motion, bare: State, point: Point) ->
     for start in range(0, n, CHUNK):
         part = slice(start, min(start + CHUNK, n))
         s, u = scene.generalised(part), scene.samples(part)
-        forces = _generalised(s, point)
+        forces = s.parts()
         for name, force in forces.items():
             parts.setdefault(name, np.empty((n, d)))[part] = u.reduce(force)
         measured[part], moving[part] = u.measured(mechanism.driven), in_motion(u, farthest)
@@ -165,12 +164,12 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     scene = Scene.of(mechanism, NOTHING, e, point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
     farthest = largest_transmission(e)
-    names = list(_generalised(scene.generalised(slice(0, 1)), point))
+    names = list(scene.generalised(slice(0, 1)).parts())
 
     def make(part: slice) -> list[np.ndarray]:
         """Return measured torque, gravity, parts; joint signals; informed; moving."""
         s, u = scene.generalised(part), scene.samples(part)
-        forces = _generalised(s, scene.point)
+        forces = s.parts()
         gravity = rigid_forces(mechanism.model, e.q[part], 0 * e.v[part], 0 * e.v[part], point.pi)
         direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
         rows = [u.measured(mechanism.driven), u.reduce(gravity), *map(u.reduce, forces.values())]
@@ -197,18 +196,6 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
         e.name, t, measured, by_name, informed & moving, segments, gravity, q, v, a, direction,
         informed,
     )  # fmt: skip
-
-
-def _generalised(s: Samples, point: Point) -> dict[str, np.ndarray]:
-    """Return generalised forces (n, nv) of rigid bodies, of each effect, and less the wrenches."""
-    forces = {RIGID: s.rigid(point.pi)}
-    for effect in s.mechanism.effects:
-        if effect.unknowns:
-            forces[effect.label] = np.zeros(s.shape)
-            s.add_effect(forces[effect.label], effect, *point.of(effect))
-    if s.e.wrench is not None:
-        forces[WRENCHES] = -s.e.wrench[s.part]
-    return forces
 
 
 SAMPLES = 200  # of an experiment that are looked at
