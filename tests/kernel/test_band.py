@@ -11,7 +11,7 @@ from ident.information.time_bases import Basis, Chunk, eliminate
 
 def solved(chunks, count, **options):
     elimination = eliminate(chunks, count, **options)
-    border = elimination.border
+    border = Triangle.merge(elimination.factors)
     x = solve(border, rank_revealing(border)).x
     return elimination, x, elimination.back_substitute(x)
 
@@ -24,7 +24,9 @@ def test_agrees_with_dense_least_squares(degree, size):
     p, dense_a, residual = system.dense_solution()
     assert relative(x, p) < 1e-11
     assert relative(a, dense_a) < 1e-9
-    assert elimination.border.residual_norm(x) == pytest.approx(residual, rel=1e-12)
+    assert Triangle.merge(elimination.factors).residual_norm(x) == pytest.approx(
+        residual, rel=1e-12
+    )
     L = system.dense()[0][:, 4:]
     assert elimination.rank == np.linalg.matrix_rank(L)
     assert elimination.rows == len(L)
@@ -102,11 +104,11 @@ def test_factors_are_those_of_their_blocks_of_time():
 def test_blocks_change_where_equations_go_not_what_they_say():
     system = System()
     count = system.basis.count
-    whole = eliminate(system.chunks(), count).border
+    whole = Triangle.merge(eliminate(system.chunks(), count).factors)
     for blocks in (2, 7, count):
         elimination = eliminate(system.chunks(), count, blocks=blocks)
-        np.testing.assert_allclose(elimination.border.R, whole.R, atol=1e-11)
-        assert elimination.border.rows == whole.rows
+        np.testing.assert_allclose(Triangle.merge(elimination.factors).R, whole.R, atol=1e-11)
+        assert Triangle.merge(elimination.factors).rows == whole.rows
 
 
 def redundant(system):
@@ -129,7 +131,9 @@ def test_redundant_multipliers_get_the_least_norm(degree):
     _, dense_a, residual = system.dense_solution()  # of least norm too, in all unknowns
     assert relative(a, dense_a) < 1e-6
     assert np.abs(a[:, -1]).max() < 1e-12
-    assert elimination.border.residual_norm(x) == pytest.approx(residual, rel=1e-12)
+    assert Triangle.merge(elimination.factors).residual_norm(x) == pytest.approx(
+        residual, rel=1e-12
+    )
 
 
 def test_redundant_multipliers_leave_every_block_of_time_its_equations():
@@ -152,7 +156,9 @@ def test_gaps_leave_their_multipliers_at_zero_and_the_rest_untouched(degree):
     p, dense_a, residual = system.dense_solution()
     assert relative(x, p) < 1e-11
     assert relative(a, dense_a) < 1e-6
-    assert elimination.border.residual_norm(x) == pytest.approx(residual, rel=1e-12)
+    assert Triangle.merge(elimination.factors).residual_norm(x) == pytest.approx(
+        residual, rel=1e-12
+    )
     assert elimination.rank == np.linalg.matrix_rank(system.dense()[0][:, 3:])
     untouched = (system.window_matrix() == 0).all(axis=0)
     assert untouched.sum() > 5

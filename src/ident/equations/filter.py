@@ -77,12 +77,15 @@ class Decimator:
             held = [np.concatenate(pair) for pair in zip(held, flat, strict=True)] if held else flat
             at = np.arange(row, part.stop - self.half, self.factor)
             if len(at):
-                shares, weighted = (products(h, at - first) for h in (np.abs(self.taps), self.taps))
+                share, weighted = (
+                    products(np.abs(self.taps), at - first),
+                    products(self.taps, at - first),
+                )
                 row = int(at[-1]) + self.factor
                 yield (
                     at,
                     [
-                        multiplied(shares if x.dtype == bool else weighted, y).reshape(
+                        multiplied(share if x.dtype == bool else weighted, y).reshape(
                             len(at), *x.shape[1:]
                         )
                         for x, y in zip(series, held, strict=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import add
 from typing import NamedTuple
 
 import numpy as np
@@ -158,7 +159,7 @@ class Block:
     def __add__(self, other: Block) -> Block:
         """Return the block of both, which must have the same key."""
         span = min(self.span[0], other.span[0]), max(self.span[1], other.span[1])
-        some, rest, still = map(_sum, self.triangles, other.triangles)
+        some, rest, still = map(add, self.triangles, other.triangles)
         torque = self.torque[0] + other.torque[0], self.torque[1] + other.torque[1]
         return Block(*self.key, some, rest, still, self.support, torque, span)
 
@@ -194,12 +195,6 @@ def summed(found: dict[Key, Block], blocks: Iterable[Block]) -> dict[Key, Block]
         key = block.key
         found[key] = found[key] + block if key in found else block
     return found
-
-
-def _sum(a: Triangle, b: Triangle) -> Triangle:
-    if not (a.rows and b.rows):
-        return a if a.rows else b
-    return a + b
 
 
 @dataclass(frozen=True, eq=False)

@@ -165,17 +165,11 @@ FOLDS = 10
 ROUNDING = 1e-9  # of the torque, below which an error is none
 
 
-def rises(after: Squares, before: Squares) -> Array:
-    """Return the rise of the error as a share, of every coordinate that has one."""
-    old = np.maximum(before.error, ROUNDING**2 * before.torque)
-    new = np.maximum(after.error, ROUNDING**2 * after.torque)
-    return np.asarray(np.sqrt(new[old > 0] / old[old > 0]) - 1)
-
-
 def rise(after: Squares, before: Squares) -> float:
     """Return the rise of the error: √ of the mean over coordinates of (after / before)², less 1."""
-    each = rises(after, before)
-    return float(np.sqrt(np.mean((1 + each) ** 2)) - 1) if len(each) else 0.0
+    new, old = (np.maximum(each.error, ROUNDING**2 * each.torque) for each in (after, before))
+    ratios = new[old > 0] / old[old > 0]
+    return float(np.sqrt(ratios.mean()) - 1) if len(ratios) else 0.0
 
 
 def fold_count(*sets: Information) -> int:

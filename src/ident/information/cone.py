@@ -54,13 +54,14 @@ class Limit:
         return np.asarray(self.G @ x + self.h)
 
     def room(self, x: Array) -> float:
-        """How far x is inside: the least entry or eigenvalue; −|entry| of what must be zero."""
+        """How far x is inside, without the solver: the least entry or eigenvalue, −|entry| of what
+        must be zero, and SLACK; below zero where x breaks the limit.
+        """
         value = self.value(x)
-        if self.kind == "zero":
-            return -float(np.abs(value).max(initial=0.0))
         if self.kind == "psd":
-            return float(np.linalg.eigvalsh(smat(value))[0])
-        return float(value.min(initial=np.inf))
+            value = np.asarray(np.linalg.eigvalsh(smat(value)))
+        least = (-np.abs(value) if self.kind == "zero" else value).min(initial=np.inf)
+        return float(least) + SLACK[self.kind]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +111,8 @@ def nearest(R: Array, d: Array, limits: Sequence[Limit]) -> NearestPoint:
         if not 0 < cost < ABOUT:
             break
         weight = min(weight / cost, HEAVIEST)
-    places = _places([len(limit.h) for limit in limits])
-    push = [size / weight * float(np.linalg.norm(C[at].T @ z[at])) for at in places]
+    ends = np.cumsum([0, *(len(limit.h) for limit in limits)])
+    push = [size / weight * float(np.linalg.norm(C[a:b].T @ z[a:b])) for a, b in pairwise(ends)]
     return NearestPoint(centre + T @ (size * y), np.array(push))
 
 
@@ -158,11 +159,6 @@ def _elastic(limit: Limit, scale: Array) -> Limit:
     if limit.kind == "zero":  # −t ≤ G x + h ≤ t
         G, h = np.vstack([G, -G]), np.concatenate([h, -h])
     return Limit(limit.name, "nonnegative", np.hstack([G, np.ones((len(h), 1))]), h)
-
-
-def _places(sizes: Sequence[int]) -> list[slice]:
-    ends = np.cumsum([0, *sizes])
-    return [slice(a, b) for a, b in pairwise(ends)]
 
 
 def _solved(
@@ -216,18 +212,13 @@ def nearest_within(
         for share in 2.0 ** np.arange(-20, 1):
             if holds(limits, moved := x + share * (inner - x)):
                 return replace(found, x=moved)
-    broken = [limit.name for limit in limits if room(limit, x) < 0]
+    broken = [limit.name for limit in limits if limit.room(x) < 0]
     raise FitError(f"no consistent fit was found: the solver's result breaks {', '.join(broken)}")
-
-
-def room(limit: Limit, x: Array) -> float:
-    """Return how far x is inside a limit, below zero where it is not, without the solver."""
-    return limit.room(x) + SLACK[limit.kind]
 
 
 def holds(limits: Sequence[Limit], x: Array) -> bool:
     """Return whether x (k,) keeps to all limits."""
-    return all(room(limit, x) >= 0 for limit in limits)
+    return all(limit.room(x) >= 0 for limit in limits)
 
 
 def _touching(limits: Sequence[Limit], x: Array) -> Array:
@@ -242,7 +233,7 @@ def _touching(limits: Sequence[Limit], x: Array) -> Array:
 
 def _tightened(tight: Limit, limit: Limit, x: Array) -> Limit:
     """Tighten a limit that x breaks, by ten times as much room as x lacks."""
-    lacking = -10 * min(room(limit, x), 0.0)
+    lacking = -10 * min(limit.room(x), 0.0)
     if limit.kind == "psd":
         return replace(tight, h=tight.h - lacking * svec(np.eye(int(np.sqrt(2 * len(limit.h))))))
     return replace(tight, h=tight.h - lacking) if limit.kind == "nonnegative" else tight

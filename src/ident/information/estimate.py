@@ -31,9 +31,8 @@ class Base:
     """The unknowns that a triangle determines."""
 
     independent: NDArray[np.intp]  # (n_ind,) columns of the base, ascending
-    dependent: NDArray[np.intp]  # (n_dep,) the others, ascending: A_D = A_I K
+    dependent: NDArray[np.intp]  # (n_dep,) the others, ascending: A_D = A_I K; K of null ones is 0
     K: Array  # (n_ind, n_dep); entries that rounding cannot tell from zero are exactly zero
-    zero: NDArray[np.intp]  # columns that are null, part of `dependent`; their K is zero
     condition_number: float  # of the independent columns, each of unit norm; 1 for none
     # (k,) part of each unit column that the base's before it cannot make, in [0, 1]
     distance: Array
@@ -103,7 +102,6 @@ def rank_revealing(triangle: Triangle, tol: ArrayLike = 1e-9) -> Base:
         independent=ind,
         dependent=dep,
         K=regroup[:rank][:, dep] * np.where(null, 0.0, norm)[dep] / norm[ind][:, None],
-        zero=np.flatnonzero(null),
         condition_number=float(s[0] / s[-1]) if rank else 1.0,
         distance=distance,
     )
@@ -199,7 +197,7 @@ def estimate(
     largest = float(torque.max(initial=0.0)) or 1.0
     weights = np.full(len(totals), largest) if sigma is None else sigma
     floor = np.zeros(len(totals))
-    for step in range(1 if sigma is not None else ITERATIONS):
+    for step in range(ITERATIONS):
         total = Triangle.merge([t.scaled(1 / s) for t, s in zip(totals, weights, strict=True)])
         base, solution = _solve(total, prior, held)
         if sigma is not None:
@@ -243,7 +241,6 @@ def _solve(total: Triangle, prior: Array, held: np.ndarray) -> tuple[Base, Solut
         independent=free[base.independent],
         dependent=np.concatenate([free[base.dependent], out]),
         K=np.hstack([base.K, np.zeros((base.rank, len(out)))]),
-        zero=free[base.zero],
         distance=distance,
     )
     return whole, replace(solution, x=x)

@@ -214,32 +214,22 @@ class PartialRegression:
 
     @cached_property
     def _block(self) -> tuple[Array, ...]:
-        """By block G = QᵀQ, M = (I − G)⁻¹ (blocks, rank, rank), QᵀỸ (blocks, rank, 1 + B) and
-        |L ỹ|² (blocks, 1 + B).
-        """
+        """By block G = QᵀQ, M = (I − G)⁻¹ (blocks, rank, rank) and QᵀỸ (blocks, rank, 1 + B)."""
         n, rank = self.blocks, self.rank
         G = np.zeros((n, rank, rank))
         q = np.zeros((n, rank, self.residual[0].shape[1]))
-        yy = np.zeros((n, q.shape[2]))
         for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
             for k in range(n):
                 rows = part.block(k)
                 G[k] += Q[rows].T @ Q[rows]
                 q[k] += Q[rows].T @ Y[rows]
-                yy[k] += np.einsum("ij,ij->j", Y[rows], Y[rows])
         M: Array = linear.pinv(np.eye(rank) - G, rcond=1e-10, hermitian=True)
-        loss = yy + np.einsum("kir,kir->kr", q, (M + M @ M - np.eye(rank)) @ q)
-        return G, M, q, loss + np.einsum("kir,kir->kr", q, q)
-
-    @property
-    def loss(self) -> Array:
-        """(blocks,) left-out squares of b with the model as it is."""
-        return self._block[3][:, 0]
+        return G, M, q
 
     @cached_property
     def null_losses(self) -> Array:
         """(d, B) left-out squares of r_1 … r_B in each coordinate, all blocks together."""
-        _, M, q, _ = self._block
+        _, M, q = self._block
         found = np.zeros((self.d, q.shape[2] - 1))
         for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
             for k in range(self.blocks):
@@ -308,6 +298,11 @@ class PartialRegression:
         """(blocks, d) left-out squares with the model as it is."""
         return self.by_coordinate(self.left_out**2)
 
+    @property
+    def loss(self) -> Array:
+        """(blocks,) left-out squares of b with the model as it is."""
+        return self.losses.sum(axis=1)
+
     # --- candidates ----------------------------------------------------------------------------
 
     def gains(self, groups: Sequence[Index]) -> Gains:
@@ -327,7 +322,7 @@ class PartialRegression:
     def _gains(self, groups: Index) -> Gains:
         """Gains of groups (n, u) of equal size, those of r_1 … r_B in single precision."""
         n, u = groups.shape
-        G, M, q, _ = self._block
+        G, M, q = self._block
         blocks, rank, B = self.blocks, self.rank, q.shape[2] - 1
         p = np.zeros((blocks, rank, n * u))
         cc = np.zeros((blocks, n, u, u))
@@ -369,8 +364,8 @@ class PartialRegression:
         turned = V.astype(np.float32)
         p, P = (_turned(V, x) for x in (p, P))
         cc = V.transpose(0, 2, 1) @ cc @ V
-        cy = linear.turned(V, cy.reshape(blocks, n, u, 1))
-        cn = linear.turned(turned, cn.reshape(blocks, n, u, B))
+        cy = V.transpose(0, 2, 1) @ cy.reshape(blocks, n, u, 1)
+        cn = turned.transpose(0, 2, 1) @ cn.reshape(blocks, n, u, B)
         s, sn = cy.sum(axis=0), cn.sum(axis=0)
         idle = np.eye(u) * ~new[:, None, :]
         Z = np.empty((blocks, rank, n * u))  # L c̃ = c − Q Z
@@ -507,8 +502,6 @@ class PartialRegression:
 def _turned(V: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Columns x (…, n u) of n groups times V (n, u, u)."""
     n, u = V.shape[:2]
-    if u == 1:
-        return np.asarray(x * V[:, 0, 0])
     three = x.reshape(*x.shape[:-1], n, u)
     return np.ascontiguousarray(np.einsum("...ni,nij->...nj", three, V)).reshape(x.shape)
 
@@ -517,7 +510,7 @@ def _theta(
     s: np.ndarray, c: np.ndarray, Mp: np.ndarray, q: np.ndarray, inverse: np.ndarray
 ) -> np.ndarray:
     """θ₋k (n, u, R) without a block; s, c (n, u, R): C̃ᵀỹ of all blocks, of this one."""
-    return linear.times(inverse, s - c - (Mp.T @ q).reshape(c.shape))
+    return inverse @ (s - c - (Mp.T @ q).reshape(c.shape))
 
 
 def _fall(
@@ -534,4 +527,4 @@ def _fall(
     """
     c = -(Z.T @ qe).reshape(theta.shape)
     c[mine] += (x.T @ e).reshape(len(mine), *theta.shape[1:])
-    return (theta * (2 * c - linear.times(a, theta))).sum(axis=1)
+    return (theta * (2 * c - a @ theta)).sum(axis=1)

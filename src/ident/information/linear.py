@@ -219,19 +219,7 @@ UNDETERMINED = 1e-8  # of 1: a direction that only the left-out block excites is
 
 def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """aᵀb (n, u, u) of columns (m, n, u) of n groups."""
-    if a.shape[2] == 1:
-        return np.einsum("mn,mn->n", a[:, :, 0], b[:, :, 0])[:, None, None]
     return a.transpose(1, 2, 0) @ b.transpose(1, 0, 2)
-
-
-def turned(V: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Vᵀc (blocks, n, u, R)."""
-    return c * V[:, :, :1] if c.shape[2] == 1 else V.transpose(0, 2, 1) @ c
-
-
-def times(H: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """H x (n, u, R)."""
-    return H * x if H.shape[1] == 1 else (H @ x)
 
 
 def inverse(H: Array) -> Array:

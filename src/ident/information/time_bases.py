@@ -159,11 +159,6 @@ class Elimination:
     knots: tuple[Array, ...]
     w: int
 
-    @property
-    def border(self) -> Triangle:
-        """All equations of p, merged."""
-        return Triangle.merge(self.factors)
-
     def back_substitute(self, x: ArrayLike) -> Array:
         """Return the coefficients a (count, m) [N or N m] that fit best with p = x (k,).
 
