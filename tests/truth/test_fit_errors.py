@@ -140,8 +140,8 @@ def test_stretches_of_a_basis_and_of_a_log_are_the_same_times():
         "gap.csv", case.log.t[keep], {k: x[keep] for k, x in case.log.columns.items()}
     )
     fit = ident.identify(mechanism, ident.complete(mechanism, log, cutoff=None))
-    assert len(fit.bands) == 2
-    stacks = stacks_information(fit.bands, fit.motion)
+    assert len(fit.problem.bands) == 2
+    stacks = stacks_information(fit.problem.bands, fit.motion)
     fitting, scoring = (folds(each, 10) for each in (stacks, fit.information))
     assert set(fitting) == set(scoring)
     for number, part in fitting.items():

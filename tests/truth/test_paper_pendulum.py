@@ -51,7 +51,7 @@ def test_free_multipliers_are_exact(pendulum, reactions):
 
 def test_the_papers_hats(pendulum, reactions):
     fit, inertia = identify(pendulum, "linear", 0.05)
-    assert fit.bands[0].basis.count == 101
+    assert fit.problem.bands[0].basis.count == 101
     assert inertia == pytest.approx(INERTIA, rel=0.002)
     assert inertia == pytest.approx(0.200335, abs=1e-6)
     # hats between knots 50 ms apart: worst 4.0 N of 280 N, rms 1.0 N
@@ -71,7 +71,7 @@ def test_the_bias_of_hats_is_the_basis_and_falls_with_the_spacing(pendulum):
 )
 def test_smooth_bases_of_as_many_functions(pendulum, reactions, basis, degree, inertia, worst, rms):
     fit, found = identify(pendulum, basis, 5 / (101 - degree))
-    assert fit.bands[0].basis.count == 101
+    assert fit.problem.bands[0].basis.count == 101
     assert found == pytest.approx(INERTIA, rel=inertia)
     most, mean = errors(fit, reactions)  # [N]; the reactions reach 280 N
     assert most < worst

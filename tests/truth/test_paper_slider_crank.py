@@ -44,7 +44,7 @@ def test_free_multipliers_are_exact(crank, reactions):
 
 def test_the_papers_hats_have_their_known_bias(crank, reactions):
     fit, off = identify(crank, "linear", 0.005)
-    assert fit.bands[0].basis.count == 401
+    assert fit.problem.bands[0].basis.count == 401
     np.testing.assert_allclose(off, [-0.847, 35.95, -0.745], atol=0.02)
     # the reactions reach 79 N: worst 1.45 N where they jump, rms 0.055 N
     assert multiplier_errors(fit, reactions) == pytest.approx((1.445, 0.0554), rel=0.01)

@@ -473,7 +473,7 @@ def known_of(fit: Fit, effect: Effect) -> dict[str, float]:
     own = next((e for e in fit.mechanism.effects if e.label == effect.label), None)
     if own is None:
         return {}
-    return {full: own.values[p.name] for full, p in zip(own.names, own.parameters, strict=True)}
+    return {full: own.values[name] for name, full in own.full.items()}
 
 
 def errors_of(fit: Fit) -> dict[str, Error]:

@@ -291,6 +291,11 @@ class Effect(ABC):
         return tuple(f"{stem}.{parameter.name}" for parameter in self.parameters)
 
     @property
+    def full(self) -> dict[str, str]:
+        """Full names of all parameters by their short ones."""
+        return dict(zip((each.name for each in self.parameters), self.names, strict=True))
+
+    @property
     def units(self) -> tuple[str, ...]:
         """Units of the parameters at these joints."""
         return tuple(parameter.units[0 if self.rotational else 1] for parameter in self.parameters)

@@ -63,9 +63,8 @@ def beside(
     """h [the shape's unit] and the state corrected with one shape of an effect at s + h."""
     _, shape = base.point.of(effect)
     low, high = effect.bounds(replace(base.signals(effect.joints), shape=shape))[name]
-    full = effect.names[[each.name for each in effect.parameters].index(name)]
     h = STEP * (high - low)
-    point = base.point.with_values({full: shape.get(name, 0.0) + h})
+    point = base.point.with_values({effect.full[name]: shape.get(name, 0.0) + h})
     return h, corrected(replace(base, point=point), cutoff, only)
 
 

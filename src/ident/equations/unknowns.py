@@ -52,14 +52,12 @@ class Columns:
         effects, loads = [], []
         for effect in mechanism.effects:
             places = []
-            for name, unit, parameter in zip(
-                effect.names, effect.units, effect.parameters, strict=True
-            ):
+            for parameter, unit in zip(effect.parameters, effect.units, strict=True):
                 if parameter.name in effect.values or parameter.discrete:
                     places.append(-1)
                     continue
                 places.append(len(all_names))
-                all_names.append(name)
+                all_names.append(effect.full[parameter.name])
                 units.append(unit)
                 prior.append(0.0)
             effects.append((effect, np.array(places, dtype=int)))
@@ -134,10 +132,10 @@ class Point:
     def prior(cls, mechanism: Mechanism) -> Point:
         """The URDF's inertias; effects' known values."""
         known = {
-            name: float(effect.values[parameter.name])
+            full: float(effect.values[name])
             for effect in mechanism.effects
-            for name, parameter in zip(effect.names, effect.parameters, strict=True)
-            if parameter.name in effect.values
+            for name, full in effect.full.items()
+            if name in effect.values
         }
         return cls(mechanism.prior, known)
 
@@ -158,14 +156,10 @@ class Point:
 
     def of(self, effect: Effect) -> tuple[np.ndarray, dict[str, float]]:
         """c (unknowns,) and shapes s by name, 0 for unknowns that have no value yet."""
-        u = len(effect.unknowns)
-        c = np.array([self.values.get(name, 0.0) for name in effect.names[:u]])
-        s = {
-            shape.name: self.values[name]
-            for name, shape in zip(effect.names[u:], effect.shapes, strict=True)
-            if name in self.values
-        }
-        return c, s
+        full = effect.full
+        c = np.array([self.values.get(full[each.name], 0.0) for each in effect.unknowns])
+        names = [each.name for each in effect.shapes if full[each.name] in self.values]
+        return c, {name: self.values[full[name]] for name in names}
 
     def all_of(self, effect: Effect) -> np.ndarray:
         """(parameters,) values of unknowns and shapes; NaN for a shape that has none."""

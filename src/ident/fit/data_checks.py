@@ -225,7 +225,7 @@ class DataChecks:
 
     @property
     def moved_at_reversals(self) -> Array:
-        """By how much the unknowns (k,) would change without rows at reversals that fit worse."""
+        """The same without rows at reversals alone."""
         return moved_by_reversals(self.table, self.away, self.estimate, self.misfit)
 
     @cached_property
@@ -392,11 +392,11 @@ class DataChecks:
         )
         if before < DOUBT or after > HALF * before:
             return None
-        where = tuple(f"tau.{name}" for name in names)
-        text = (
-            f"{self._torques(where)}: {_times(gains)}, by a factor of its own each: currents "
-            "without their torque constants, or another unit? Scaled, the error of the predicted "
-            f"torque falls from {percent(before)} to {percent(after)}"
+        where, text = self._needed(gains)
+        text += (
+            ", by a factor of its own each: currents without their torque constants, or another "
+            f"unit? Scaled, the error of the predicted torque falls from {percent(before)} to "
+            f"{percent(after)}"
         )
         now = [self.mechanism.columns.get(each) for each in where]
         constants = [
@@ -408,17 +408,25 @@ class DataChecks:
         remedy = f"give each its torque constant, about {about}, as {entry}"
         return Finding("units", text, remedy, where, min(gains.values()), TOGETHER)
 
-    def _torques(self, where: tuple[str, ...]) -> str:
+    def _needed(self, gains: Mapping[str, float]) -> tuple[tuple[str, ...], str]:
+        """Return the channels of torques that are `gains` times what the URDF needs, and that in
+        words.
+        """
+        where = tuple(f"tau.{name}" for name in gains)
         several = len(where) == len(self.mechanism.driven) > 2
-        return "all torques" if several else ", ".join(where)
+        ends = dict.fromkeys(two_digits(x) for x in (min(gains.values()), max(gains.values())))
+        return where, (
+            f"{'all torques' if several else ', '.join(where)}: {' to '.join(ends)} times what the "
+            "URDF's bodies need, and of the same shape"
+        )
 
     def _magnitude(self, gains: Mapping[str, float], least: float) -> Finding:
         """Return a hint on torques that are `gains` times, by joint, what the URDF needs."""
         gain = float(np.exp(np.mean(np.log([*gains.values()]))))
-        where = tuple(f"tau.{name}" for name in gains)
-        text = (
-            f"{self._torques(where)}: {_times(gains)}: a unit, a gear ratio or a torque constant, "
-            "a wrong unit of time, length or gravity, unless its masses are no real ones"
+        where, text = self._needed(gains)
+        text += (
+            ": a unit, a gear ratio or a torque constant, a wrong unit of time, length or gravity, "
+            "unless its masses are no real ones"
         )
         remedy = log_entry(self.mechanism, where[0], exact_factor(float(f"{1 / gain:.2g}")))
         remedy += ", all alike" if len(where) > 1 else ""
@@ -504,11 +512,6 @@ class DataChecks:
         band = replace(self.problem.motion.band, cutoff=None)
         motion = replace(self.problem.motion, experiments=tuple(states), band=band)
         return Table.of(mechanism, self.problem.columns, motion, self.table.point)
-
-
-def _times(gains: Mapping[str, float]) -> str:
-    ends = dict.fromkeys(two_digits(x) for x in (min(gains.values()), max(gains.values())))
-    return f"{' to '.join(ends)} times what the URDF's bodies need, and of the same shape"
 
 
 def _cosine(x: Array, y: Array) -> float:

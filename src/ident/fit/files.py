@@ -173,15 +173,9 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             "file": "multipliers.csv",
         },
         "error": {
-            "train": _errors(fit.train),
-            "held_out": _errors(fit.held_out),
+            **_error_sets(fit),
             "unfiltered": _errors(fit.unfiltered),
-            "validation": {log: _errors(errors) for log, errors in fit.validation.items()},
-            "with_standstill": {
-                "train": _errors(_of_all_rows(fit.train)),
-                "held_out": _errors(_of_all_rows(fit.held_out)),
-                "validation": {x: _errors(_of_all_rows(e)) for x, e in fit.validation.items()},
-            },
+            "with_standstill": _error_sets(fit, standstill=True),
         },
         "noise": fit.noise,
         "smoothing": [
@@ -223,13 +217,19 @@ def _entry(value: Value | BaseValue) -> dict[str, Any]:
     return {key: x for key, x in asdict(value).items() if key != "at_bound"}
 
 
-def _errors(errors: Mapping[str, Error]) -> dict[str, Any]:
-    names = "rms", "relative", "unit"
-    return {joint: {n: getattr(e, n) for n in names} for joint, e in errors.items()}
+def _error_sets(fit: Fit, standstill: bool = False) -> dict[str, Any]:
+    return {
+        "train": _errors(fit.train, standstill),
+        "held_out": _errors(fit.held_out, standstill),
+        "validation": {log: _errors(each, standstill) for log, each in fit.validation.items()},
+    }
 
 
-def _of_all_rows(errors: Mapping[str, Error]) -> dict[str, Error]:
-    return {joint: each.with_standstill for joint, each in errors.items()}
+def _errors(errors: Mapping[str, Error], standstill: bool = False) -> dict[str, Any]:
+    own = {joint: e.with_standstill if standstill else e for joint, e in errors.items()}
+    return {
+        joint: {n: getattr(e, n) for n in ("rms", "relative", "unit")} for joint, e in own.items()
+    }
 
 
 @dataclass(frozen=True, eq=False)

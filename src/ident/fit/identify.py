@@ -92,9 +92,13 @@ def identify(
         )
         remedy = "complete them with cutoff=motion.band.cutoff"
         same.append(Finding("another cut-off", text.format(*bands), remedy))
-    errors = _errors_on(fit, validate, last)
-    alone = [replace(validate, experiments=(e,)) for e in validate.experiments]
-    floors = {name: floor_of(fit, one) for name, one in zip(errors, alone, strict=True)}
+    errors, floors = dict[str, dict[str, Error]](), dict[str, dict[str, float]]()
+    joints = validate.independent
+    units = [mechanism.joint(name).force_unit for name in joints]
+    rows = information_of(mechanism, fit.columns, validate, fit.problem.point, last)
+    for number, e in enumerate(validate.experiments):
+        errors[e.name] = rows.of_log(number).squares(fit.estimate.x).errors(joints, units)
+        floors[e.name] = floor_of(fit, replace(validate, experiments=(e,)))
     return replace(fit, validation=errors, floors=floors, findings=(*fit.findings, *same))
 
 
@@ -159,19 +163,6 @@ def fit_of(
         binding=binding,
         likelihood=likelihood,
     )
-
-
-def _errors_on(
-    fit: Fit, motion: Motion, on_progress: Progress | None
-) -> dict[str, dict[str, Error]]:
-    """Return the errors in other logs, by log, then joint."""
-    mechanism, joints = fit.mechanism, motion.independent
-    units = [mechanism.joint(name).force_unit for name in joints]
-    rows = information_of(mechanism, fit.columns, motion, fit.problem.point, on_progress)
-    return {
-        e.name: rows.of_log(number).squares(fit.estimate.x).errors(joints, units)
-        for number, e in enumerate(motion.experiments)
-    }
 
 
 # --- models on the same motion --------------------------------------------------------------------

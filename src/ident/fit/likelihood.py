@@ -160,14 +160,22 @@ def weighed(
     if estimator == "likelihood":
         check_refinable(problem)
         share = share_of_motion(problem, found)
-        problem, found, likelihood = refined(problem, found, share, on_progress)
-        return problem, found, likelihood, likelihood.findings
+        better = refined(problem, found, share, on_progress)
+        return *better, better[2].findings
     if estimator != "auto" or problem.bands or not len(problem.columns):
         return problem, found, None, []
     share = share_of_motion(problem, found)
     if (largest := min(float(share.max(initial=0.0)), 1.0)) < MATTERS:
         return problem, found, None, []
-    if (better := one_step(problem, found, share, on_progress)) is not None:
+    # one step with the noise that the channels show; where that leaves more than noise, the model
+    # lacks something, and a motion bent until torques fit would hide it
+    at = Linearization.at(problem, found.x, problem.motion.experiments, None, on_progress)
+    sigma = at.noise()[0]
+    runs, now = at.whitened(found, sigma)
+    if _squares_per_row(now) <= EXPLAINED:
+        better = at.weighed(
+            runs, now, Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x))
+        )
         return *better, better[2].findings
     text = (
         f"noise of the motion makes up to {100 * largest:.3g} % of the "
@@ -175,21 +183,6 @@ def weighed(
         "and parameters may be shrunk; something is missing (ident diagnose), or --refine"
     )
     return problem, found, None, [Finding("motion noise", text, "", (), largest, MATTERS)]
-
-
-def one_step(
-    problem: Problem, found: Estimate, share: np.ndarray, on_progress: Progress | None = None
-) -> Weighed | None:
-    """Make one step with the noise that the channels show; None if it leaves more than noise.
-
-    Then the model lacks something, and a motion bent until torques fit would hide it.
-    """
-    at = Linearization.at(problem, found.x, problem.motion.experiments, None, on_progress)
-    sigma = at.noise()[0]
-    runs, now = at.whitened(found, sigma)
-    if _squares_per_row(now) > EXPLAINED:
-        return None
-    return at.weighed(runs, now, Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x)))
 
 
 def refined(

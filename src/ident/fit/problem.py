@@ -478,23 +478,21 @@ class Table:
     def pooled(self, effect: Effect) -> Signals:
         """Return the effect's signals of all experiments joined: for ranges, not for time."""
         each = [s.signals(effect.joints) for s in self.samples]
+        first = each[0]
         if len(each) == 1:
-            return each[0]
+            return first
 
         def joined(name: str) -> np.ndarray:
             return np.concatenate([getattr(s, name) for s in each])
 
+        everywhere = [name for name in first.extra if all(name in s.extra for s in each)]
         return replace(
-            each[0],
+            first,
             t=np.concatenate([s.t - s.t[0] for s in each]),  # of each log's own beginning
-            extra={
-                name: np.concatenate([s.extra[name] for s in each])
-                for name in each[0].extra
-                if all(name in s.extra for s in each)
-            },
+            extra={name: np.concatenate([s.extra[name] for s in each]) for name in everywhere},
+            still=np.min([s.still for s in each], axis=0),
+            predicted=lambda: (joined("torque"), joined("load")),
             q=joined("q"),
             v=joined("v"),
             a=joined("a"),
-            still=np.min([s.still for s in each], axis=0),
-            predicted=lambda: (joined("torque"), joined("load")),
         )

@@ -219,13 +219,11 @@ class Residual(Displayed):
     @cached_property
     def parts(self) -> dict[str, np.ndarray]:
         """rms (d,) of `measured`, each part, `gravity` and `residual` over all rows."""
-
-        def rms(name: str) -> np.ndarray:
-            return _rms([getattr(trace, name) for trace in self.traces])
-
-        parts = {name: self.rms_together([name]) for name in self.traces[0].parts}
-        ends = {"gravity": rms("gravity"), "residual": rms("residual")}
-        return {"measured": rms("measured"), **parts, **ends}
+        found = {"measured": _rms([trace.measured for trace in self.traces])}
+        found |= {name: self.rms_together([name]) for name in self.traces[0].parts}
+        for name in ("gravity", "residual"):
+            found[name] = _rms([getattr(trace, name) for trace in self.traces])
+        return found
 
     def rms_together(self, names: Sequence[str]) -> np.ndarray:
         """Return the rms (d,) of the sum of some parts, by `names`."""

@@ -259,16 +259,20 @@ class Periods:
         """Return how often the motion is repeated in so many seconds."""
         return seconds / min(self.period.values())
 
+    @property
+    def repeated(self) -> float:
+        """Mean share of the residual that repeats, over joints."""
+        return float(np.mean([max(0.0, each) for each in self.rho.values()]))
+
     def variance(self, seconds: float) -> float:
         """Return by how much variances over so many seconds are larger than of white residuals."""
-        rho = float(np.mean([max(0.0, each) for each in self.rho.values()]))
-        return 1 + max(self.periods(seconds) - 1, 0.0) * rho
+        return 1 + max(self.periods(seconds) - 1, 0.0) * self.repeated
 
     def finding(self, seconds: float) -> Finding:
         """Return what a person should know of logs of so many seconds."""
-        rho = float(np.mean([max(0.0, each) for each in self.rho.values()]))
+        share = f"{100 * self.repeated:.0f} %"
         text = (
-            f"the motion is repeated every {min(self.period.values()):.4g} s and {100 * rho:.0f} % "
+            f"the motion is repeated every {min(self.period.values()):.4g} s and {share} "
             f"of the residual with it: {self.periods(seconds):.3g} periods are not independent, so "
             f"standard errors are {np.sqrt(self.variance(seconds)):.3g} times as wide"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +13,6 @@ import numpy as np
 from ident.display import render
 from ident.effects import Effect
 from ident.effects.effect import Found
-from ident.equations.motion_noise import EliminatedRun
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, one_of
 from ident.fit.channel_fits import SMALL
@@ -94,11 +93,6 @@ class Fit(Charted):
     def information(self) -> Information:
         """All rows as triangles, for statistics and further models."""
         return self.problem.information
-
-    @property
-    def bands(self) -> Sequence[EliminatedRun]:
-        """Where the multipliers have a time basis, the way back to them."""
-        return self.problem.bands
 
     @cached_property
     def point(self) -> Point:
@@ -284,14 +278,12 @@ class Fit(Charted):
         Raises:
             KeyError: with the nearest name.
         """
-        own = {value.name: value for value in self.parameters}
-        own |= {value.name: value for effect in self.effects for value in effect.parameters}
-        combined = {value.name: value for value in self.base_parameters}
-        if name in own:
-            return own[name]
-        if name in combined:
-            return combined[name]
-        raise KeyError(f"no parameter '{name}'; {one_of(name, own)}")
+        values = [*self.parameters, *(v for effect in self.effects for v in effect.parameters)]
+        own = {value.name: value for value in values}
+        found = {value.name: value for value in self.base_parameters} | own
+        if name not in found:
+            raise KeyError(f"no parameter '{name}'; {one_of(name, own)}")
+        return found[name]
 
     @cached_property
     def residual(self) -> Residual:
@@ -314,7 +306,7 @@ class Fit(Charted):
         Where torques and motion were weighed together, on the motion that both agree with.
         """
         determined = identifiable_multipliers(self.mechanism, self.motion)
-        if self.bands:
+        if self.problem.bands:
             values = [
                 (e.t, self.problem.basis_multipliers(number, self.estimate.x))
                 for number, e in enumerate(self.motion.experiments)

@@ -76,8 +76,7 @@ def initial(mechanism: Mechanism, motion: Motion) -> Point:
         if effect.searched:
             whole = Samples(mechanism, motion.experiments[0], slice(None), point)
             starts = effect.starts(whole.signals(effect.joints))
-            full = dict(zip((s.name for s in effect.parameters), effect.names, strict=True))
-            middle = {full[name]: value for name, value in starts[len(starts) // 2].items()}
+            middle = {effect.full[s]: value for s, value in starts[len(starts) // 2].items()}
             point = point.with_values({**middle, **point.values})
     return point
 
@@ -88,9 +87,9 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     if len(shape) == len(effect.shapes):
         return point
     u = len(effect.unknowns)
-    full = dict(zip((s.name for s in effect.shapes), effect.names[u:], strict=True))
+    full = effect.full
     if effect.corrects:
-        return point.with_values({full[name]: shape.get(name, 0.0) for name in full})
+        return point.with_values({full[s.name]: shape.get(s.name, 0.0) for s in effect.shapes})
     others = tuple(
         e for e in mechanism.effects
         if e.label != effect.label and len(point.of(e)[1]) == len(e.shapes)

@@ -28,7 +28,6 @@ PASSES, ABOUT, HEAVIEST = 4, 1e-2, 1e24  # of the cost's weight
 POSSIBLE = 1e-7  # of a limit's scale: a smaller shortfall is the solver's, not the limits'
 SLACK = {"psd": 5e-7, "nonnegative": 1e-7, "zero": 1e-7}  # of a limit's scale: a smaller breach is
 # rounding; half of the margin by which matrices are asked to be definite (`fit.consistency`)
-TIGHTER = 4  # times that a limit which the solver missed is tightened
 ROOT2 = float(np.sqrt(2.0))
 
 
@@ -193,25 +192,20 @@ def nearest_within(
 ) -> NearestPoint:
     """Return argmin ‖A x − b‖² within the limits, counted in units of the metric W, and verified.
 
-    Where the solver's x misses a limit by its own tolerance, that limit is tightened; what is left
-    after that is moved towards a point within, `inner`, where it ends at worst: limits are convex.
+    Where the solver's x misses a limit by its own tolerance, it is moved towards a point within,
+    `inner`, where it ends at worst: limits are convex.
 
     Raises:
-        FitError: if that does not help, naming the limits that x breaks.
+        FitError: if there is no such point, naming the limits that x breaks.
     """
     unit = 1 / np.linalg.norm(W, axis=0)
     triangle = Triangle.of(A * unit, b)
-    strict = [replace(limit, G=limit.G * unit) for limit in limits]
-    for _ in range(TIGHTER):
-        found = nearest(triangle.R, triangle.d, strict)
-        x = _touching(limits, found.x * unit)
-        if holds(limits, x):
-            return replace(found, x=x)
-        strict = [_tightened(tight, limit, x) for tight, limit in zip(strict, limits, strict=True)]
-    if inner is not None:
-        for share in 2.0 ** np.arange(-20, 1):
-            if holds(limits, moved := x + share * (inner - x)):
-                return replace(found, x=moved)
+    found = nearest(triangle.R, triangle.d, [replace(limit, G=limit.G * unit) for limit in limits])
+    x = _touching(limits, found.x * unit)
+    for share in (0.0, *(2.0 ** np.arange(-20, 1) if inner is not None else ())):
+        moved = x if inner is None else x + share * (inner - x)
+        if holds(limits, moved):
+            return replace(found, x=moved)
     broken = [limit.name for limit in limits if limit.room(x) < 0]
     raise FitError(f"no consistent fit was found: the solver's result breaks {', '.join(broken)}")
 
@@ -229,14 +223,6 @@ def _touching(limits: Sequence[Limit], x: Array) -> Array:
         if limit.kind != "psd" and len(at) == 1 and abs(limit.value(x)[0]) < SLACK["nonnegative"]:
             x[at] = -limit.h[0] / limit.G[0, at] + 0.0  # no -0.0
     return x
-
-
-def _tightened(tight: Limit, limit: Limit, x: Array) -> Limit:
-    """Tighten a limit that x breaks, by ten times as much room as x lacks."""
-    lacking = -10 * min(limit.room(x), 0.0)
-    if limit.kind == "psd":
-        return replace(tight, h=tight.h - lacking * svec(np.eye(int(np.sqrt(2 * len(limit.h))))))
-    return replace(tight, h=tight.h - lacking) if limit.kind == "nonnegative" else tight
 
 
 def restricted(limits: Sequence[Limit], fixed: Array, free: NDArray[np.bool_]) -> list[Limit]:

@@ -78,7 +78,7 @@ class Suspect:
         for effect in effects:
             open_ = effect.unknowns or effect.shapes
             parameters += open_
-            own = dict(zip([each.name for each in effect.parameters], effect.names, strict=True))
+            own = effect.full
             link = effect.loaded_link  # whose own columns are its
             names += [f"{link}.{each.name}" if link else own[each.name] for each in open_]
         places = np.array([columns.index[name] for name in names])
