@@ -342,18 +342,15 @@ class PartialRegression:
                 cy[k][where] += x.T @ Y[rows, :1]
                 if B:
                     cn[k][where] += x.astype(np.float32).T @ r[rows]
-                each = x.reshape(len(x), len(mine), u)
-                cc[k, mine] += linear.inner(each, each)
+                cc[k, mine] += _inner(x, x, u)
         P = p.sum(axis=0)
-        whole = P.reshape(rank, n, u)
         small, qn = P.astype(np.float32), q[:, :, 1:].astype(np.float32)
         for k in range(blocks):
-            cross = linear.inner(p[k].reshape(rank, n, u), whole)
+            cross = _inner(p[k], P, u)
             GP = G[k] @ P
             p[k] -= GP
             # x̃_kᵀx̃_k = xᵀx − pᵀP − Pᵀp + PᵀGP, p before the projection
-            cc[k] += linear.inner(whole, GP.reshape(rank, n, u))
-            cc[k] -= cross + cross.transpose(0, 2, 1)
+            cc[k] += _inner(P, GP, u) - cross - cross.transpose(0, 2, 1)
             cy[k] -= P.T @ q[k, :, :1]
             if B:
                 cn[k] -= small.T @ qn[k]
@@ -371,7 +368,7 @@ class PartialRegression:
         Z = np.empty((blocks, rank, n * u))  # L c̃ = c − Q Z
         for k in range(blocks):  # cy, cn become θ
             Mp = M[k] @ p[k]
-            a1 = cc[k] + linear.inner(p[k].reshape(rank, n, u), Mp.reshape(rank, n, u))
+            a1 = cc[k] + _inner(p[k], Mp, u)
             inverse = linear.inverse(np.eye(u) * new[:, None, :] - a1 + idle)
             cy[k] = _theta(s, cy[k], Mp, q[k, :, :1], inverse)
             if B:
@@ -386,11 +383,10 @@ class PartialRegression:
                 e = Y[rows] + Q[rows] @ (M[k] @ q[k])
                 x = _turned(V[mine], X[rows])
                 GZ = (Q[rows].T @ Q[rows]) @ Z[k]
-                three = Z[k].reshape(rank, n, u)
-                a = linear.inner(three, GZ.reshape(rank, n, u))
-                each = x.reshape(len(x), len(mine), u)
-                cross = linear.inner((Q[rows].T @ x).reshape(rank, len(mine), u), three[:, mine])
-                a[mine] += linear.inner(each, each) - cross - cross.transpose(0, 2, 1)
+                a = _inner(Z[k], GZ, u)
+                own = Z[k].reshape(rank, n, u)[:, mine].reshape(rank, -1)
+                cross = _inner(Q[rows].T @ x, own, u)
+                a[mine] += _inner(x, x, u) - cross - cross.transpose(0, 2, 1)
                 qe = Q[rows].T @ e
                 fall = _fall(mine, cy[k], x, Z[k], e[:, :1], qe[:, :1], a)[:, 0]
                 D[:, k] += fall
@@ -497,6 +493,12 @@ class PartialRegression:
         inverse = linear.pinv(A.T @ A, rcond=RANK, hermitian=True)
         size = self.size[self.model]
         return (inverse @ (A.T @ b)) / size, inverse / size[:, None] / size
+
+
+def _inner(a: np.ndarray, b: np.ndarray, u: int) -> np.ndarray:
+    """aᵀb (n, u, u) of columns (m, n u) of n groups."""
+    a, b = (x.reshape(len(x), -1, u) for x in (a, b))
+    return a.transpose(1, 2, 0) @ b.transpose(1, 0, 2)
 
 
 def _turned(V: np.ndarray, x: np.ndarray) -> np.ndarray:

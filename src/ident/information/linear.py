@@ -217,11 +217,6 @@ def _check_finite(*arrays: Array) -> None:
 UNDETERMINED = 1e-8  # of 1: a direction that only the left-out block excites is not predicted in it
 
 
-def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """aᵀb (n, u, u) of columns (m, n, u) of n groups."""
-    return a.transpose(1, 2, 0) @ b.transpose(1, 0, 2)
-
-
 def inverse(H: Array) -> Array:
     """H⁻¹ (n, u, u) in the directions that are determined, zero in the others."""
     values, vectors = np.linalg.eigh(H)

@@ -26,7 +26,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,8 +34,6 @@ from ident.errors import FitError
 from ident.information import linear
 from ident.information.linear import Array, Index, Triangle
 
-_CACHED = 4  # windows
-_SHORT = 20000  # times of which windows are cached
 _ROUND = 1e-9  # of a spacing: times this far outside the span are rounding, not extrapolation
 
 
@@ -76,24 +73,8 @@ class Basis:
         Returns first (n,) and values (n, degree + 1), b_{first + r}(t) = values[:, r], of sum 1
         (order 0) or 0.
         Raises `FitError` for a time outside the span.
-
-        Channels share their times, and fits are iterated: the last windows are cached.
         """
         t = np.asarray(t, dtype=float)
-        for known, at, window in self._last:
-            if known == order and np.array_equal(at, t):
-                return window
-        window = self._window(t, order)
-        if len(t) <= _SHORT:
-            self._last.append((order, t, window))
-            del self._last[:-_CACHED]
-        return window
-
-    @cached_property
-    def _last(self) -> list[tuple[int, Array, tuple[NDArray[np.intp], Array]]]:
-        return []
-
-    def _window(self, t: Array, order: int) -> tuple[NDArray[np.intp], Array]:
         position = (t - self.t0) / self.spacing
         intervals = self.count - self.degree
         if not ((position >= -_ROUND) & (position <= intervals + _ROUND)).all():
