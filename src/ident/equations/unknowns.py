@@ -160,8 +160,3 @@ class Point:
         c = np.array([self.values.get(full[each.name], 0.0) for each in effect.unknowns])
         names = [each.name for each in effect.shapes if full[each.name] in self.values]
         return c, {name: self.values[full[name]] for name in names}
-
-    def all_of(self, effect: Effect) -> np.ndarray:
-        """(parameters,) values of unknowns and shapes; NaN for a shape that has none."""
-        c, s = self.of(effect)
-        return np.concatenate([c, [s.get(shape.name, np.nan) for shape in effect.shapes]])

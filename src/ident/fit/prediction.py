@@ -26,12 +26,10 @@ from ident.equations.filter import STANDING, STICKING, Decimator
 from ident.equations.rows import Scene, in_motion, informing, largest_transmission
 from ident.equations.terms import RIGID, WRENCHES
 from ident.equations.unknowns import NOTHING, Point
-from ident.errors import FitError, one_of
 from ident.fit.problem import Problem
 from ident.information import linear
 from ident.information.blocks import Squares
 from ident.information.estimate import Estimate
-from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import rigid_forces
 from ident.motion import Motion, State
@@ -273,30 +271,3 @@ class Reactions(Plotted):
     t: np.ndarray
     known: np.ndarray
     off: np.ndarray
-
-    @classmethod
-    def of(
-        cls,
-        mechanism: Mechanism,
-        log: str,
-        identified: tuple[np.ndarray, np.ndarray],
-        reactions: Log,
-    ) -> Reactions:
-        """Compare multipliers with a log of known reactions on their clock.
-
-        Raises:
-            FitError: if no column is a multiplier of this mechanism.
-        """
-        names = mechanism.kinematics.multipliers
-        if not any(name in reactions for name in names):
-            column = next(iter(reactions.columns), "t")
-            raise FitError(f"{reactions.name}: no column is a multiplier; {one_of(column, names)}")
-        t, values = identified
-        known = np.full((len(reactions.t), len(names)), np.nan)
-        off = known.copy()
-        for i, name in enumerate(names):
-            if name in reactions:
-                known[:, i] = reactions.columns[name]
-                at = np.interp(reactions.t, t, values[:, i], left=np.nan, right=np.nan)
-                off[:, i] = at - known[:, i]
-        return cls(mechanism, log, identified, reactions.t, known, off)

@@ -261,7 +261,11 @@ class Fit(Charted):
     @property
     def effect_solution(self) -> list[tuple[Effect, np.ndarray]]:
         """Every effect with the values (parameters,) of its unknowns and shapes."""
-        return [(effect, self.point.all_of(effect)) for effect in self.mechanism.effects]
+        values = self.point.values
+        return [
+            (effect, np.array([values.get(name, np.nan) for name in effect.names]))
+            for effect in self.mechanism.effects
+        ]
 
     @property
     def found(self) -> dict[str, Found]:
@@ -340,8 +344,17 @@ class Fit(Charted):
         Raises:
             FitError: if no column is a multiplier of this mechanism.
         """
-        log = self.motion.experiments[0].name
-        return Reactions.of(self.mechanism, log, self.multipliers[0], reactions)
+        names = self.mechanism.kinematics.multipliers
+        if not any(name in reactions for name in names):
+            column = next(iter(reactions.columns), "t")
+            raise FitError(f"{reactions.name}: no column is a multiplier; {one_of(column, names)}")
+        log, (t, values) = self.motion.experiments[0].name, self.multipliers[0]
+        known, found = np.full((2, len(reactions.t), len(names)), np.nan)
+        for i, name in enumerate(names):
+            if name in reactions:
+                known[:, i] = reactions.columns[name]
+                found[:, i] = np.interp(reactions.t, t, values[:, i], left=np.nan, right=np.nan)
+        return Reactions(self.mechanism, log, (t, values), reactions.t, known, found - known)
 
     def plot_parameters(self) -> Any:
         """Chart of identified parameters and effects with 95 % intervals, beside the prior."""

@@ -1,6 +1,6 @@
 """Rows of equations as triangles by log, block of time and coordinate: a sum that can be asked.
 
-    Information = { (log, block, coordinate): triangle of [A | b] },     Information + Information
+    Information = { (log, block, coordinate): triangle of [A | b] },     blocks of one key add
 
 Everything that follows from rows (weights, estimates, held-out errors, standard errors, which logs
 disagree) is computed from these small triangles; rows are seen once and never kept.
@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.errors import FitError
 from ident.information.linear import Array, Index, Triangle
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -221,19 +220,6 @@ class Information:
     def __len__(self) -> int:
         return len(self.blocks)
 
-    def __add__(self, other: Information) -> Information:
-        """Return the information of both; blocks of the same key are added.
-
-        Raises:
-            FitError: if they have other numbers of unknowns or coordinates.
-        """
-        if (self.k, self.d) != (other.k, other.d):
-            raise FitError(
-                f"information in {other.k} unknowns and {other.d} coordinates, "
-                f"valid: {self.k} and {self.d}"
-            )
-        return Information.of([*self, *other], self.k, self.d)
-
     @property
     def logs(self) -> list[int]:
         """Numbers of the logs, ascending."""
@@ -249,13 +235,9 @@ class Information:
         """Number of rows, those at standstill included."""
         return sum(block.rows for block in self)
 
-    def where(self, condition: Callable[[Block], bool]) -> Information:
-        """Return the blocks that meet a condition."""
-        return replace(self, blocks={key: b for key, b in self.blocks.items() if condition(b)})
-
     def of_log(self, log: int) -> Information:
         """Return the blocks of one log."""
-        return self.where(lambda block: block.log == log)
+        return replace(self, blocks={key: b for key, b in self.blocks.items() if b.log == log})
 
     @cached_property
     def totals(self) -> tuple[Triangle, ...]:

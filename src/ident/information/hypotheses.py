@@ -497,7 +497,7 @@ class PartialRegression:
 
 def _inner(a: np.ndarray, b: np.ndarray, u: int) -> np.ndarray:
     """aᵀb (n, u, u) of columns (m, n u) of n groups."""
-    a, b = (x.reshape(len(x), -1, u) for x in (a, b))
+    a, b = (x.reshape(len(x), x.shape[1] // u, u) for x in (a, b))
     return a.transpose(1, 2, 0) @ b.transpose(1, 0, 2)
 
 

@@ -197,7 +197,7 @@ def disagreements(
     information: Information, joint: Estimate, columns: Columns
 ) -> Mapping[int, Disagreement]:
     """Find which logs disagree with the majority."""
-    numbers = information.where(lambda block: block.triangle.rows > 0).logs
+    numbers = sorted({log for log, _ in information.times})
     if len(numbers) < 2 or not joint.base.rank:
         return {}
     logs, least, agreeing = _Logs(information, joint, columns), RATE / len(numbers), numbers
