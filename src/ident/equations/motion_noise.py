@@ -237,24 +237,14 @@ class Linear:
             total += float(((torques.residual(x) / sigma) ** 2).sum())
         return total
 
-    def between(self, other: Linear) -> Smooth:
-        """The motion halfway to another one."""
-        return self._through([0.5 * (a + b) for a, b in zip(self.c, other.c, strict=True)])
-
     def moved(self, runs: Sequence[EliminatedRun], x: np.ndarray) -> Smooth:
         """The motion that goes with the parameters x (k,)."""
         steps = {run.segment.start: run.elimination.back_substitute(x) for run in runs}
-        return self._through(
-            [
-                spline.c + steps[segment.start] if segment.start in steps else c
-                for (segment, spline), c in zip(self.fine.runs, self.c, strict=True)
-            ]
-        )
-
-    def _through(self, coefficients: Sequence[np.ndarray]) -> Smooth:
-        both = zip(self.fine.runs, coefficients, strict=True)
-        runs = tuple((segment, replace(spline, c=c)) for (segment, spline), c in both)
-        return replace(self.fine, runs=runs)
+        found = []
+        for (segment, spline), c in zip(self.fine.runs, self.c, strict=True):
+            c = spline.c + steps[segment.start] if segment.start in steps else c
+            found.append((segment, replace(spline, c=c)))
+        return replace(self.fine, runs=tuple(found))
 
 
 def rows_cutoff(fine: Smooth, rate: float) -> float | None:

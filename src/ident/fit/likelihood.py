@@ -39,7 +39,6 @@ AGREED = 1.2  # the same, for the noise that a refined fit takes for the torques
 TRIALS = 6  # of the torques' noise
 STEPS = 12
 RAISED = 1.05  # times the sensors' noise from which noise does not explain the residual
-HALVES = 5  # of a step that does not lower the loss
 ROUNDING = 1e-6
 CONVERGED = 0.05  # of a standard error: a smaller step is the last
 
@@ -200,11 +199,7 @@ def refined(
     while step < STEPS and not converged:
         here = part(on_progress, step / STEPS, (step + 1) / STEPS)
         after = Linearization.at(problem, now.x, at.moved(runs, now.x), at.parts, here)
-        for _ in range(HALVES):
-            if after.loss(sigma) <= (1 + ROUNDING) * at.loss(sigma):
-                break
-            after = at.halfway(after, here)
-        else:
+        if after.loss(sigma) > (1 + ROUNDING) * at.loss(sigma):
             break  # no step lowers the loss: friction that jumps, or rounding
         if step == 1:  # the first motion was not yet one that the torques agree with
             sigma, runs, now = after.balanced(found)
@@ -287,15 +282,6 @@ class Linearization:
     def motion(self, runs: Runs, x: np.ndarray) -> Callable[[], Motion]:
         """Return the function that makes the motion that goes with parameters x."""
         return lambda: replace(self.problem.motion, experiments=self.moved(runs, x))
-
-    def halfway(self, other: Linearization, on_progress: Progress | None) -> Linearization:
-        """Return the linearization between this one and another."""
-        experiments = tuple(
-            along(self.problem.mechanism, e, mine.between(theirs))
-            for e, mine, theirs in zip(self.experiments, self.parts, other.parts, strict=True)
-        )
-        x = 0.5 * (self.x + other.x)
-        return Linearization.at(self.problem, x, experiments, self.parts, on_progress)
 
     def balanced(self, found: Estimate) -> tuple[np.ndarray, Runs, Estimate]:
         """Return the torques' noise at which residuals are as large as noise, and its estimate.

@@ -56,11 +56,10 @@ class Solution:
     C: Array  # (n_ind, n_ind) (R_Iᵀ R_I)⁻¹: the covariance of beta for equations of unit noise
 
 
-def rank_revealing(triangle: Triangle, tol: ArrayLike = 1e-9) -> Base:
+def rank_revealing(triangle: Triangle, tol: float = 1e-9) -> Base:
     """Find the independent columns of a triangle in their given order, and how the others follow.
 
-    tol: a column is dependent where the part of it that is new is below this part of its norm;
-        one number, or one a column: 1 or more keeps a column out of the base.
+    tol: a column is dependent where the part of it that is new is below this part of its norm.
 
     Gram-Schmidt with reorthogonalisation on the unit columns of the small R (twice is enough:
     Giraud, Langou, Rozložník, van den Eshof, Numer. Math. 101, 2005). What is left of a column is
@@ -70,7 +69,6 @@ def rank_revealing(triangle: Triangle, tol: ArrayLike = 1e-9) -> Base:
     k, norm = triangle.k, triangle.column_norms()
     floor = _NULL * norm.max(initial=0.0)
     null = (norm <= floor) | (norm == 0)
-    tols = np.broadcast_to(np.asarray(tol, dtype=float), k)
     unit = triangle.R / np.where(null, np.inf, norm)
     rounding = 64 * k * _EPS
 
@@ -86,7 +84,7 @@ def rank_revealing(triangle: Triangle, tol: ArrayLike = 1e-9) -> Base:
         distance[j] = np.linalg.norm(rest)
         combination = T[:rank, :rank] @ c  # of the base's unit columns so far
         noise = rounding * (1 + np.abs(combination).sum())
-        if distance[j] > max(tols[j], noise, floor / norm[j]):
+        if distance[j] > max(tol, noise, floor / norm[j]):
             T[:rank, rank], T[rank, rank] = -combination / distance[j], 1 / distance[j]
             Q[:, rank] = rest / distance[j]
             rank, chosen[j] = rank + 1, True

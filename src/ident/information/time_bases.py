@@ -158,18 +158,17 @@ class Elimination:
         return a.reshape(-1, self.m)[: self.count] if w else np.zeros((self.count, 0))
 
 
-def eliminate(
-    chunks: Iterable[Chunk], count: int, blocks: int = 1, tol: float = TOLERANCE
-) -> Elimination:
+def eliminate(chunks: Iterable[Chunk], count: int, blocks: int = 1) -> Elimination:
     """Eliminate the multipliers from [A | L] [p; a] = b, given in chunks of the same shapes.
+
+    Combinations of a knot's coefficients that the equations weigh less than TOLERANCE max|L| are
+    undetermined (redundant closures, gaps) and set to zero; nothing else depends on it.
 
     Args:
         chunks: the equations.
         count: number of basis functions.
         blocks: number of equal time blocks. Equations of p belong to the block in which they become
             free of multipliers.
-        tol: combinations of a knot's coefficients that the equations weigh less than tol max|L| are
-            undetermined (redundant closures, gaps) and set to zero; nothing else depends on it.
 
     Raises:
         FitError: for no equations, or a number that is not finite.
@@ -179,7 +178,7 @@ def eliminate(
     if not chunks:
         raise FitError("no equations; valid: at least one chunk with rows")
     (_, width, m), k = chunks[0].L.shape, chunks[0].A.shape[1]
-    scale = max(float(np.abs(chunk.L).max(initial=0.0)) for chunk in chunks)
+    tol = TOLERANCE * (max(float(np.abs(c.L).max(initial=0.0)) for c in chunks) or 1.0)
     group = max(width - 1, 1)
     w, carried, knots = group * m, np.zeros((0, group * m + k + 1)), []
     block = np.searchsorted(-(-begins // group), np.arange(count // group + 2), side="right")
@@ -188,8 +187,8 @@ def eliminate(
     for number, rows in enumerate(_intervals(chunks, group, (count - width) // group + 1)):
         balance[block[number]] += len(rows)
         before = np.hstack([carried[:, :w], np.zeros((len(carried), w)), carried[:, w:]])
-        own, rest = _parted(np.concatenate([before, rows]), w, (tol * scale) or tol)
-        carried, done = _parted(rest[:, w:], w, (tol * scale) or tol)
+        own, rest = _parted(np.concatenate([before, rows]), w, tol)
+        carried, done = _parted(rest[:, w:], w, tol)
         knots.append(own)
         balance[block[number]] -= len(own)
         free[block[number]].append(done[:, w:])
