@@ -196,10 +196,11 @@ class EliminatedRun:
     basis: Basis  # of the motion, or of λ(t)
     elimination: Elimination  # factors of the parameters and the way back to c − ĉ or a
 
-
-def time_blocks(basis: Basis) -> int:
-    """Return into how many blocks of time a run of samples is parted."""
-    return max(1, min(BLOCKS, basis.count // 4))
+    @classmethod
+    def of(cls, number: int, segment: slice, basis: Basis, chunks: list[Chunk]) -> EliminatedRun:
+        """Eliminate the coefficients from the rows of a run, parted in blocks of time."""
+        blocks = max(1, min(BLOCKS, basis.count // 4))
+        return cls(number, segment, basis, eliminate(chunks, basis.count, blocks))
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,9 +216,8 @@ class Linear:
         found = []
         for (segment, spline), c, torques in zip(self.fine.runs, self.c, self.torques, strict=True):
             if torques is not None:
-                basis, chunks = spline.basis, weighed(torques, spline, c, sigma)
-                factors = eliminate(chunks, basis.count, time_blocks(basis))
-                found.append(EliminatedRun(number, segment, basis, factors))
+                chunks = weighed(torques, spline, c, sigma)
+                found.append(EliminatedRun.of(number, segment, spline.basis, chunks))
         return found
 
     def residual_squares(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -85,7 +85,6 @@ class Binding(Displayed):
 
     Attributes:
         asked: bounds and total mass that were asked for.
-        edge: links whose body is at the edge of what is possible.
         at_bound: parameters that are at a bound, by name.
         active: all limits that hold the fit back, as a person reads them.
         repaired: links whose prior is no possible body; impossible: links that are known, and
@@ -97,7 +96,6 @@ class Binding(Displayed):
     """
 
     asked: Consistency
-    edge: tuple[str, ...]
     at_bound: frozenset[str]
     active: tuple[str, ...]
     repaired: tuple[str, ...]
@@ -219,7 +217,14 @@ class Program:
         shapes = shape_bounds(mechanism, columns, problem.motion, problem.point)
         limits = limits_of(mechanism, columns, asked, scale, shapes)
         if against := conflict(limits, scale):
-            raise FitError(_contradiction([limit.name for limit in against]))
+            names = "; ".join(limit.name for limit in against)
+            raise FitError(
+                f"these limits contradict each other: {names}; each can hold without one of the "
+                "others: loosen one of them"
+                if against[1:]
+                else f"{names}: impossible with what is known of it, or flat to a millionth of its "
+                "size; make more of it unknown, or correct what the URDF says"
+            )
         anchor = prior
         if not holds(limits, prior):
             W = _metric(mechanism, columns, scale, 1.0, None)
@@ -329,7 +334,6 @@ def _binding(
     impossible = [link for link, value in before.items() if value < IMPOSSIBLE]
     return Binding(
         asked=asked,
-        edge=edge,
         at_bound=frozenset(limit.of for limit in bounds if limit.of),
         active=(*possible, *(limit.name for limit in bounds)),
         repaired=tuple(link for link in impossible if link in unknown),
@@ -337,18 +341,6 @@ def _binding(
         eigenvalues={link: after[link] for link in unknown},
         rise=rises[0],
         held_out_rise=rises[1],
-    )
-
-
-def _contradiction(names: Sequence[str]) -> str:
-    if len(names) == 1:
-        return (
-            f"{names[0]}: impossible with what is known of it, or flat to a millionth of its size; "
-            "make more of it unknown, or correct what the URDF says"
-        )
-    return (
-        f"these limits contradict each other: {'; '.join(names)}; each can hold without one of the "
-        "others: loosen one of them"
     )
 
 

@@ -27,7 +27,7 @@ import numpy as np
 from ident.display import Progress, part
 from ident.effects import Effect, Signals
 from ident.equations.filter import Decimator, Product, multiplied, products
-from ident.equations.motion_noise import EliminatedRun, time_blocks
+from ident.equations.motion_noise import EliminatedRun
 from ident.equations.rows import (
     Rows,
     Scene,
@@ -45,7 +45,6 @@ from ident.errors import FitError
 from ident.information.blocks import Block, Information
 from ident.information.estimate import Estimate, estimate
 from ident.information.linear import Triangle
-from ident.information.time_bases import eliminate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, split
 from ident.motion import Motion
@@ -269,8 +268,7 @@ def bands_of(
                 share = number / len(motion.experiments)
                 on_progress(f"eliminating multipliers of {e.name}", share)
             if chunks := list(stack(scene, cutoff, segment, basis)):
-                elimination = eliminate(chunks, basis.count, time_blocks(basis))
-                found.append(EliminatedRun(number, segment, basis, elimination))
+                found.append(EliminatedRun.of(number, segment, basis, chunks))
     return found
 
 
