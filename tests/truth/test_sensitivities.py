@@ -65,13 +65,13 @@ def test_a_shapes_column_is_the_slope_of_the_torque(text):
     found = scene.terms(slice(None))
     place = scene.columns.index[f"{text.replace(':', '.')}.{name}"]
     row = mechanism.joint("elbow").index
-    s = scene.samples(slice(None)).signals(("elbow",))
+    s = scene.whole.reduced(slice(None)).signals(("elbow",))
     if formula is not None:
         slope = formula(s)[:, 0]
     else:  # by a far smaller step than the equations take
         shape = {p.name: given[p.name] for p in effect.shapes}
         h = 1e-6 * given[name]
-        beside = [scene.samples(slice(None)).columns(effect, {**shape, name: given[name] + d})
+        beside = [scene.whole.reduced(slice(None)).columns(effect, {**shape, name: given[name] + d})
                   for d in (h, -h)]  # fmt: skip
         slope = (beside[0] - beside[1])[:, 0, 0] * given["sigma"] / (2 * h)
     S = found.A[:, row, place]

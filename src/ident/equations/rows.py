@@ -190,14 +190,6 @@ class Scene:
         """The working point."""
         return self.whole.point
 
-    def samples(self, part: slice | np.ndarray) -> Samples:
-        """Some samples in the independent coordinates."""
-        return self.whole.reduced(part)
-
-    def generalised(self, part: slice | np.ndarray) -> Samples:
-        """The same in generalised coordinates."""
-        return self.whole.generalised(part)
-
     def effects(self, s: Samples) -> Terms:
         """The equations of some samples without Γ, with the sensitivities S of corrections."""
         found = []
@@ -209,7 +201,7 @@ class Scene:
 
     def terms(self, part: slice | np.ndarray, *, full: bool = False) -> Terms:
         """A x = b of some samples, in the independent coordinates or, `full`, in all."""
-        s = self.generalised(part) if full else self.samples(part)
+        s = self.whole.generalised(part) if full else self.whole.reduced(part)
         found = self.effects(s)
         gamma = [s.gamma[:, row] for row in range(s.shape[1])]
         A, b = with_bodies(self.columns, self.point, gamma, found.A, found.b)
@@ -326,7 +318,7 @@ def rows(
 
     def make(part: slice) -> list[np.ndarray]:
         """Γ by row, effects' columns by row, b, τ, informed, moving of some samples."""
-        s = scene.samples(part)
+        s = scene.whole.reduced(part)
         found = scene.effects(s)
         gamma = [] if stored is not None else [s.gamma[:, u, span] for u, span in enumerate(spans)]
         effects = [found.A[:, u, mine] for u, mine in enumerate(of_effects)]
@@ -420,7 +412,7 @@ def stack(scene: Scene, cutoff: float | None, segment: slice, basis: Basis) -> I
 
 def full_rows(scene: Scene, part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (n, nv, k), b (n, nv) of [Γ E] and the known side, and (n, nv) whether a row informs."""
-    s, found = scene.generalised(part), scene.terms(part, full=True)
+    s, found = scene.whole.generalised(part), scene.terms(part, full=True)
     informed = np.ones(s.shape, dtype=bool)
     for name, moves in s.informative:
         rows, W = s.lever(name)

@@ -137,7 +137,7 @@ def share_of_motion(problem: Problem, found: Estimate) -> np.ndarray:
     """Return the part (d,) of each squared residual that noise of the motion can make."""
     experiments = problem.motion.experiments
     if any(e.smooth is None for e in experiments):  # those of clean logs are as logged
-        return np.zeros(problem.d)
+        return np.zeros(problem.information.d)
     point, cutoff = problem.point_at(found.x), problem.motion.band.cutoff
     noise = [motion_noise(problem.mechanism, e, point, cutoff) for e in experiments]
     squares = problem.information.squares(found.x)

@@ -144,7 +144,7 @@ def _predict(mechanism: Mechanism, motion: Motion, bare: State, point: Point) ->
     moving, farthest = np.empty((n, d), bool), largest_transmission(e)
     for start in range(0, n, CHUNK):
         part = slice(start, min(start + CHUNK, n))
-        s, u = scene.generalised(part), scene.samples(part)
+        s, u = scene.whole.generalised(part), scene.whole.reduced(part)
         forces = s.parts()
         for name, force in forces.items():
             parts.setdefault(name, np.empty((n, d)))[part] = u.reduce(force)
@@ -162,11 +162,11 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     scene = Scene.of(mechanism, NOTHING, e, point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
     farthest = largest_transmission(e)
-    names = list(scene.generalised(slice(0, 1)).parts())
+    names = list(scene.whole.generalised(slice(0, 1)).parts())
 
     def make(part: slice) -> list[np.ndarray]:
         """Return measured torque, gravity, parts; joint signals; informed; moving."""
-        s, u = scene.generalised(part), scene.samples(part)
+        s, u = scene.whole.generalised(part), scene.whole.reduced(part)
         forces = s.parts()
         gravity = rigid_forces(mechanism.model, e.q[part], 0 * e.v[part], 0 * e.v[part], point.pi)
         direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)

@@ -110,11 +110,6 @@ class Problem:
         return cls(mechanism, motion, point, columns, information, tuple(bands))
 
     @property
-    def d(self) -> int:
-        """Number of independent coordinates."""
-        return self.information.d
-
-    @property
     def units(self) -> list[str]:
         """Units of the torque of every independent coordinate."""
         return [self.mechanism.joint(name).force_unit for name in self.motion.independent]
@@ -459,7 +454,7 @@ class Table:
     @cached_property
     def samples(self) -> tuple[Samples, ...]:
         """All samples of every experiment."""
-        return tuple(scene.samples(slice(None)) for scene in self.scenes)
+        return tuple(scene.whole.reduced(slice(None)) for scene in self.scenes)
 
     def starts(self, effect: Effect) -> list[Mapping[str, float]]:
         """Return the shapes at which a search starts, known ones at their values."""

@@ -22,7 +22,6 @@ from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.fit.problem import Problem, Table, information_of, plausible_of
 from ident.information import linear
-from ident.information.blocks import Information
 from ident.information.estimate import Estimate, estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -59,8 +58,7 @@ def working_point(
     fewer = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.linear))
     columns = Columns.of(fewer)
     if len(columns):
-        information = information_of(fewer, columns, motion, point)
-        point = point.at(fewer, columns, _estimate(fewer, columns, information).x)
+        point = point.at(fewer, columns, _estimate(fewer, columns, motion, point).x)
         if start is not None:
             point = Point(point.pi, {**start.values, **point.values})
     for effect in mechanism.effects:
@@ -135,9 +133,9 @@ def variable_projection(
         return point, found.triangle.residual_norm(found.x) ** 2
 
     bounds = shape_bounds(mechanism, columns, motion, point)
-    first = _estimate(mechanism, columns, information_of(mechanism, columns, motion, point))
+    first = _estimate(mechanism, columns, motion, point)
     point, _ = trial(point, first)  # a shape without size has no slope
-    first = _estimate(mechanism, columns, information_of(mechanism, columns, motion, point))
+    first = _estimate(mechanism, columns, motion, point)
     same = SAME * float(np.sum((first.triangle.column_norms() * first.x) ** 2))
     loss = np.inf
     for number in range(STEPS):
@@ -169,8 +167,9 @@ def variable_projection(
     return point
 
 
-def _estimate(mechanism: Mechanism, columns: Columns, information: Information) -> Estimate:
+def _estimate(mechanism: Mechanism, columns: Columns, motion: Motion, point: Point) -> Estimate:
     """Estimate the linear equations at a point, weights and held unknowns included."""
+    information = information_of(mechanism, columns, motion, point)
     sensible = plausible_of(mechanism, columns, information)
     return estimate(information.totals, columns.prior, information.rms_torque, sensible)
 

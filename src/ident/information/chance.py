@@ -174,12 +174,9 @@ def rise(after: Squares, before: Squares) -> float:
 
 def fold_count(*sets: Information) -> int:
     """Return into how many stretches each log is parted: no more than it has blocks."""
-    blocks: dict[tuple[int, int], set[int]] = {}
-    for number, information in enumerate(sets):
-        for block in information:
-            blocks.setdefault((number, block.log), set()).add(block.block)
-    logs = len({log for _, log in blocks})
-    return max(1, min(-(-FOLDS // logs), *(len(found) for found in blocks.values())))
+    logs = {log for each in sets for log in each.logs}
+    blocks = (len({b.block for b in each.of_log(log)}) for each in sets for log in each.logs)
+    return max(1, min(-(-FOLDS // len(logs)), *blocks))
 
 
 def folds(information: Information, each: int) -> dict[int, Information]:

@@ -384,7 +384,7 @@ class PartialRegression:
                 x = _turned(V[mine], X[rows])
                 GZ = (Q[rows].T @ Q[rows]) @ Z[k]
                 a = _inner(Z[k], GZ, u)
-                own = Z[k].reshape(rank, n, u)[:, mine].reshape(rank, -1)
+                own = Z[k].reshape(rank, n, u)[:, mine].reshape(rank, len(mine) * u)
                 cross = _inner(Q[rows].T @ x, own, u)
                 a[mine] += _inner(x, x, u) - cross - cross.transpose(0, 2, 1)
                 qe = Q[rows].T @ e

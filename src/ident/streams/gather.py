@@ -319,7 +319,9 @@ def _validation(
     portions, names = list(plan.portions()), [part.name for part in plan.parts]
     logs = [names[portion.log] for portion in portions]
     done = alone.over(absorbed, portions, plan, logs, "validation")
-    information = Information.of((block for _, each in done for block in each.blocks), len(x), r.d)
+    information = Information.of(
+        (block for _, each in done for block in each.blocks), len(x), r.information.d
+    )
     return {
         name: information.of_log(i).squares(x).errors(r.motion.independent, r.units)
         for i, name in enumerate(names)

@@ -165,7 +165,7 @@ def compare_logs(
         else joint.x
         for log, mine in by_log.items()
     }
-    error, rows = np.zeros(r.d), np.zeros(r.d)  # of own fits, in which logs do not differ
+    error, rows = np.zeros((2, r.information.d))  # of own fits, in which logs do not differ
     for block in whole:
         x = own[block.log][block.support]
         error[block.coordinate] += block.triangle.residual_norm(x) ** 2

@@ -421,7 +421,7 @@ class Online:
         m, parts = len(kinematics.multipliers), []
         for around, part in windows:
             scene = Scene.of(mechanism, self._columns, around, self._point, self._rows_cutoff)
-            e, equations, s = scene.e, scene.terms(part, full=True), scene.generalised(part)
+            e, equations, s = scene.e, scene.terms(part, full=True), scene.whole.generalised(part)
             K_T = e.pinv[part, :, :m].transpose(0, 2, 1)
             b = equations.b - s.measured(e.independent)
             values = np.einsum("nmi,ni->nm", K_T, b - equations.A @ x)
