@@ -30,7 +30,15 @@ import numpy as np
 from scipy.linalg import cho_solve_banded
 
 from ident.equations.filter import Decimator, filtered_windows
-from ident.equations.rows import Scene, corrected, informing, largest_transmission, residual, rows
+from ident.equations.rows import (
+    Rows,
+    Scene,
+    corrected,
+    informing,
+    largest_transmission,
+    residual,
+    rows,
+)
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.information.time_bases import Basis, Chunk, Elimination, eliminate
@@ -153,21 +161,15 @@ def _spread(spline: Spline, t: np.ndarray, taps: np.ndarray | None, step: float)
 
 @dataclass(frozen=True, eq=False)
 class TorqueRows:
-    """The rows of one run, at c₀, before they are weighed.
+    """The n rows of one run, at c₀, before they are weighed, with w functions in reach."""
 
-    With n rows of each of d independent coordinates, k unknowns and w functions in reach:
-    """
-
-    A: np.ndarray  # (n, d, k)
-    b: np.ndarray  # (n, d)
-    informed: np.ndarray  # (n, d)
+    rows: Rows
     first: np.ndarray  # (n,) the first function in reach
     L: np.ndarray  # (n, w, coordinates, d), F G B
-    t: np.ndarray  # (n,) [s]
 
     def residual(self, x: np.ndarray) -> np.ndarray:
         """b − A x (n, d), zero where rows do not inform."""
-        return np.where(self.informed, self.b - self.A @ x, 0.0)
+        return np.where(self.rows.informed, self.rows.b - self.rows.A @ x, 0.0)
 
 
 def weighed(torques: TorqueRows, spline: Spline, c: np.ndarray, sigma: np.ndarray) -> list[Chunk]:
@@ -175,16 +177,16 @@ def weighed(torques: TorqueRows, spline: Spline, c: np.ndarray, sigma: np.ndarra
     w, d = torques.L.shape[1], torques.L.shape[3]
     off = c - spline.c
     known = np.einsum("nwid,nwi->nd", torques.L, off[torques.first[:, None] + np.arange(w)])
-    chunks = []
+    chunks, rows = [], torques.rows
     for u in range(d):
-        at = torques.informed[:, u]
-        L, A, b = -torques.L[at, :, :, u], torques.A[at, u], (torques.b - known)[at, u]
+        at = rows.informed[:, u]
+        L, A, b = -torques.L[at, :, :, u], rows.A[at, u], (rows.b - known)[at, u]
         chunks.append(Chunk(torques.first[at], L / sigma[u], A / sigma[u], b / sigma[u]))
     # U's windows of WIDTH functions as windows of w
     n, low = len(spline.first), np.minimum(spline.first, spline.basis.count - w)
     wide = np.zeros((n, w, spline.U.shape[2]))
     wide[np.arange(n)[:, None], (spline.first - low)[:, None] + np.arange(WIDTH)] = spline.U
-    return [*chunks, Chunk(low, wide, np.zeros((n, torques.A.shape[2])), np.zeros(n))]
+    return [*chunks, Chunk(low, wide, np.zeros((n, rows.A.shape[2])), np.zeros(n))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +226,7 @@ class Linear:
         """(d,) Σ |b − A x|² of the rows that inform, and their number."""
         some = [torques for torques in self.torques if torques is not None]
         squares = sum((torques.residual(x) ** 2).sum(axis=0) for torques in some)
-        return np.asarray(squares), np.asarray(sum(each.informed.sum(axis=0) for each in some))
+        return np.asarray(squares), np.asarray(sum(each.rows.informed.sum(axis=0) for each in some))
 
     def loss(self, x: np.ndarray, sigma: np.ndarray) -> float:
         """|U (c − ĉ)|² + Σ |b − A x|² / σ² at the present motion, for x (k,)."""
@@ -284,13 +286,10 @@ def linear(
         if not mine:
             torques.append(None)
             continue
-        sample, A, b, informed, t = (
-            np.concatenate([getattr(p, name) for p in mine])
-            for name in ("sample", "A", "b", "informed", "t")
-        )
+        run = Rows.joined(mine)
         before = None if like is None else like.torques[k]
-        if before is not None and np.array_equal(t, before.t):
-            informed = before.informed
+        if before is not None and np.array_equal(run.t, before.rows.t):
+            run = replace(run, informed=before.rows.informed)
         at = np.clip(e.t[segment], spline.basis.t0, spline.basis.t_end)
         windows = [spline.basis.window(at, order) for order in range(3)]
         values = sum(
@@ -299,9 +298,9 @@ def linear(
         )
         first, L = filtered_windows(
             decimator, spline.basis, e.t[segment], windows[0][0], np.asarray(values),
-            sample - segment.start,
+            run.sample - segment.start,
         )  # fmt: skip
-        torques.append(TorqueRows(A, b, informed, first, L, t))
+        torques.append(TorqueRows(run, first, L))
     return Linear(fine, tuple(coefficients), tuple(torques))
 
 

@@ -218,27 +218,20 @@ def triangles(
             yield from ((int(block[i]), piece[i:j]) for i, j in pairwise(cuts) if j > i)
 
     for block, group in groupby(parted(), itemgetter(0)):
-        yield from blocks_of(log, block, [part for _, part in group], supports)
+        yield from blocks_of(log, block, Rows.joined([part for _, part in group]), supports)
 
 
-def blocks_of(
-    log: int, block: int, parts: Sequence[Rows], supports: Sequence[np.ndarray]
-) -> list[Block]:
+def blocks_of(log: int, block: int, rows: Rows, supports: Sequence[np.ndarray]) -> list[Block]:
     """Return the blocks of some rows of one block of time, one a coordinate."""
-    b, tau, informed, moving = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("b", "tau", "informed", "moving")
-    )
-    span = (float(parts[0].t[0]), float(parts[-1].t[-1]))
-    blocks = []
+    span, blocks = (float(rows.t[0]), float(rows.t[-1])), []
     for u, support in enumerate(supports):
-        A = np.concatenate([part.A[:, u, support] for part in parts])
-        informs, moves = informed[:, u], moving[:, u]
+        A, b, tau = rows.A[:, u, support], rows.b[:, u], rows.tau[:, u]
+        informs, moves = rows.informed[:, u], rows.moving[:, u]
         some, rest, still = (
-            Triangle.of(A[mask], b[mask, u]) if mask.any() else Triangle.empty(len(support))
+            Triangle.of(A[mask], b[mask]) if mask.any() else Triangle.empty(len(support))
             for mask in (informs, ~informs, informs & ~moves)
         )
-        torque = float(tau[moves, u] @ tau[moves, u]), float(tau[~moves, u] @ tau[~moves, u])
+        torque = float(tau[moves] @ tau[moves]), float(tau[~moves] @ tau[~moves])
         blocks.append(Block(log, block, u, some, rest, still, support, torque, span))
     return blocks
 

@@ -292,7 +292,7 @@ class Interval:
         scaled = replace(rows, A=rows.A * w[:, None], b=rows.b * w, tau=rows.tau * w)
         informs, still = rows.informed, rows.informed & ~rows.moving
         weights = np.stack([(w**2 * some).sum(axis=0) for some in (informs, ~informs, still)])
-        return cls(at, tuple(blocks_of(0, 0, [scaled], supports)), weights)
+        return cls(at, tuple(blocks_of(0, 0, scaled, supports)), weights)
 
     def aged(self, to: float, T: float | None) -> Interval:
         """Return the same with weights that refer to a later time [s]."""
