@@ -147,6 +147,17 @@ def test_a_delay_of_one_torque_is_found_in_milliseconds(lag):
     assert check.number == pytest.approx(5.0 * lag, rel=0.25)
 
 
+def test_friction_that_is_early_at_reversals_is_no_delay_of_torques():
+    p = planted("arm", seed=13)
+    columns, dt = dict(p.log.columns), float(np.diff(p.log.t).mean())
+    for name in ("yaw", "shoulder", "elbow", "wrist"):
+        v, size = np.gradient(columns[f"q.{name}"], dt), 0.3 * columns[f"tau.{name}"].std()
+        early = np.sign(np.roll(v, -2)) - np.sign(v)  # by 10 ms
+        columns[f"tau.{name}"] = columns[f"tau.{name}"] + size * early
+    found = judged(p.mechanism, Log.from_arrays(p.log.name, p.log.t, columns)).findings
+    assert "delay" not in {each.code for each in found}
+
+
 def test_a_delay_of_all_torques_is_one_finding():
     p = planted("arm", seed=14)
     late = {name: np.roll(x, 6) for name, x in p.log.columns.items() if name.startswith("tau.")}

@@ -162,7 +162,9 @@ class FrictionWidth(Effect):
 
     def bounds(self, s: Signals) -> Bounds:
         low, high = speeds(s)
-        return {"w": (min(low, high / 4), high / 2)}  # above the top speed it would be viscous friction
+        return {
+            "w": (min(low, high / 4), high / 2)
+        }  # above the top speed it would be viscous friction
 
     def starts(self, s: Signals) -> list[Shape]:
         low, high = speeds(s)

@@ -68,6 +68,7 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
 FEW = 300  # samples that tell a right motion from a wrong one
 BAD = 0.05  # relative error from which positions are doubted, of which there are many wrong ones
 BEYOND = 3.0  # times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
+CALM = 0.5  # of a fall of errors, which a delay must bring away from reversals, too
 NEARLY = 1.2  # times the error of a fault that its rival leaves: a missing effect, another scale
 LIKE = 0.9  # correlation from which the URDF's torque is like the identified one, …
 MANY = 3.0  # equations a parameter, of which fewer say nothing of bodies
@@ -197,6 +198,23 @@ class DataChecks:
             for kind in kinds
         )
 
+    def _of_reversals(self, found: Sequence[CredibleFault]) -> bool:
+        """Whether a delay explains rows at reversals more than the others: friction that builds up
+        over some speed, or is early, looks like torques that are early.
+        """
+        delays = [each.fault for each in found if each.fault.kind == "delay"]
+        use = self.use & self.away
+        if not delays or np.array_equal(use, self.use):
+            return False
+        calm = ChannelEquations.of(self.estimate, self.table, use, self.common, shifts=True)
+        mine = self.equations.rows_of(delays[-1])
+
+        def fall(equations: ChannelEquations) -> float:
+            before, after = (equations.noise(x) for x in (equations.as_logged, delays[-1]))
+            return float(np.log(before[mine] / after[mine]).mean())
+
+        return fall(calm) < CALM * fall(self.equations)
+
     def health(self) -> Health:
         """Judge the data, gravest first."""
         found = [*self.faults[0]]
@@ -264,7 +282,7 @@ class DataChecks:
         if good or not len(self.equations.total):
             return [], None, np.zeros(len(self.errors))
         found, noise = self.equations.credible(self.reference, self.explained)
-        if found and self._rivalled(noise, self.table, self.use):
+        if found and (self._of_reversals(found) or self._rivalled(noise, self.table, self.use)):
             found, noise = [], self.equations.noise(self.equations.as_logged)
         own = None
         if moved := self._motion(noise):

@@ -1,6 +1,6 @@
 """Rows of equations as triangles by log, block of time and coordinate: a sum that can be asked.
 
-    Information = { (log, block, coordinate): triangle of [A | b] },     blocks of one key add
+    Information = { (log, block, coordinate): triangle of [A | b] },     Information + Information
 
 Everything that follows from rows (weights, estimates, held-out errors, standard errors, which logs
 disagree) is computed from these small triangles; rows are seen once and never kept.
@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ident.errors import FitError
 from ident.information.linear import Array, Index, Triangle
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -219,6 +220,19 @@ class Information:
 
     def __len__(self) -> int:
         return len(self.blocks)
+
+    def __add__(self, other: Information) -> Information:
+        """Return the information of both; blocks of the same key are added.
+
+        Raises:
+            FitError: if they have other numbers of unknowns or coordinates.
+        """
+        if (self.k, self.d) != (other.k, other.d):
+            raise FitError(
+                f"information in {other.k} unknowns and {other.d} coordinates, "
+                f"valid: {self.k} and {self.d}"
+            )
+        return Information.of([*self, *other], self.k, self.d)
 
     @property
     def logs(self) -> list[int]:
