@@ -149,7 +149,16 @@ class Search:
     def lean(self, now: EffectSet) -> EffectSet:
         """The set without what brings no more than chance does, the least first."""
         while True:
-            doubtful = [e for e in now.members if now.shares[e.label] < 2 * self.limit(now, e)]
+            doubtful = [
+                e
+                for e in now.members
+                if now.shares[e.label] < 2 * self.limit(now, e)
+                or any(
+                    e.effect.joints == other.effect.joints
+                    and other.effect.kind in e.effect.nested_in
+                    for other in now.members
+                )
+            ]
             for each in sorted(doubtful, key=lambda e: now.shares[e.label]):
                 bare = now.minus(each)
                 if now.shares[each.label] < 0 or self.superfluous(now, bare, each):
@@ -169,7 +178,7 @@ class Search:
         """
         if member.effect.common:
             D = (bare.regression.losses - now.regression.losses).sum(axis=1)
-            return zscore(D) < self.decision.rival_se
+            return not zscore(D) >= self.decision.rival_se  # of no fall at all there is none
         return now.rise(bare) < self.limit(now, member)
 
     def joined(self, now: EffectSet, ranking: Ranking) -> EffectSet:

@@ -37,6 +37,7 @@ class Viscous(Effect):
     kind = "viscous"
     model_words = ("damping",)
     common = True
+    nested_in = ("friction_width",)  # its limit where it builds up over all speeds
     companions = ("coulomb",)
     watched = "always"
     unknowns = (
@@ -161,14 +162,11 @@ class FrictionWidth(Effect):
         return (part - direction(s.v, s.still))[:, :, None]
 
     def bounds(self, s: Signals) -> Bounds:
-        low, high = speeds(s)
-        return {
-            "w": (min(low, high / 4), high / 2)
-        }  # above the top speed it would be viscous friction
+        return {"w": speeds(s)}
 
     def starts(self, s: Signals) -> list[Shape]:
         low, high = speeds(s)
-        return [{"w": float(w)} for w in np.geomspace(min(2 * low, high / 4), 0.45 * high, 6)]
+        return [{"w": float(w)} for w in np.geomspace(2 * low, 0.7 * high, 6)]
 
 
 class Drag(Effect):

@@ -18,33 +18,26 @@ own, and is left out of r: it says nothing of d.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from ident.effects import Effect
 from ident.equations.rows import largest_transmission, of_joints
-from ident.fit.channel_fits import (
-    HALF,
-    RIVAL,
-    ROUNDING,
-    ROUNDS,
-    SMALL,
-    ChannelEquations,
-    columns_of,
-    credible_t,
-)
+from ident.fit.channel_fits import HALF, RIVAL, ROUNDING, ROUNDS, SMALL, columns_of, credible_t
 from ident.fit.problem import Table
+from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.chance import zscore
 from ident.information.estimate import Estimate
-from ident.information.hypotheses import Array, PartialRegression
+from ident.information.hypotheses import RANK, Array, PartialRegression
 
 SLOW = 0.03  # share of a joint's top speed below which it counts as reversing
 GUARD = 0.06  # s on either side that are left out; 0.3 periods of the motion, where that is less
 ENOUGH = 0.5  # share of a coordinate's rows that must stay
 FEWEST = 30  # rows at reversals that tell how well they fit
+FAINT = 0.01  # weight of a row there, by which what only such rows determine stays as it is
 WORSE = 4.0  # squared residual of a row there over that of the others, from which they fit worse
 MATTERS = 0.003  # rms of the residual there over that of the torque, as `material` of a diagnosis
 
@@ -98,15 +91,26 @@ def misfit_at_reversals(table: Table, away: np.ndarray, x: np.ndarray) -> np.nda
 def moved_by_reversals(
     table: Table, away: np.ndarray, estimate: Estimate, misfit: np.ndarray
 ) -> np.ndarray:
-    """(k,) x_away − x: what rows at reversals do to the unknowns, where they fit worse."""
+    """(k,) x_away − x: what rows at reversals do to the unknowns, where they fit worse.
+
+    (Σ w Aᵀ A) (x_away − x) = Σ w Aᵀ r        r = b − A x, w = 1/σ², FAINT/σ² at reversals
+    """
     moved, worse, free = np.zeros(len(estimate.x)), misfit > WORSE, ~estimate.held
-    if worse.any() and free.any():
-        use = table.informed & (away | ~worse)
-        equations = ChannelEquations.of(estimate, table, use, [])
-        none = np.zeros((0, equations.k)), np.zeros(0)  # the fit has no limits either
-        equations = replace(equations, limits=none)
-        logged = equations.as_logged
-        moved[free] = equations.solution(logged, equations.noise(logged)) - estimate.x[free]
+    if not (worse.any() and free.any()):
+        return moved
+    r = table.b - table.A @ estimate.x
+    H, g = np.zeros((int(free.sum()),) * 2), np.zeros(int(free.sum()))
+    for u in range(r.shape[1]):
+        rows = table.informed[:, u]
+        calm = away[rows, u] | ~worse[u]
+        A, left = table.A[rows, u][:, free], r[rows, u]
+        sigma = max(float(np.sqrt((left[calm] ** 2).sum() / max(calm.sum(), 1))), 1e-300)
+        w = np.where(calm, 1.0, FAINT)[:, None] / sigma**2
+        H += A.T @ (w * A)
+        g += A.T @ (w[:, 0] * left)
+    scale = np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
+    inverse = linear.pinv(H / scale / scale[:, None], rcond=RANK, hermitian=True)
+    moved[free] = inverse @ (g / scale) / scale
     return moved
 
 

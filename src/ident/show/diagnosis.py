@@ -33,7 +33,7 @@ from ident.show.html import (
 from ident.show.laws import curve_name, curves, expression, labels, laws, numbers
 from ident.show.residual import failure_text
 from ident.show.sheet import Sheet
-from ident.text import listed, percent, some, two_digits
+from ident.text import listed, percent, places, some, two_digits
 
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
@@ -148,7 +148,7 @@ def certainty(d: Diagnosis) -> str:
         if more and not d.selection.members and not d.laws:
             none = f"none is named: what {labels(e.effect for e in more[:MOST])} would explain is "
             none += "too small to matter, or needs values that no machine has"
-        return f"{_tried(d)} effects were tried, and {none}."
+        return f"{_tried(d)} effects were tried, and {none}.{_turning(d)}"
     best = d.candidates[0]
     certain = "Sure" if best.evidence.p < RAREST else "Not sure"
     if (stays := _stays(d, d.after)) > PART:
@@ -161,6 +161,19 @@ def certainty(d: Diagnosis) -> str:
     value = f"{d.best.label}: " if len(d.group) > 1 or _alike(d) else ""
     had = f", in the model {_known(best)}" * bool(best.known)
     return f"{certain}: {by_chance(best.evidence)}; {value}{numbers(best.parameters)}{had}."
+
+
+def _turning(d: Diagnosis) -> str:
+    """Return what is left where nothing is named and rows at reversals fit worse."""
+    worse = {j for each in d.fit.findings if each.code == "reversals" for j in each.where}
+    errors = errors_of(d.fit)
+    left = [j for j in errors if j in worse and errors[j].rms > NOISY * d.floor[j]]
+    if d.verdict != "nothing" or not left:
+        return ""
+    return (
+        f" What is left in {places(left)} goes with reversals, where dry friction is no exact "
+        "step; slow motion would show what it is."
+    )
 
 
 def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:

@@ -119,7 +119,9 @@ def good_enough(
         turns = f"{turns}: elsewhere {rest:.1f} times" * (rest <= NOISY)
         words = [f"{j} ({two_digits(times[j])} times)" for j in loud]
         words[0] = words[0].replace("times)", "times the noise of the sensors)")
-        how = f"As good as this data can show, at {most:.1f} times the noise of the sensors"
+        worst = max(times, key=lambda j: times[j])
+        how = "As good as this data can show"
+        how += f", at {two_digits(most)} times the noise of the sensors in {worst}"
         return f"{ask} {how if searched else f'Not in {some(words, 2)}'}{turns}."
     if hidden := _hidden(judged, floor, least):
         joint, noise = hidden
