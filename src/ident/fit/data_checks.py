@@ -68,6 +68,7 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
 FEW = 300  # samples that tell a right motion from a wrong one
 BAD = 0.05  # relative error from which positions are doubted, of which there are many wrong ones
 BEYOND = 3.0  # times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
+ABSENT = 1e-9  # of the largest column, below which an unknown has no effect on any torque
 CALM = 0.5  # of a fall of errors, which a delay must bring away from reversals, too
 NEARLY = 1.2  # times the error of a fault that its rival leaves: a missing effect, another scale
 LIKE = 0.9  # correlation from which the URDF's torque is like the identified one, …
@@ -237,9 +238,9 @@ class DataChecks:
         if found is None:
             return self.moved_at_reversals
         equations, cause = found
-        free = ~self.estimate.held
+        free, size = ~self.estimate.held, self.estimate.triangle.column_norms()
         moved[free] = equations.solution(cause, equations.noise(cause)) - self.estimate.x[free]
-        return moved
+        return np.where(size > ABSENT * size.max(), moved, 0.0)  # an unknown of no effect is open
 
     @property
     def moved_at_reversals(self) -> Array:

@@ -95,22 +95,22 @@ def moved_by_reversals(
 
     (Σ w Aᵀ A) (x_away − x) = Σ w Aᵀ r        r = b − A x, w = 1/σ², FAINT/σ² at reversals
     """
-    moved, worse, free = np.zeros(len(estimate.x)), misfit > WORSE, ~estimate.held
-    if not (worse.any() and free.any()):
+    moved, worse, own = np.zeros(len(estimate.x)), misfit > WORSE, estimate.base.independent
+    if not (worse.any() and len(own)):
         return moved
     r = table.b - table.A @ estimate.x
-    H, g = np.zeros((int(free.sum()),) * 2), np.zeros(int(free.sum()))
+    H, g = np.zeros((len(own),) * 2), np.zeros(len(own))
     for u in range(r.shape[1]):
         rows = table.informed[:, u]
         calm = away[rows, u] | ~worse[u]
-        A, left = table.A[rows, u][:, free], r[rows, u]
+        A, left = table.A[rows, u][:, own], r[rows, u]
         sigma = max(float(np.sqrt((left[calm] ** 2).sum() / max(calm.sum(), 1))), 1e-300)
         w = np.where(calm, 1.0, FAINT)[:, None] / sigma**2
         H += A.T @ (w * A)
         g += A.T @ (w[:, 0] * left)
     scale = np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
     inverse = linear.pinv(H / scale / scale[:, None], rcond=RANK, hermitian=True)
-    moved[free] = inverse @ (g / scale) / scale
+    moved[own] = inverse @ (g / scale) / scale
     return moved
 
 
