@@ -65,14 +65,17 @@ def _number(word: str) -> str:
     return "".join(re.findall(r"\d+", word))
 
 
-def one_of(name: str, valid: Iterable[str]) -> str:
+def one_of(name: str, valid: Iterable[str], last: Iterable[str] = ()) -> str:
     """Return the part of a message about an unknown `name`: the nearest valid word, then all.
+
+    Words of `last` are listed behind the others, and none of them is proposed.
 
     >>> one_of("viscus", ["viscous", "coulomb"])
     "did you mean 'viscous'? valid: coulomb, viscous"
     """
     words = sorted(set(valid))
     meant = near(name, words)
+    words += sorted({*last} - {*words})
     listed = ", ".join(words[:12]) + (f", … ({len(words)} in all)" if len(words) > 12 else "")
     return (f"did you mean '{meant}'? " if meant else "") + f"valid: {listed or 'none'}"
 

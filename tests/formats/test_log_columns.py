@@ -73,6 +73,15 @@ def test_these_are_refused(
     refused(csv(rows), says, columns)
 
 
+def test_only_columns_of_no_other_use_are_proposed(
+    csv: Callable[..., Path], refused: Callable[..., str]
+) -> None:
+    mapping = {"v.elbow": Column("velocity.elbow"), "tau.elbow": Column("effort.elbow")}
+    path = csv("t,velocity.elbow,torque.elbow\n0,1,2\n1,1,2\n")
+    says = "did you mean 'torque.elbow'? valid: t, torque.elbow, velocity.elbow"
+    refused(path, (says,), mapping)
+
+
 @pytest.mark.parametrize(
     ("scale", "offset"), [(0.0, 0.0), (np.nan, 0.0), (np.inf, 0.0), (1.0, np.nan)]
 )

@@ -7,8 +7,9 @@ import pinocchio as pin
 import pytest
 
 from helpers import Truth, series, write_mechanism
-from ident.errors import MotionError
+from ident.errors import LogError, MechanismError, MotionError
 from ident.log import Log
+from ident.log.log import entry_for
 from ident.mechanism import load
 from ident.mechanism.load import absolute
 from ident.motion import complete
@@ -239,6 +240,73 @@ def test_the_robots_own_names_are_mapped(tmp_path, robots):
         at = mechanism.joint_index["yaw"]
         np.testing.assert_allclose(e.y[:, at], q, atol=1e-12)
         np.testing.assert_allclose(e.tau[:, at], tau, atol=1e-12)
+
+
+def renamed_arm(tmp_path, robots, toml):
+    """The arm with more of a mechanism.toml, and its log under other names."""
+    t, columns = drive("arm")
+    own = (robots / "arm" / "mechanism.toml").read_text().split("\n", 2)[2]
+    urdf = (robots / "arm" / "arm.urdf").read_text()
+    names = {"q": "pos_{}", "tau": "effort_{}", "v": "vel_{}", "a": "acc_{}"}
+    given = {}
+    for name, x in columns.items():
+        channel, _, joint = name.partition(".")
+        given[names[channel].format(joint)] = DEGREES * x if channel == "q" else x
+    mechanism = load(write_mechanism(tmp_path, urdf, own + toml))
+    return mechanism, Log.from_arrays("run.csv", t, given), columns
+
+
+def test_one_entry_maps_the_columns_of_all_joints(tmp_path, robots):
+    toml = f"""
+[log]
+"q.*" = {{ column = "pos_*", scale = {1 / DEGREES!r} }}
+"tau.*" = "effort_*"
+"tau.yaw" = {{ column = "effort_yaw", scale = 2 }}
+"""
+    mechanism, log, columns = renamed_arm(tmp_path, robots, toml)
+    log.write(tmp_path / "run.csv")
+    for given in (log, tmp_path / "run.csv"):
+        (e,) = complete(mechanism, given).experiments
+        for joint, at in mechanism.joint_index.items():
+            np.testing.assert_allclose(e.y[:, at], columns[f"q.{joint}"], atol=1e-9)
+            factor = 2 if joint == "yaw" else 1
+            np.testing.assert_allclose(e.tau[:, at], factor * columns[f"tau.{joint}"], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("entry", "says"),
+    [
+        ('"q.*" = "pos"', "one \\* of each"),
+        ('"q.x*" = "pos_*"', "is the name of no joint"),
+        ('"q.*" = "pos_*"\n"q.y*" = "pos_y*"', "also made by"),
+    ],
+)
+def test_an_entry_for_no_joint_is_refused(tmp_path, robots, entry, says):
+    with pytest.raises(MechanismError, match=says):
+        renamed_arm(tmp_path, robots, f"\n[log]\n{entry}\n")
+
+
+def test_an_entry_that_finds_no_column_is_refused(tmp_path, robots):
+    mechanism, log, _ = renamed_arm(tmp_path, robots, '\n[log]\n"q.*" = "position_*"\n')
+    log.write(tmp_path / "run.csv")
+    with pytest.raises(LogError, match=r"'q\.\*' in mechanism.toml finds no column of any joint"):
+        complete(mechanism, tmp_path / "run.csv")
+
+
+def test_a_log_without_mapped_positions_gets_the_entry_to_write(tmp_path, robots):
+    mechanism, log, _ = renamed_arm(tmp_path, robots, "")
+    with pytest.raises(MotionError) as caught:
+        complete(mechanism, log)
+    said = str(caught.value)
+    assert '[log] "q.*" = { column = "pos_*" } and "tau.*" = { column = "effort_*" }' in said
+    assert "columns that are not used: effort_yaw, " in said
+
+
+def test_joints_and_columns_may_share_their_numbers_alone():
+    joints, columns = ["arm_joint_1", "arm_joint_2"], ["torq_1", "pos_1", "torq_2", "pos_2"]
+    assert entry_for("q", joints, columns) == '[log] "q.arm_joint_*" = { column = "pos_*" }'
+    assert entry_for("tau", joints, columns) == '[log] "tau.arm_joint_*" = { column = "torq_*" }'
+    assert entry_for("q", ["elbow"], columns) == ""
 
 
 # --- several logs, cut-off, wrenches ------------------------------------------------------------

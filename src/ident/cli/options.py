@@ -243,7 +243,7 @@ def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
     if logs is None or not unlogged_hands(mechanism, ()):
         return ()
     if not logs:
-        mapped = [each.column for each in mechanism.columns.values()]
+        mapped = [each.column for each in mechanism.columns.values() if not each.group]
         return unlogged_hands(mechanism, mapped) if mapped else ()
     first = next(iter(expanded(logs)), None)
     try:

@@ -36,8 +36,10 @@ SMALLER_UNITS = (1e-3, 1e-6, 1e-9)  # [s] ms, us, ns
 DIVIDED = (1e3, 1e6)  # of stamps that were divided once too often
 TIME_NAME = re.compile(r"time|stamp|clock|^t([^a-z]|$)|^(ts|secs?|seconds)$|_(ms|us|ns)$", re.I)
 WORDS = {  # in names of columns that are a joint's position or torque
-    "q": ("pos", "angle", "q"), "tau": ("eff", "torq", "tau", "moment", "force", "current"),
-}  # fmt: skip
+    "q": re.compile(r"pos|angle|(?<![a-z])q(?![a-z])", re.I),
+    "tau": re.compile(r"eff|torq|trq|tau|moment|force|current|(?<![a-z])i(?![a-z])", re.I),
+}
+ORDERED = re.compile(r"cmd|command|target|desired|(?<![a-z])ref", re.I)  # not what was measured
 
 
 def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
@@ -135,16 +137,33 @@ def _entry(column: str, scale: float) -> str:
 
 
 def entry_for(signal: str, joints: Sequence[str], columns: Iterable[str]) -> str:
-    """Return the entry of [log] for the first joint of which a column seems to be its `q` or `tau`;
-    "" if none does.
+    """Return the entry of [log] for the joints of which columns seem to be their `q` or `tau`, or
+    for the first of them; "" if none does.
     """
+    names = sorted(columns, key=lambda name: bool(ORDERED.search(name)))
     for joint in joints:
-        of = {name: name.replace(joint, "").lower() for name in columns if joint in name}
-        found = next((n for n, rest in of.items() if any(w in rest for w in WORDS[signal])), "")
-        if found := found or near(f"{signal}.{joint}", [n for n in columns if n not in of]):
-            more = ", and so on for the others" if len(joints) > 1 else ""
-            return f'mechanism.toml: [log] "{signal}.{joint}" = {{ column = "{found}" }}{more}'
+        end = _end(joint)
+        of = {name: name.replace(joint, "") for name in names if joint in name}
+        if not of and end:  # joints may have only their numbers in common with columns
+            of = {name: name for name in names if re.findall(r"\d+", name) == [end]}
+        found = next((name for name, rest in of.items() if WORDS[signal].search(rest)), "")
+        if not (found := found or near(f"{signal}.{joint}", [n for n in names if n not in of])):
+            continue
+        key, pattern = "*", found.replace(joint, "*")
+        if joint not in found and end:
+            key, pattern = joint.removesuffix(end) + "*", found.replace(end, "*")
+        stem = key.removesuffix("*")
+        alike = [x for x in joints if pattern.replace("*", x.removeprefix(stem)) in names]
+        if len(alike) > 1 and pattern.count("*") == 1:
+            return f'[log] "{signal}.{key}" = {{ column = "{pattern}" }}'
+        more = ", and so on for the others" if len(joints) > 1 else ""
+        return f'[log] "{signal}.{joint}" = {{ column = "{found}" }}{more}'
     return ""
+
+
+def _end(joint: str) -> str:
+    """Return the number at the end of a name."""
+    return joint[len(joint.rstrip("0123456789")) :]
 
 
 def _count(n: int, what: str) -> str:

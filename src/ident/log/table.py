@@ -64,7 +64,8 @@ class RawTable:
 class Column:
     """A column of the file and its conversion to SI units: value = scale * file + offset.
 
-    A file may lack one that is not `required`, as of a locked joint.
+    A file may lack one that is not `required`, as of a locked joint. Those made by one entry of
+    [log] with `*`, its name the `group`, may be lacking too, but not all of them.
 
     Raises LogError where `scale` is zero or not finite, or `offset` is not finite.
     """
@@ -73,6 +74,7 @@ class Column:
     scale: float = 1.0  # [SI unit / file's unit]
     offset: float = 0.0  # [SI unit]
     required: bool = True
+    group: str = ""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.scale) and self.scale != 0.0 and math.isfinite(self.offset)):
@@ -88,21 +90,35 @@ def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     Two columns may exchange their names. A file with none of the mapped columns, but with `t` and
     some of the names that they are to have, has ident's names already, as planned motions have.
     """
+    every = {*table.columns, *table.ignored}
+    groups: dict[str, list[str]] = {}
+    for source in mapping.values():
+        if source.group:
+            groups.setdefault(source.group, []).append(source.column)
+    own = mapping.keys() & table.columns.keys()
     mapping = {
         name: source
         for name, source in mapping.items()
-        if source.required or source.column in table.columns
+        if (source.required and not source.group) or source.column in every
     }
     used = {source.column for source in mapping.values()}
-    own = mapping.keys() & table.columns.keys()
-    if "t" in table.columns and own - {"t"} and not used & {*table.columns, *table.ignored}:
+    if "t" in table.columns and own - {"t"} and not used & every:
         return table
+    free = every - used
+    for group, sources in groups.items():
+        if not every & {*sources}:
+            raise LogError(
+                f"{table.file}: [log] {group!r} in mechanism.toml finds no column of any joint, "
+                f"such as {sources[0]!r}; {one_of(sources[0], free, used & every)}"
+            )
     for name, source in mapping.items():
         wanted = f"{table.file}: column {source.column!r}, [log] {name!r} in mechanism.toml,"
         if source.column in table.ignored:
             raise LogError(f"{wanted} {table.ignored[source.column]}; numbers are needed")
         if source.column not in table.columns:
-            raise LogError(f"{wanted} is not in the file; {one_of(source.column, table.columns)}")
+            raise LogError(
+                f"{wanted} is not in the file; {one_of(source.column, free, used & every)}"
+            )
         if name not in used and (name in table.columns or name in table.ignored):
             raise LogError(
                 f"{table.file}: {name!r} is ambiguous: [log] in mechanism.toml makes it from "

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -114,7 +114,7 @@ def load(
         ),
         columns={
             name: replace(column, required=name.partition(".")[2] not in held)
-            for name, column in _columns(top.table("log")).items()
+            for name, column in _columns(top.table("log"), [*(j.name for j in joints), *held])
         },
         urdf=urdf,
         toml=toml,
@@ -280,8 +280,11 @@ def _remarks(mechanism: Mechanism) -> list[str]:
     return remarks
 
 
-def _columns(table: TomlTable) -> Mapping[str, Column]:
-    columns = {}
+def _columns(table: TomlTable, joints: Sequence[str]) -> list[tuple[str, Column]]:
+    """Return the columns of [log] by name; an entry with `*` makes one of every joint that has
+    none of its own.
+    """
+    columns: dict[str, Column] = {}
     for name, entry in table.data.items():
         where = f'{table.where} "{name}"'
         if isinstance(entry, str):
@@ -294,7 +297,29 @@ def _columns(table: TomlTable) -> Mapping[str, Column]:
         if scale == 0:
             raise column.error("scale = 0 would erase the column")
         columns[name] = Column(column.text("column"), scale, column.number("offset", 0.0))
-    return columns
+    for pattern in [name for name in columns if "*" in name]:
+        source, (before, _, after) = columns.pop(pattern), pattern.partition("*")
+        channel, _, begin = before.partition(".")
+        alike = [x for x in joints if len(x) >= len(begin + after)]
+        alike = [x for x in alike if x.startswith(begin) and x.endswith(after)]
+        if "." not in before or "*" in after or source.column.count("*") != 1:
+            raise MechanismError(
+                f'{table.where} "{pattern}" = "{source.column}": one * of each stands for the '
+                'name of a joint, or its rest, as in "q.*" = "position.*"'
+            )
+        if not alike:
+            raise MechanismError(
+                f'{table.where} "{pattern}": is the name of no joint; {one_of(begin, joints)}'
+            )
+        for joint in alike:
+            word = joint[len(begin) : len(joint) - len(after)]
+            own = replace(source, column=source.column.replace("*", word), group=pattern)
+            if columns.setdefault(f"{channel}.{joint}", own).group not in ("", pattern):
+                raise MechanismError(
+                    f'{table.where} "{pattern}": {channel}.{joint} is also made by '
+                    f'"{columns[f"{channel}.{joint}"].group}"; leave out one of them'
+                )
+    return [*columns.items()]
 
 
 def unlogged_hands(mechanism: Mechanism, columns: Iterable[str]) -> tuple[str, ...]:

@@ -34,6 +34,7 @@ from ident.motion.recipe import (
 from ident.motion.signals import LogSignals, Smoothed, measure, runs
 from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
 from ident.motion.state import State, wrenches
+from ident.text import some
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # share of its motion below which a logged joint differs by rounding only
@@ -270,20 +271,28 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
     """The note on driven joints without torques, if they are not needed."""
     columns, log = signals.columns, signals.log.name
     missing = [name for name in mechanism.driven if f"tau.{name}" not in columns]
-    if missing and needed:
-        name, joints = missing[0], {joint.name for joint in mechanism.joints}
-        free = [c for c in columns if c.partition(".")[2] not in joints]  # not another's channel
+    moved = any(f"q.{joint.name}" in columns for joint in mechanism.joints)
+    if missing and needed and moved:  # else no position is mapped either, which is said first
+        name, free = missing[0], _unmapped(mechanism, columns)
         lacking = f"there is no column 'tau.{name}'"
         lacking += f" ({one_of('tau.' + name, free)})" * bool(free)
         if f"tau.{name}" in signals.log.columns:
             lacking = f"column 'tau.{name}' has no value in any of {len(signals.log.t)} rows"
         raise MotionError(
-            f"{log}: joint '{name}' is driven, but {lacking}; log it, map it in "
+            f"{log}: joint '{name}' is driven, but {lacking}; log it, map it in mechanism.toml: "
             f"{entry_for('tau', missing, free) or '[log]'}, put '{name}' among the passive "
             f"joints, or hold it: --lock {name}, in Python load(…, locked={{'{name}': None}})"
         )
     shown = ", ".join(f"tau.{name}" for name in missing)
     return [f"{log}: has no {shown}: a motion, no experiment"] if missing else []
+
+
+def _unmapped(mechanism: Mechanism, columns: Iterable[str]) -> list[str]:
+    """The columns of a log that are no channel of a joint."""
+    names = {"t"} | {
+        f"{c}.{joint.name}" for c in ("q", "v", "a", "tau") for joint in mechanism.joints
+    }
+    return [name for name in columns if name not in names and not name.startswith("wrench.")]
 
 
 def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str, ...]:
@@ -303,9 +312,18 @@ def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str,
     fewest = min(measured, key=lambda each: sum(f"q.{name}" in each.columns for name in joints))
     given, wanted, still = (", ".join(f"q.{n}" for n in each) for each in (logged, free, fixed))
     check = f": the closures let {still} not move at all, check them" if fixed else ""
-    columns = [name for name in fewest.columns if name.partition(".")[2] not in joints]
+    columns = _unmapped(mechanism, fewest.log.columns)
     entries = entry_for("q", free, columns)
-    other = f"; or map columns that it has in {entries}" if entries else ""
+    if not logged and columns:
+        entries = entries or f'[log] "q.{free[0]}" = {{ column = "…" }}, and so on for the others'
+        lacking = [name for name in mechanism.driven if f"tau.{name}" not in fewest.columns]
+        torques = entry_for("tau", lacking, columns).removeprefix("[log]")
+        raise MotionError(
+            f"{fewest.log.name}: no column is the position of a joint; write in mechanism.toml: "
+            f"{entries}{torques and f' and{torques}'}; columns that are not used: "
+            f"{some(columns, 12)}"
+        )
+    other = f"; or map columns that it has in mechanism.toml: {entries}" if entries else ""
     raise MotionError(
         f"{fewest.log.name}: {mechanism.name} has {dof} degrees of "
         f"freedom, but the positions logged ({given or 'none'}) determine only {len(names)}{check};"
