@@ -54,6 +54,17 @@ def test_check_of_a_bare_urdf_and_of_effects(arm, done):
     assert "20 of 20 dynamic parameters" in outcome.out
 
 
+def test_a_mechanism_toml_beside_a_bare_urdf_is_named(robots, ident, refused, tmp_path):
+    folder = robots / "arm"
+    says = f"mechanism.toml is there, and is not used with arm.urdf: give the folder, {folder}"
+    outcome = ident("check", folder / "arm.urdf", folder / "run.csv")
+    assert says in outcome.out.replace("\n", " ").replace("  ", " ")
+    assert "is not used" not in ident("check", folder, folder / "run.csv").out
+    log = tmp_path / "log.csv"
+    log.write_text((folder / "run.csv").read_text().replace("t,", "stamp,", 1))
+    refused(("write in mechanism.toml", says), "check", folder / "arm.urdf", log)
+
+
 def test_check_in_absolute_coordinates(robots, done):
     outcome = done("check", robots / "slider_crank", "--absolute")
     assert "24 coordinates" in outcome.out

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -297,14 +298,16 @@ def motion_of(
 
     paths = [each for each in logs if isinstance(each, Path)]
     read = [each for each in logs if not isinstance(each, Path)]
-    return complete(
-        mechanism,
-        [*read, *read_logs(mechanism, paths)],
-        cutoff=cutoff,
-        torques=torques,
-        smoothing=knots_of(smoothing),
-        progress=on_progress,
-    )
+    every = [*read, *read_logs(mechanism, paths)]
+    with naming_unused(mechanism):
+        return complete(
+            mechanism,
+            every,
+            cutoff=cutoff,
+            torques=torques,
+            smoothing=knots_of(smoothing),
+            progress=on_progress,
+        )
 
 
 def read_logs(mechanism: Mechanism, paths: Sequence[Path]) -> list[Log]:
@@ -312,7 +315,22 @@ def read_logs(mechanism: Mechanism, paths: Sequence[Path]) -> list[Log]:
     from ident.log import read_log
     from ident.log.read import expanded
 
-    return [read_log(path, mechanism.columns) for path in expanded(paths)]
+    with naming_unused(mechanism):
+        return [read_log(path, mechanism.columns) for path in expanded(paths)]
+
+
+@contextmanager
+def naming_unused(mechanism: Mechanism) -> Iterator[None]:
+    """Add to errors that propose entries of mechanism.toml that one is beside the bare URDF."""
+    try:
+        yield
+    except IdentError as error:
+        from ident.mechanism.load import unused_toml
+
+        unused = unused_toml(mechanism.urdf, mechanism.toml)
+        if not unused or "mechanism.toml" not in str(error):
+            raise
+        raise type(error)(f"{error}; {unused}") from None
 
 
 def many(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> bool:

@@ -127,7 +127,8 @@ def load(
         raise top.error(f"two closures are named '{twice[0]}'")
     at = ", ".join(f"{name} at {value:.4g}" for name, value in held.items())
     locks = [f"locked: {at}"] if at else []
-    notes = (*source.notes, *tree.notes, *locks, *_remarks(mechanism))
+    beside = [text] if (text := unused_toml(urdf, toml)) else []
+    notes = (*beside, *source.notes, *tree.notes, *locks, *_remarks(mechanism))
     mechanism = replace(mechanism, notes=notes).with_own_joints()
     for column in mechanism.columns:  # a mapped name that nothing reads would be ignored
         prefix, _, joint = column.partition(".")
@@ -167,6 +168,14 @@ def _unknown_again(known: Mechanism, file: Path) -> Mechanism:
     estimated = {*unknown, *free}
     errors = known.covariance and known.covariance.without(estimated)
     return replace(known.freed(estimated), name=name, covariance=errors)
+
+
+def unused_toml(urdf: Path, toml: Path | None) -> str:
+    """Return the note on a mechanism.toml beside a bare URDF; "" where there is none."""
+    beside = urdf.parent / "mechanism.toml"
+    if toml is not None or urdf == Path() or not beside.is_file():
+        return ""
+    return f"{beside} is there, and is not used with {urdf.name}: give the folder, {urdf.parent}"
 
 
 def _toml_of(path: Path) -> Path | None:
