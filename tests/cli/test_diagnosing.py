@@ -183,6 +183,16 @@ def test_grow_prints_the_ladder_and_writes_a_mechanism(arm_folder, tmp_path, don
     assert (out / "arm.urdf").read_bytes() == (arm_folder / "arm.urdf").read_bytes()
     done("identify", out, log)
     done("compare", out, log, "--fit", out / "fit.json")
+    fit = api.identify(api.load(out), api.complete(api.load(out), api.read_log(log)))
+    known, truth = api.load(out / "identified"), dict(fit.point.values)
+    assert not known.unknown
+    for effect in known.effects:
+        for name, value in zip(effect.names, effect.values.values(), strict=True):
+            np.testing.assert_allclose(value, truth[name], rtol=0.05, atol=1e-3)
+    text = done("excite", out, "--duration", 6, "--periods", 1, "--tries", 1, "--harmonics", 2)
+    assert "planned with the values and friction of the fit" in text.err
+    left = json.loads((out / "fit.json").read_text())["error"]["unfiltered"]
+    assert f"noise of yaw {left['yaw']['rms']:.3g}, " in text.out
 
 
 def test_grow_where_nothing_is_missing_has_one_rung(arm_folder, done):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from itertools import islice
 
 import numpy as np
@@ -61,6 +62,28 @@ def test_a_fit_has_its_own_noise_and_friction(run, tmp_path):
     assert np.allclose(planned["tau.yaw"][moving], made["tau.yaw"][moving], atol=1e-6)
     status, out, err = run("excite", "fit", *QUICK, "--noise", "yaw=0.5")
     assert "noise of yaw 0.5, shoulder 0.0" in out
+
+
+def test_a_grown_folder_has_the_masses_of_its_fit(run, tmp_path):
+    """mechanism.toml and the URDF beside fit.json still have those of the drawing."""
+    arm, friction = ROBOTS / "arm", ("--with", "viscous", "--with", "coulomb")
+    assert run("identify", arm, arm / "run.csv", *friction, "--out", "fit")[0] == 0
+    grown = tmp_path / "grown"
+    grown.mkdir()
+    shutil.copy(tmp_path / "fit" / "fit.json", grown)
+    urdf = (arm / "arm.urdf").read_text().replace('<mass value="', '<mass value="1')
+    (grown / "arm.urdf").write_text(urdf)
+    effects = "".join(
+        f'[[effect]]\nkind = "{kind}"\njoint = "{joint}"\n'
+        for kind in ("viscous", "coulomb")
+        for joint in ("yaw", "shoulder", "elbow", "wrist")
+    )
+    (grown / "mechanism.toml").write_text('urdf = "arm.urdf"\n' + effects)
+    assert run("excite", grown, *QUICK, "--out", "x.csv")[0] == 0
+    assert run("simulate", "fit/identified", "x.csv", "--out", "made.csv")[0] == 0
+    planned, made = (ident.read_log(tmp_path / name).columns for name in ("x.csv", "made.csv"))
+    moving = np.abs(planned["v.yaw"]) > 0.2
+    assert np.allclose(planned["tau.yaw"][moving], made["tau.yaw"][moving], atol=1e-6)
 
 
 @pytest.fixture

@@ -329,14 +329,13 @@ def excite(
     from ident.excite import excite as excite_
     from ident.excite.trajectory import moved_joints
     from ident.fit.files import read_fit, unfiltered_errors
-    from ident.mechanism.load import is_fit
     from ident.show.html import place_of
 
     mechanism = model.load(logs=[])  # a motion of the arm: hands are held
     output_file(out, LOGS)
     output_file(plot, CHARTS)
     left, values = {}, {}
-    if fitted := is_fit(model.mechanism):
+    if fitted := (model.mechanism / "fit.json").is_file():  # of `identify`, or of `grow`
         of_drives = unfiltered_errors(model.mechanism).items()
         left = {name: x for name, x in of_drives if name in moved_joints(mechanism)}
         saved = read_fit(model.mechanism, mechanism, allow_code=model.allow_code)

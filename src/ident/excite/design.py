@@ -82,6 +82,9 @@ class DesignProblem:
         rest = replace(rest, still=np.maximum(SOFT * reached, 1e-9))
         motion = Motion((rest,), names, Band(0.0, 0.0, None), 0.0)
         point = initial(mechanism, motion).with_values(values or {})
+        bodies, given = mechanism.bodies, dict(values or {})
+        own = {name: x for name, x in given.items() if name.rpartition(".")[0] in bodies.links}
+        point = replace(point, pi=bodies.with_values(point.pi, own))
         family = Family(mechanism, columns, point, series, rest, series.basis(t))
         z = exact.z(family.rows(rest.at_samples(slice(0, 1))).e)
         if (at := exact.broken(z)) is not None:

@@ -68,8 +68,8 @@ def excite(
         limits: in place of the URDF's.
         separate: two effects' labels; then the motion that distinguishes them best.
         noise: expected of the torques, by drive [N m | N]; default 1 % of the limit of torque.
-        values: of effects' parameters that are to be identified, as of an earlier fit: their torque
-            then counts in the limits.
+        values: of parameters that are to be identified, as of an earlier fit: in place of the
+            mechanism's masses, and of effects, whose torque then counts in the limits.
         balance: weight of the condition number beside the log-determinant; 0 ignores it.
         tries: searches, each from the best of 25 random motions; the best of them is finished.
         seed: of these; the same seed gives the same motion.

@@ -68,12 +68,20 @@ def write_fit(
         **dict(own_files(fit).values()),
         **(more or {}),
     }
+    return write_all(Path(folder), files | identified_files(fit, urdf))
+
+
+def identified_files(fit: Fit, urdf: bytes) -> dict[str, bytes]:
+    """Return the files of the folder identified/, in which everything is known at its value.
+
+    `urdf` is that with the identified inertias.
+    """
     known = [
         (effect, {u.name: float(v) for u, v in zip(effect.parameters, values, strict=True)})
         for effect, values in fit.effect_solution
     ]
     inside = folder_files(fit.mechanism, urdf, known, [], fit.found, covariance_of(fit))
-    return write_all(Path(folder), files | {f"identified/{name}": x for name, x in inside.items()})
+    return {f"identified/{name}": x for name, x in inside.items()}
 
 
 def covariance_of(fit: Fit) -> Covariance | None:

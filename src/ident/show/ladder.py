@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,10 @@ from ident.diagnosis.grow import History, Step
 from ident.diagnosis.result import errors_of
 from ident.diagnosis.unobservable import name_of
 from ident.display import render, renders, writing
-from ident.errors import IdentError
+from ident.errors import FitError, IdentError
 from ident.files import json_bytes
 from ident.fit import Fit
-from ident.fit.files import fit_json, multipliers_csv, own_files
+from ident.fit.files import fit_json, identified_files, identified_urdf, multipliers_csv, own_files
 from ident.fit.identify import Comparison
 from ident.fit.prediction import identifiable_multipliers
 from ident.fit.residual import Residual, floor_of
@@ -430,11 +431,15 @@ def history_json(history: History) -> dict[str, Any]:
 
 
 def model_files(fit: Fit) -> dict[str, bytes]:
-    """Return the folder of a fit's mechanism, its unknowns unknown, with fit.json, multipliers."""
+    """Return the folder of a fit's mechanism, its unknowns unknown, with fit.json, multipliers and
+    identified/, in which all is known; without that where no URDF can state the inertias.
+    """
     mechanism = fit.mechanism
     effects = [(effect, effect.values) for effect in mechanism.effects]
     urdf, errors = mechanism.urdf.read_bytes(), fit.known_errors
     files = folder_files(mechanism, urdf, effects, None, fit.found, errors)
+    with suppress(FitError):
+        files |= identified_files(fit, identified_urdf(fit))
     return (
         files
         | dict(own_files(fit).values())
