@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -182,6 +184,22 @@ def test_effects_are_in_information_and_torque():
     rigid = [pin.rnea(truth.model, truth.data, *s) for s in zip(*states, strict=True)]
     friction = c["tau.yaw"] - np.array(rigid)[:, truth.index["yaw"]]
     np.testing.assert_allclose(friction, 3.0 * c["v.yaw"], atol=1e-9)
+
+
+def test_what_has_no_effect_is_not_identified():
+    """Gravity does not feel the zero of a joint with a vertical axis."""
+    mechanism = ident.load(ROBOTS / "arm").with_effect("encoder_offset:yaw")
+    mechanism = mechanism.with_effect("encoder_offset:elbow")
+    found = ident.excite(mechanism, duration=8.0, periods=2, harmonics=2, rate=50.0, tries=1)
+    assert found.without_effect == ("encoder_offset.yaw.delta",)
+    assert not any("encoder_offset.yaw" in value.name for value in found.base)
+    (elbow,) = (value for value in found.base if "encoder_offset.elbow" in value.name)
+    assert elbow.determined
+    assert elbow.largest == np.pi
+    said = str(replace(found, base=(replace(elbow, stderr=5.0),)))
+    assert "without effect on any torque: encoder_offset.yaw.delta" in said
+    assert "identifies 0 base parameters" in said
+    assert "above any plausible value: encoder_offset.elbow.delta" in said
 
 
 def test_prints_and_draws(found, tmp_path):

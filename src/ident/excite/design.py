@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.equations.unknowns import Columns
 from ident.errors import MechanismError, MotionError, one_of
-from ident.excite.excitation import Criterion, Determined, Excitation, places_of
+from ident.excite.excitation import Criterion, Determined, Excitation, informative, places_of
 from ident.excite.limits import LimitBox, Limits
 from ident.excite.trajectory import Family, Fourier, MotionRows, at_rest, moved_joints
 from ident.fit.shapes import initial
@@ -116,7 +116,7 @@ class DesignProblem:
             )
         torque = exact.of_joints("torque", names)[1] / (1 - limits.reserve)
         self.sigma = _noise(names, torque, pilots, noise)  # (d,) of the torques [N m | N]
-        W = np.concatenate([rows.A for rows in pilots]) / self.sigma[:, None]
+        W = np.concatenate([informative(rows) for rows in pilots]) / self.sigma[:, None]
         W = W.reshape(-1, W.shape[2])
         # what can be identified at all, and usual norms of its columns
         self.base = rank_revealing(Triangle.of(W, np.zeros(len(W))), TOLERANCE)
@@ -233,6 +233,7 @@ class DesignProblem:
             seed=seed,
             notes=self.notes,
             finished=finished,
+            without_effect=result.without_effect,
         )
 
 

@@ -34,6 +34,8 @@ from ident.information.linear import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 
+NOTHING = 1e-9  # of the torques: what one SI unit of a parameter changes by less has no effect
+HALF_TURN = np.pi  # [rad] size of an angle that a joint or a base can be off by, at most
 TINY = 1e-13  # of R's diagonal: below, the columns do not determine some unknown
 
 
@@ -101,6 +103,12 @@ class ExpectedValue:
     prior: float
     stderr: float  # for torques with white noise of `Excitation.noise`, a value a sample
     unit: str
+    largest: float = np.inf  # size above which a value is not plausible
+
+    @property
+    def determined(self) -> bool:
+        """Whether the error expected is below the largest value that there can be."""
+        return self.stderr < self.largest
 
 
 @dataclass(frozen=True)
@@ -140,6 +148,7 @@ class Excitation(Plotted):
         separation: of two effects, if that was requested.
         seed: of the random motions from which the search started; notes: assumptions.
         finished: false for the best motion of a search that has not ended.
+        without_effect: parameters of effects that change no torque of this motion.
     """
 
     name: str
@@ -159,6 +168,7 @@ class Excitation(Plotted):
     seed: int
     notes: tuple[str, ...] = ()
     finished: bool = True
+    without_effect: tuple[str, ...] = ()
 
     def use(self, joint: str, kind: str) -> LimitUse:
         """Return the use of one limit: of `joint`, its `kind` (position, speed, …)."""
@@ -169,12 +179,18 @@ class Excitation(Plotted):
         self.log.write(path)
 
 
+def informative(rows: MotionRows) -> np.ndarray:
+    """Return the columns A (n, d, k) of a motion, zero where all they have is rounding errors."""
+    size = np.abs(rows.A).max(axis=(0, 1))
+    return np.where(size > NOTHING * np.abs(rows.e.tau).max(initial=0.0), rows.A, 0.0)
+
+
 class Determined:
     """The base parameters that the rows of a motion determine."""
 
     def __init__(self, columns: Columns, rows: MotionRows, sigma: np.ndarray) -> None:
         """Factorise the rows of a motion over the noise (d,) of the torques."""
-        W = rows.A * rows.informed[:, :, None] / sigma[:, None]
+        W = informative(rows) * rows.informed[:, :, None] / sigma[:, None]
         self.columns, self.W = columns, W.reshape(-1, len(columns))  # (N, k) those that inform
         factor = Triangle.of(self.W, np.zeros(len(self.W)))
         self.base = rank_revealing(factor, TOLERANCE)
@@ -183,13 +199,23 @@ class Determined:
         self.C = solve(factor, self.base).C  # (r, r) covariance of base parameters
         self.stderr = np.sqrt(self.C.diagonal())
 
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Return names of effects' parameters that change no torque."""
+        some = self.W.any(axis=0)
+        rigid = len(self.columns.rigid)
+        return tuple(x for i, x in enumerate(self.columns.names) if i >= rigid and not some[i])
+
     def expected(self, point: Point) -> tuple[ExpectedValue, ...]:
         """Return prior and standard error of every base parameter."""
         base, columns = self.base, self.columns
         prior = base.combined(point.unknowns(columns))
         units = [columns.units[i] for i in base.independent]
-        named = zip(base_names(columns, base), prior, self.stderr, units, strict=True)
-        return tuple(ExpectedValue(name, float(p), float(s), unit) for name, p, s, unit in named)
+        most = _largest(columns)[base.independent].tolist()
+        named = zip(base_names(columns, base), prior, self.stderr, units, most, strict=True)
+        return tuple(
+            ExpectedValue(name, float(p), float(s), unit, x) for name, p, s, unit, x in named
+        )
 
     def separation(self, pair: tuple[str, str]) -> Separation:
         """Return how well two effects are distinguished: by the canonical correlation of their
@@ -206,6 +232,16 @@ class Determined:
             cosine = float(np.linalg.norm(M, 2))
         units = columns.units[places[0][0]], columns.units[places[1][0]]
         return Separation(*pair, cosine, (float(errors[0]), float(errors[1])), units)
+
+
+def _largest(columns: Columns) -> np.ndarray:
+    """Return the largest plausible size (k,) of every unknown, infinite where none is known."""
+    found = np.array([HALF_TURN if unit == "rad" else np.inf for unit in columns.units])
+    for effect, places in columns.effects:
+        for own, i in zip(effect.parameters, places, strict=True):
+            if i >= 0 and np.isfinite(own.largest):
+                found[i] = own.largest
+    return found
 
 
 def places_of(columns: Columns, label: str) -> list[int]:

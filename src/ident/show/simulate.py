@@ -142,14 +142,19 @@ def excitation_sheet(x: Excitation) -> Sheet:
             "limit"
         )
     noise = ", ".join(f"{name} {value:.3g}" for name, value in x.noise.items())
+    known = [each for each in x.base if each.determined]
     rows = [["base parameter", "prior", "expected ±", "unit"]]
-    rows += [[shortened(b.name), f"{b.prior:.4g}", f"{b.stderr:.2g}", b.unit] for b in x.base]
+    rows += [[shortened(b.name), f"{b.prior:.4g}", f"{b.stderr:.2g}", b.unit] for b in known]
     base = (
-        f"identifies {len(x.base)} base parameters of {x.unknowns} unknowns; condition number "
+        f"identifies {len(known)} base parameters of {x.unknowns} unknowns; condition number "
         f"{x.condition_number:.3g}, log det {x.log_det:.4g}; with white torque noise of {noise} "
         "[N m | N] a sample:"
     )
     lines = [] if x.separation is None else [str(x.separation)]
+    if lost := [f"{b.name} (± {b.stderr:.2g} {b.unit})" for b in x.base if not b.determined]:
+        lines.append(f"not determined, with errors above any plausible value: {', '.join(lost)}")
+    if x.without_effect:
+        lines.append(f"not determined, without effect on any torque: {', '.join(x.without_effect)}")
     tables = {"use of the limits": _limits(x), base: rows}
     return Sheet(title, facts=facts, tables=tables, lines=lines, notes=x.notes)
 
