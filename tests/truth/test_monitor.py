@@ -133,10 +133,20 @@ def test_errors_say_what_is_valid():
     reference = known(mechanism, values)
     with pytest.raises(ident.FitError, match="no change of 'viscus' can be watched for"):
         ident.Monitor.of(reference, motion, kinds=["viscus"])
-    with pytest.raises(ident.FitError, match=r"intervals of 0\.5 s; valid: 40"):
+    with pytest.raises(ident.FitError, match=r"intervals of 0\.4 s; valid: 40.* logs of 16\.2 s"):
         ident.Monitor.of(reference, motion)
+    with pytest.raises(ident.FitError, match=r"intervals of 0\.5 s; valid: 40"):
+        ident.Monitor.of(reference, motion, interval=0.5)
     with pytest.raises(ident.FitError, match="valid: above 0"):
         ident.Monitor.of(reference, motion, interval=0.0)
+
+
+def test_twenty_seconds_are_enough():
+    """Ends of a log are left out: it has less than forty half seconds."""
+    mechanism, values = arm()
+    own = ident.Monitor.of(known(mechanism, values), run(2, 19.5), patience=5.0)
+    assert 0.4 <= own.seconds < 0.5
+    assert not own.watch(run(18, 30.0))
 
 
 def test_memory_does_not_grow(monitor):

@@ -44,6 +44,7 @@ from ident.streams.suspects import (
     name_since_onset,
 )  # fmt: skip
 
+INTERVAL, SHORTEST, STEP = 0.5, 0.4, 0.02  # [s] usual; where logs are short, the least, by steps
 HELD = 240  # intervals kept, of which the onset can be one
 ENOUGH = 4  # intervals since the onset before anything is named
 STEADY = 3  # intervals in a row for which one suspect must lead alone
@@ -177,7 +178,7 @@ class Monitor(Displayed):
         motion: Motion,
         *,
         kinds: Sequence[str] = WATCHED,
-        interval: float = 0.5,
+        interval: float | None = None,
         false_alarms_per_hour: float = 0.1,
         material: float = 0.003,
         patience: float = 20.0,
@@ -189,7 +190,8 @@ class Monitor(Displayed):
             motion: of normal running, as varied as it is; best not what was fitted. Its filter is
                 that of all rows.
             kinds: of effects that could change.
-            interval: of time that is judged at once [s].
+            interval: of time that is judged at once [s]. Default: 0.5, and less, down to 0.4,
+                where the logs are too short for enough of them.
             false_alarms_per_hour: in normal running, at most, on average.
             material: share of the torques below which a change does not matter.
             patience: longest time from an alarm to its name, and time in which a change is learnt
@@ -199,6 +201,8 @@ class Monitor(Displayed):
             FitError: for a reference that is not known, a log of normal running that is too short,
                 or a kind, interval or rate that cannot be.
         """
+        least = SHORTEST if interval is None else interval
+        interval = INTERVAL if interval is None else interval
         if not (interval > 0 and false_alarms_per_hour > 0 and patience > 0 and material >= 0):
             raise FitError(
                 f"interval {interval:g} s, {false_alarms_per_hour:g} false alarms an hour, "
@@ -210,11 +214,15 @@ class Monitor(Displayed):
         squares = sum((np.where(p.informed, p.b - p.A @ x, 0.0) ** 2).sum(axis=0) for p in parts)
         sigma = np.sqrt(np.maximum(squares / np.maximum(count, 1), 1e-300))
         first = intervals_of(parts, interval, sigma, x)
+        while len(first) < FEWEST and interval > least:
+            interval = max(least, interval - STEP)
+            first = intervals_of(parts, interval, sigma, x)
         if len(first) < FEWEST:
+            enough = FEWEST * interval + interval / 2 * len(parts)
             raise FitError(
                 f"normal running has only {len(first)} intervals of {interval:g} s; valid: "
-                f"{FEWEST} or more, which is {FEWEST * interval:g} s, better a thousand: give "
-                "longer logs, or several"
+                f"{FEWEST} or more, better a thousand: give logs of {enough:.3g} s in "
+                "motion or longer, or several"
             )
         x = moved_reference(Triangle.merge([each.triangle for each in first]), x)
         intervals = intervals_of(parts, interval, sigma, x)
