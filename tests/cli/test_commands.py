@@ -65,6 +65,24 @@ def test_a_mechanism_toml_beside_a_bare_urdf_is_named(robots, ident, refused, tm
     refused(("write in mechanism.toml", says), "check", folder / "arm.urdf", log)
 
 
+def test_check_names_joints_beyond_their_limits(arm, done, tmp_path):
+    """In one line, for a planned motion too."""
+    t = np.linspace(0, 4, 401)
+    q = np.array([2.2 * np.sin(3 * t), 0.1 * np.sin(t)])
+    log = api.Log.from_arrays("plan", t, {"q.shoulder": q[0], "q.elbow": q[1]})
+    log.write(tmp_path / "plan.csv")
+    said = done("check", arm, tmp_path / "plan.csv").out
+    (line,) = (each for each in said.splitlines() if "beyond the limits of the URDF" in each)
+    assert "shoulder -2.2 to 2.2 rad (limits -2 to 2); shoulder 6.6 rad/s (limit 5)" in line
+    assert "elbow" not in line
+    assert "speed limit" in said
+    (tmp_path / "plan.csv").unlink()
+    smaller = api.Log.from_arrays("plan", t, {"q.shoulder": q[1], "q.elbow": q[1]})
+    smaller.write(tmp_path / "small.csv")
+    assert "beyond" not in done("check", arm, tmp_path / "small.csv").out
+    assert "outside its limits -2 to 2" in done("check", arm, "--lock", "shoulder=3").out
+
+
 def test_check_in_absolute_coordinates(robots, done):
     outcome = done("check", robots / "slider_crank", "--absolute")
     assert "24 coordinates" in outcome.out

@@ -105,6 +105,16 @@ BALL = (
 )
 
 
+def test_a_place_outside_the_limits_is_said(robots):
+    arm = robots / "arm"
+    joint = ident.load(arm).joint("elbow")
+    (note,) = (
+        x for x in ident.load(arm, locked={"elbow": joint.upper + 1}).notes if "outside" in x
+    )
+    assert note.startswith(f"elbow is locked at {joint.upper + 1:.4g}, outside its limits ")
+    assert not any("outside" in x for x in ident.load(arm, locked={"elbow": joint.upper}).notes)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -31,7 +31,7 @@ from ident.mechanism.description import Description, align_z, read_description
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency, read_covariance
 from ident.mechanism.tree import Tree, build_tree, is_rotational, joint_axis
-from ident.mechanism.urdf import lock, parse_urdf
+from ident.mechanism.urdf import lock, numbers, parse_urdf
 from ident.plugins import suffixes
 
 TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
@@ -83,7 +83,9 @@ def load(
     loops = (TomlTable(f"{urdf}: loop {i}", each) for i, each in enumerate(source.closures, 1))
     top = replace(top, data=stated(top.data, source))
     robot = parse_urdf(source.urdf, str(urdf))
-    held = lock(robot, _locked(top.table("joints"), locked or {}), str(urdf))
+    asked_for = _locked(top.table("joints"), locked or {})
+    outside = _outside(robot, asked_for, str(urdf))
+    held = lock(robot, asked_for, str(urdf))
     tree = build_tree(robot, top.vector("gravity", 3), str(urdf))
     mimics = (TomlTable(f"{urdf}: mimic {each['joints'][0]}", each) for each in tree.mimics)
     bodies, joints = Bodies(tree.links), _tree_joints(tree)
@@ -128,7 +130,7 @@ def load(
     at = ", ".join(f"{name} at {value:.4g}" for name, value in held.items())
     locks = [f"locked: {at}"] if at else []
     beside = [text] if (text := unused_toml(urdf, toml)) else []
-    notes = (*beside, *source.notes, *tree.notes, *locks, *_remarks(mechanism))
+    notes = (*beside, *source.notes, *tree.notes, *locks, *outside, *_remarks(mechanism))
     mechanism = replace(mechanism, notes=notes).with_own_joints()
     for column in mechanism.columns:  # a mapped name that nothing reads would be ignored
         prefix, _, joint = column.partition(".")
@@ -255,6 +257,20 @@ def _locked(section: TomlTable, asked: Mapping[str, float | None]) -> dict[str, 
     return held | {
         name: start.number(name, 0.0) if value is None else value for name, value in asked.items()
     }
+
+
+def _outside(robot: Any, held: Mapping[str, float], where: str) -> list[str]:
+    """Return the notes on joints of a `<robot>` that are held outside of their limits."""
+    notes = []
+    for joint in robot.findall("joint"):
+        name, limit = joint.get("name"), joint.find("limit")
+        if name not in held or limit is None or joint.get("type") not in ("revolute", "prismatic"):
+            continue
+        (low,), (high,) = (numbers(limit, key, "0", 1, where) for key in ("lower", "upper"))
+        if low < high and not low <= held[name] <= high:
+            limits = f"{low:.4g} to {high:.4g}"
+            notes.append(f"{name} is locked at {held[name]:.4g}, outside its limits {limits}")
+    return notes
 
 
 def _passive_and_start(

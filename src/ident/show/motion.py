@@ -25,6 +25,7 @@ from ident.show.html import Section, definitions, headed, items, origin, table
 from ident.show.sheet import Sheet
 from ident.text import table as text_table
 
+ROUNDING = 1e-6  # of positions and speeds beyond a limit
 CHANNELS = "what was measured of the motion: its white noise, and measured less smoothed (rms)"
 
 
@@ -54,7 +55,7 @@ def joints_json(mechanism: Mechanism, motion: Motion | None = None) -> list[dict
             state = "of a closure"
         found.append({
             "joint": joint.name, "state": state, "unit": joint.unit, "lower": joint.lower,
-            "upper": joint.upper,
+            "upper": joint.upper, "speed_limit": joint.velocity,
         })  # fmt: skip
         if motion is not None:
             y, yd = (
@@ -67,11 +68,12 @@ def joints_json(mechanism: Mechanism, motion: Motion | None = None) -> list[dict
 
 def joint_rows(mechanism: Mechanism, motion: Motion | None = None) -> list[list[str]]:
     """Return the same as a table."""
-    rows = [["joint", "", "unit", "lower", "upper"]]
+    rows = [["joint", "", "unit", "lower", "upper", "speed limit"]]
     if motion is not None:
         rows[0] += ["from", "to", "top speed"]
     for x in joints_json(mechanism, motion):
-        ends = ("–" if np.isinf(x[end]) else f"{x[end]:.4g}" for end in ("lower", "upper"))
+        limits = ("lower", "upper", "speed_limit")
+        ends = ("–" if np.isinf(x[end]) else f"{x[end]:.4g}" for end in limits)
         rows.append([x["joint"], x["state"], x["unit"], *ends])
         if motion is not None:
             rows[-1] += [
@@ -80,6 +82,25 @@ def joint_rows(mechanism: Mechanism, motion: Motion | None = None) -> list[list[
                 f"{x['top_speed']:.3g} {x['unit']}/s",
             ]
     return rows
+
+
+def beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
+    """Return a note on the joints that a motion takes beyond the URDF's limits, one for all."""
+    found = []
+    for x in joints_json(mechanism, motion):
+        off = ROUNDING + ROUNDING * abs(x["to"] - x["from"])
+        unit, lower, upper, most = x["unit"], x["lower"], x["upper"], x["speed_limit"]
+        if lower < upper and not (lower - off <= x["from"] and x["to"] <= upper + off):
+            span = f"{x['from']:.4g} to {x['to']:.4g} {unit}"
+            found.append(f"{x['joint']} {span} (limits {lower:.4g} to {upper:.4g})")
+        if 0 < most < x["top_speed"] * (1 - ROUNDING):  # 0: not stated
+            found.append(f"{x['joint']} {x['top_speed']:.3g} {unit}/s (limit {most:.3g})")
+    if not found:
+        return []
+    why = (
+        "no plan for the machine; of a measured log, a zero, sign or scale of an encoder may be off"
+    )
+    return [f"beyond the limits of the URDF: {'; '.join(found)}: {why}"]
 
 
 # --- mechanisms ---------------------------------------------------------------------------------
@@ -189,7 +210,12 @@ def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
     joints = zip(joint_rows(mechanism, motion), column, strict=True)
     parts = ["\n".join([str(mechanism), *text_table([[*row, cell] for row, cell in joints])])]
     if motion is not None:
-        parts += [str(motion), "\n".join([CHANNELS, *text_table(_channels(mechanism, motion))])]
+        notes = [f"note: {each}" for each in beyond_limits(mechanism, motion)]
+        parts += [
+            *notes,
+            str(motion),
+            "\n".join([CHANNELS, *text_table(_channels(mechanism, motion))]),
+        ]
     return "\n\n".join([*parts, structure(mechanism, motion)])
 
 
@@ -264,5 +290,8 @@ def check_json(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, 
         ],
         "cutoff": None if motion is None else motion.band.cutoff,
         "identifiable": identifiable(mechanism, motion),
-        "notes": [*mechanism.notes, *(() if motion is None else motion.notes)],
+        "notes": [
+            *mechanism.notes,
+            *(() if motion is None else (*beyond_limits(mechanism, motion), *motion.notes)),
+        ],
     }  # fmt: skip
