@@ -454,3 +454,19 @@ def test_what_is_left_open_has_a_unit(make):
     far = make(PIN.replace("xyz = [1.0,", "xyz = [100.0,"))
     with pytest.raises(MechanismError, match=r"'pin\.[xyz]' is left at [0-9.e+]+ m;"):
         assert far.assembled.any()
+
+
+def test_wrong_mimics_are_said_at_once_with_the_options_that_load_it(tmp_path):
+    extra = "".join(
+        f'<link name="l{i}"/><joint name="k{i}" type="revolute"><parent link="l"/>'
+        f'<child link="l{i}"/><limit lower="0" upper="1"/><mimic joint="{of}"/></joint>'
+        for i, of in enumerate(("x", "j", "y"))
+    )
+    (tmp_path / "r.urdf").write_text(urdf_of(extra=extra))
+    with pytest.raises(MechanismError) as caught:
+        load(tmp_path / "r.urdf")
+    said = str(caught.value)
+    assert "joint 'k0' mimics 'x'" in said
+    assert "in the same way 'k2' mimics 'y' (line" in said
+    assert said.endswith("take them as fixed: --lock k0 --lock k2")
+    assert len(load(tmp_path / "r.urdf", locked={"k0": None, "k2": None}).joints) == 2

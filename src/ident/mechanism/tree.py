@@ -89,24 +89,32 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
 
 def _take_mimics(robot: etree._Element, where: str) -> list[dict[str, Any]]:
     moving = [j.get("name") for j in robot.findall("joint") if j.get("type") != "fixed"]
-    mimics = []
+    mimics, wrong = [], []
     for joint in robot.findall("joint"):
         mimic, name = joint.find("mimic"), joint.get("name")
         if mimic is None:
             continue
         of = mimic.get("joint") or ""
         if of not in moving or of == name:
-            raise MechanismError(
-                f"{where}:{mimic.sourceline}: joint '{name}' mimics '{of}', which is no other "
-                f"joint of one coordinate; {one_of(of, [each for each in moving if each != name])}"
-            )
+            wrong.append((name, of, mimic.sourceline))
+            continue
         (multiplier,), (offset,) = (
             numbers(mimic, key, default, 1, where)
             for key, default in (("multiplier", "1"), ("offset", "0"))
         )
         mimics.append(mimic_table(name, of, multiplier, offset))
         joint.remove(mimic)
-    return mimics
+    if not wrong:
+        return mimics
+    (name, of, line), others = wrong[0], wrong[1:]
+    locks = " ".join(f"--lock {each}" for each, *_ in wrong)
+    more = ", ".join(f"'{each}' mimics '{it}' (line {at})" for each, it, at in others)
+    raise MechanismError(
+        f"{where}:{line}: joint '{name}' mimics '{of}', which is no other joint of one coordinate; "
+        f"{one_of(of, [each for each in moving if each != name])}"
+        f"{f'; in the same way {more}' if more else ''}; correct the file, or take them as fixed: "
+        f"{locks}"
+    )
 
 
 @dataclass(frozen=True)
