@@ -260,8 +260,27 @@ def test_progress_is_told():
 def test_a_log_too_short_for_the_filter_is_refused():
     case = noisy("five_bar", seconds=0.5)
     motion = ident.complete(case.mechanism, case.log, cutoff=3.0)
-    with pytest.raises(FitError, match="no stretch is long enough"):
+    with pytest.raises(
+        FitError, match=r"no stretch is long enough .* more than ([\d.]+) s"
+    ) as caught:
         ident.identify(case.mechanism, motion)
+    least = float(str(caught.value).partition("more than ")[2].split()[0])
+    longer = noisy("five_bar", seconds=1.5 * least)
+    motion = ident.complete(longer.mechanism, longer.log, cutoff=3.0)
+    assert ident.identify(longer.mechanism, motion).estimate.triangle.rows
+
+
+def test_a_short_log_is_said_with_the_length_that_would_do():
+    case = noisy("arm", "viscous", seconds=0.8)
+    motion = ident.complete(case.mechanism, case.log, cutoff=8.0)
+    fit = ident.identify(case.mechanism, motion)
+    (found,) = (x for x in fit.findings if x.code in ("short log", "few equations"))
+    assert "equations for" in found.meaning
+    wanted = float(found.remedy.partition("about ")[2].split()[0])
+    longer = noisy("arm", "viscous", seconds=wanted)
+    motion = ident.complete(longer.mechanism, longer.log, cutoff=8.0)
+    fit = ident.identify(longer.mechanism, motion)
+    assert not any(x.code in ("short log", "few equations") for x in fit.findings)
 
 
 def test_blocks_cover_every_row_once():

@@ -26,9 +26,11 @@ from ident.mechanism.parameters import pseudo_inertia
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.motion import prescribed
+from ident.text import two_digits
 
 BIASED = 1e-4  # share of a parameter that a time basis may move unmentioned
 FEW = 3.0  # equations a parameter below which values follow the noise
+SHORT, USUAL = 10.0, 30.0  # the same: below the first a log is called short; what is advised
 POOR = 1e3  # condition number above which the motion excites some base parameter poorly
 CERTAIN = 3.0  # standard errors below zero at which a negative coefficient is no accident
 LEAST_MASS = 1e-9  # kg below which a body with first moments cannot be written in a URDF
@@ -98,8 +100,13 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
     rows, rank = estimate.triangle.rows, estimate.base.rank
     if rank and rows < FEW * rank:
         text = f"only {rows} equations for {rank} parameters: these values and errors mean nothing"
-        remedy = "give a longer log, or make less unknown ([parameters] unknown)"
+        remedy = f"{_longer(problem, rows, rank)}, or make less unknown ([parameters] unknown)"
         yield Finding("few equations", text, remedy, (), rows / rank, FEW)
+    elif rank and rows < SHORT * rank:
+        text = (
+            f"a short log: {rows} equations for {rank} parameters, so values and errors are rough"
+        )
+        yield Finding("short log", text, _longer(problem, rows, rank), (), rows / rank, SHORT)
     yield from map(note, (*problem.mechanism.notes, *problem.motion.notes))
     if rest := sum(block.rest.rows for block in problem.information):
         share = rest / problem.information.rows
@@ -117,6 +124,15 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         text = f"condition number {condition:.3g}: this motion excites some base parameters poorly"
         remedy = "see their standard errors, and move more joints, faster or farther"
         yield Finding("excitation", text, remedy, (), condition, POOR)
+
+
+def _longer(problem: Problem, rows: int, rank: int) -> str:
+    """Return the advice on the length of a log, from the equations that this one gave."""
+    seconds = sum(float(e.t[-1] - e.t[0]) for e in problem.motion.experiments)
+    if not seconds or not rows:
+        return "give a longer log"
+    wanted = two_digits(seconds * USUAL * rank / rows)
+    return f"log about {wanted} s of varied motion instead of {two_digits(seconds)} s"
 
 
 def _held(columns: Columns, estimate: Estimate) -> Iterator[Finding]:

@@ -193,9 +193,12 @@ def information_of(
 
 def too_short(motion: Motion) -> FitError:
     """Return the error of a motion of which the filter leaves no row."""
+    cutoff, rate = motion.band.cutoff, max(e.rate for e in motion.experiments)
+    least = (2 * Decimator.of(cutoff, rate).half + 1) / rate
     return FitError(
         f"{', '.join(motion.names)}: no stretch is long enough for the filter "
-        f"({motion.band.cutoff:.3g} Hz); give a longer log or a higher --cutoff"
+        f"({cutoff:.3g} Hz), which needs more than {least:.3g} s without a gap, and a fit many "
+        "times that; give a longer log or a higher --cutoff"
     )
 
 
