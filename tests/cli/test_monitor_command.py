@@ -289,7 +289,7 @@ def test_the_page_shows_what_comes_and_the_report_stays(log, tmp_path, browser):
         page.get_by_text("The command has ended").wait_for()
         page.close()
     assert (run.returncode, faults) == (0, [])
-    assert "no alarms: normal running has only 7 intervals" in before
+    assert "no alarms: normal running has only 8 intervals of 0.4 s" in before
     report = (tmp_path / "out" / "report.html").read_text()
     for title in ("Parameters over time", "Reaction forces", "Error of the predicted torque"):
         assert f"{title}</h2>" in report

@@ -133,7 +133,9 @@ def test_errors_say_what_is_valid():
     reference = known(mechanism, values)
     with pytest.raises(ident.FitError, match="no change of 'viscus' can be watched for"):
         ident.Monitor.of(reference, motion, kinds=["viscus"])
-    with pytest.raises(ident.FitError, match=r"intervals of 0\.4 s; valid: 40.* logs of 16\.2 s"):
+    with pytest.raises(
+        ident.FitError, match=r"intervals of 0\.4 s; valid: 40.* longer logs, of 16\.2 s"
+    ):
         ident.Monitor.of(reference, motion)
     with pytest.raises(ident.FitError, match=r"intervals of 0\.5 s; valid: 40"):
         ident.Monitor.of(reference, motion, interval=0.5)

@@ -221,8 +221,8 @@ class Monitor(Displayed):
             enough = FEWEST * interval + interval / 2 * len(parts)
             raise FitError(
                 f"normal running has only {len(first)} intervals of {interval:g} s; valid: "
-                f"{FEWEST} or more, better a thousand: give logs of {enough:.3g} s in "
-                "motion or longer, or several"
+                f"{FEWEST} or more, better a thousand: give longer logs, of "
+                f"{enough:.3g} s in motion or more, or several"
             )
         x = moved_reference(Triangle.merge([each.triangle for each in first]), x)
         intervals = intervals_of(parts, interval, sigma, x)
