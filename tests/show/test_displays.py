@@ -1,5 +1,6 @@
 """What Jupyter shows of every noun: tables of its own, whatever names it is given."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.charts import Line
+from ident.show.diagnosis import LINES, short
 from ident.show.diagnosis import card as diagnosis_card
 from ident.show.fit import card as fit_card
 from ident.show.html import Bar, Card, Page, enough, good_enough
@@ -120,6 +122,39 @@ def test_noise_beside_a_bar_is_a_share_of_the_torque_of_the_present_log():
     """The log of the earlier fit needed four times as much torque."""
     bar = Bar("a", Error(2.0, 0.05, "N m"), Error(1.0, 0.1, "N m"), noise=1.0)
     assert bar.sizes == (0.05, 0.1, 0.1)
+
+
+@pytest.fixture
+def narrow(monkeypatch):
+    """A terminal of 80 columns."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+
+
+@pytest.mark.usefixtures("narrow")
+def test_a_diagnosis_has_twenty_lines_in_a_narrow_terminal(nouns):
+    """The reason for the next experiment goes first, then the experiment, then bars."""
+    d, sentence = nouns["diagnosis"], "A sentence of the card with eight words. " * 8
+    step = "Next experiment: Move the crank from 1 to 2 rad: it tells apart " + "what is alike " * 9
+    quiet, loud = Error(0.01, 0.01, "N m"), Error(0.1, 0.1, "N m")
+    bars = (Bar("a", loud, quiet), *(Bar(name, quiet) for name in "bcdefgh"))
+    found = {
+        count: short(d, Card("x", sentence[: 40 * count], bars[:n], "ident grow x", step))
+        for count, n in ((2, 1), (6, 6), (8, 8))
+    }
+    assert all(text.count("\n") + 1 <= LINES for text in (*found.values(), d.short))
+    assert "it tells apart" in found[2]
+    assert "it tells apart" not in found[6]
+    assert "Move the crank" not in found[8]
+    assert "the next experiment, all candidates" in " ".join(found[8].split())
+
+
+def test_marks_of_bars_that_are_not_shown_are_not_explained():
+    plain, changed = (
+        Bar("elbow", Error(1.0, 0.1, "N m"), after) for after in (None, Error(1.0, 0.1, "N m"))
+    )
+    assert "error: █ stays, ░ goes" in Card("x", bars=(plain, changed)).text()
+    assert "error" in Card("x", bars=(plain, changed), most=1).text()
 
 
 def test_a_card_explains_the_marks_that_it_has():

@@ -165,7 +165,7 @@ def certainty(d: Diagnosis) -> str:
 
 def _turning(d: Diagnosis) -> str:
     """Return what is left where nothing is named and rows at reversals fit worse."""
-    worse = {j for each in d.fit.findings if each.code == "reversals" for j in each.where}
+    worse = {j for each in d.fit.all_findings if each.code == "reversals" for j in each.where}
     errors = errors_of(d.fit)
     left = [j for j in errors if j in worse and errors[j].rms > NOISY * d.floor[j]]
     if d.verdict != "nothing" or not left:
@@ -176,17 +176,23 @@ def _turning(d: Diagnosis) -> str:
     )
 
 
+def errors_with(d: Diagnosis) -> Mapping[str, Error]:
+    """Return the errors with what is named, or else with the laws; nothing without either."""
+    if d.best is not None:
+        return d.after
+    return d.laws[-1].after if d.laws else {}  # its fit has all laws
+
+
 def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     """Return the verdict, how sure it is, the error by joint, and the command to copy."""
     logs = ", ".join(e.name for e in d.fit.motion.experiments)
-    errors, after, planned = errors_of(d.fit), d.after if d.best else {}, ""
+    errors, after, planned = errors_of(d.fit), errors_with(d), ""
     if d.verdict == "nothing":
         command = next_command("identify", added)
     elif d.best is not None:
         command = add_command(d.fit.mechanism, [*added, *d.group])
         planned = planning(d, added) if _separable(d) else ""
     elif d.laws:
-        after = d.laws[-1].after  # its fit has all laws
         files = [f"{folder.get() or 'DIR'}/{law.option}" for law in d.laws]
         command = add_command(d.fit.mechanism, added, files)
     else:
@@ -240,6 +246,12 @@ def _next(step: str, way: str = "") -> str:
     return f"{title}: {step}" if step else ""
 
 
+def without_reason(step: str) -> str:
+    """Return a step under its title without what follows its second colon, the reason for it."""
+    title, *parts = step.split(": ")
+    return f"{title}: {parts[0]}." if parts[1:] else step
+
+
 def experiment_steps(advice: str) -> list[str]:
     """Return the sentences of a next experiment, the most urgent first."""
     return SENTENCE_END.split(advice)
@@ -250,24 +262,39 @@ def experiment_steps(advice: str) -> list[str]:
 
 @renders(Diagnosis, "short")
 def short(d: Diagnosis, top: Card | None = None) -> str:
-    """Return what a person needs first, in twenty lines: verdict, errors, what to do."""
-    paragraphs = laws(d)
-    if d.verdict in ("unexplained", "undecided") and not d.laws and not spoilt(d):
-        paragraphs += [*_nearest(d), *curves(d)]
-    count = len(d.invisible)
-    hidden = f", {count} effect{'s' * (count > 1)} this log hides" if count else ""
+    """Return what a person needs first, in twenty lines: verdict, errors, what to do.
+
+    Where there are more, `--verbose` has what is left out: first the formulas, then the reason for
+    the next experiment, then the experiment itself, and at last bars of joints.
+    """
     shown: Card = top or card(d)
-    more = "more about the next experiment, " * (len(experiment_steps(d.next_experiment)) > 1)
-    rest = f"--verbose: {more * d.health.good}all candidates{hidden}; {d.decision}"
+    words, formula = laws(d), f"the formula{', which --out DIR writes' * (not folder.get())}, "
+    if d.verdict in ("unexplained", "undecided") and not d.laws and not spoilt(d):
+        words, formula = [*_nearest(d), *curves(d)], "what comes nearest, "
+    count, steps = len(d.invisible), experiment_steps(d.next_experiment)
+    hidden = f", {count} effect{'s' * (count > 1)} this log hides" if count else ""
+    formula *= bool(words)
+    more = "more about the next experiment, " * (len(steps) > 1 and d.health.good)
+    step = without_reason(shown.then)
+    reason = "more about the next experiment, " if step != shown.then else more
+    experiment = "the next experiment, " if shown.then else more
 
-    def text() -> str:
-        return Sheet(shown, paragraphs=[*paragraphs, rest], indent="  ").text()
+    def text(top: Card, words: list[str], left_out: str) -> str:
+        rest = f"--verbose: {left_out}all candidates{hidden}; {d.decision}"
+        return Sheet(top, paragraphs=[*words, rest], indent="  ").text()
 
-    found = text()
-    if (over := found.count("\n") + 1 - LINES) > 0:
-        shown = replace(shown, most=max(1, min(shown.most, len(shown.bars)) - over - 1))
-        found = text()
-    return found
+    found, over = "", 0
+    for then, own, left_out in (
+        (shown.then, words, more),
+        (shown.then, [], formula + more),
+        (step, [], formula + reason),
+        ("", [], formula + experiment),
+    ):
+        found = text(replace(shown, then=then), own, left_out)
+        if (over := found.count("\n") + 1 - LINES) <= 0:
+            return found
+    most = max(1, min(shown.most, len(shown.bars)) - over - 1)
+    return text(replace(shown, then="", most=most), [], formula + experiment)
 
 
 @renders(Diagnosis, "sheet")

@@ -241,13 +241,16 @@ class Card:
         )
         return before or 0.0, after or 0.0, noise
 
-    def key(self, change: str, rise: str, noise: str, cut: str) -> str:
-        """Return the words for what the bars have: a change, a rise, the mark of noise, a cut."""
+    def key(self, bars: Iterable[Bar], change: str, rise: str, noise: str, cut: str) -> str:
+        """Return the words for what the bars that are shown have: a change, a rise, the mark of
+        noise, a cut.
+        """
+        shown = [*bars]
         has = {
-            change: any(bar.after for bar in self.bars),
-            rise: any(bar.rises for bar in self.bars),
-            noise: any(bar.sizes[2] is not None for bar in self.bars),
-            cut: any(map(self.cut, self.bars)),
+            change: any(bar.after for bar in shown),
+            rise: any(bar.rises for bar in shown),
+            noise: any(bar.sizes[2] is not None for bar in shown),
+            cut: any(map(self.cut, shown)),
         }
         words = [text for text, there in has.items() if there]
         return ": " * bool(words) + ", ".join(words)
@@ -256,7 +259,8 @@ class Card:
         """Return the lines for a terminal."""
         lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
         if bars := self.bars[: self.most]:
-            lines += ["", f"error{self.key('█ stays, ░ goes', '▒ comes', '| noise', '// cut')}"]
+            key = self.key(bars, "█ stays, ░ goes", "▒ comes", "| noise", "// cut")
+            lines += ["", f"error{key}"]
             wide = max(len(bar.joint) for bar in bars)
             left = width() - wide - max(len(bar.words) for bar in bars) - 7
             strip = max(STRIP // 4, min(STRIP, left))
