@@ -311,7 +311,7 @@ def test_charts_begin_where_a_value_is_known_and_mark_alarms():
     for t in range(10):
         value, stderr = (0.0, np.nan) if t == 0 else (90.0, 40.0) if t < 3 else (1.0, 0.01)
         curve.add(float(t), np.array([[value, stderr]]))
-    (chart,) = history._charts("Parameters", curve, {"coulomb.elbow.Fc": (0, "N m")})
+    (chart,) = history._charts("Parameters", curve, {"coulomb.elbow.Fc": (0, "N m")}, 8)
     (panel,) = chart.panels
     *band, value, alarm = panel.marks
     for line in (*band, value):
@@ -319,6 +319,16 @@ def test_charts_begin_where_a_value_is_known_and_mark_alarms():
     assert alarm.label == "alarm: coulomb:elbow"
     assert set(alarm.x) == {6.0}
     assert (alarm.y.min(), alarm.y.max()) == (band[0].y[-1], band[1].y[-1])
+
+
+def test_what_was_never_determined_has_no_chart():
+    history, curve = MonitorHistory(load(ROBOTS / "arm"), ""), ThinnedSeries()
+    for t in range(5):
+        curve.add(float(t), np.array([[np.nan, np.nan], [1.0, 0.01], [2.0, 0.01]]))
+    names = {name: (i, "N m") for i, name in enumerate(("unknown", "first", "second"))}
+    (chart,) = history._charts("Parameters", curve, names, 2)
+    assert [panel.y for panel in chart.panels] == ["first\n[N m]", "second\n[N m]"]
+    assert history._charts("Parameters", curve, {"unknown": (0, "N m")}, 2) == ()
 
 
 @pytest.mark.slow

@@ -407,10 +407,10 @@ class MonitorHistory:
             found.identified, key=lambda v: (not v.name.startswith(changed), v.name in bodies)
         )
         names = {v.name: (i, v.unit) for i, v in enumerate(found.parameters)}
-        known = {v.name: names[v.name] for v in identified[:PANELS]}
+        known = {v.name: names[v.name] for v in identified}
         forces: dict[str, tuple[int, str]] = {}
         if (x := self._last_forces) is not None:
-            forces = dict(list(zip(x.names, enumerate(x.units), strict=True))[:FORCES])
+            forces = dict(zip(x.names, enumerate(x.units), strict=True))
         t, errors = self._errors.series
         lines = (
             Line(t, 100 * errors[:, u], joint, u, dotted=len(t) < 3)
@@ -418,12 +418,16 @@ class MonitorHistory:
         )
         panel = Panel((*lines, *self._marks(t, 100 * errors)), "t [s]", "error [%]", height=3.0)
         drawn = Chart("Error of the torque over time", ((panel,),), True, clock="log")
-        now = [paragraph(f"{PANELS} of these have a chart.")] * (len(identified) > PANELS)
+        over_time = self._charts("Parameters", self._parameters, known, PANELS)
+        count = sum(len(each.rows) for each in over_time)
+        now = [paragraph(f"{count} of these have a chart.")] * (0 < count < len(identified))
         now += snapshot_sheet(found).blocks()
         return (
             Section("Alarms", (table(rows, "Alarms", tied=False),) if rows[1:] else ()),
-            Section("Parameters over time", self._charts("Parameters", self._parameters, known)),
-            Section("Reaction forces", self._charts("Reaction forces λ", self._forces, forces)),
+            Section("Parameters over time", over_time),
+            Section(
+                "Reaction forces", self._charts("Reaction forces λ", self._forces, forces, FORCES)
+            ),
             Section("Error of the predicted torque", (drawn,)),
             Section("Now", tuple(now)),
         )
@@ -445,14 +449,20 @@ class MonitorHistory:
         ]
 
     def _charts(
-        self, words: str, curve: ThinnedSeries, known: dict[str, tuple[int, str]]
+        self, words: str, curve: ThinnedSeries, known: dict[str, tuple[int, str]], most: int
     ) -> tuple[Chart, ...]:
-        """Draw values with bands of 95 %, a panel a name; nothing where there is none."""
-        if not known or not curve.rows:
+        """Draw values with bands of 95 %, a panel each of the first `most` names that have been
+        determined; nothing where there is none.
+        """
+        if not curve.rows:
             return ()
         t, values = curve.series
+        drawn = [name for name, (i, _) in known.items() if np.isfinite(values[:, i, 0]).any()]
+        if not drawn:
+            return ()
         panels: list[Panel] = []
-        for name, (i, unit) in known.items():
+        for name in drawn[:most]:
+            i, unit = known[name]
             value, half = values[:, i, 0], SHARE * values[:, i, 1]
             if len(found := half[np.isfinite(half)]):  # before it is known, it is not drawn
                 first = int((half <= SETTLED * np.median(found)).argmax())
