@@ -163,3 +163,42 @@ def test_signs_of_mathematics_are_signs(browser, tmp_path):
     assert page.evaluate(texts).count(name) >= 3
     assert not wrong
     page.close()
+
+
+def test_the_end_of_a_long_name_is_shown(browser, tmp_path):
+    """Joints of one robot differ in it."""
+    names = [f"j2s6s200_joint_{i}" for i in (1, 2)] + ["averyverylongnameofajoint7"]
+    rows = tuple((Panel((Line(T[:9], T[:9]),), "t [s]", f"{name} [N m]"),) for name in names)
+    page, wrong = opened(browser, Chart("", rows, shared_x=True), tmp_path)
+    axes = page.evaluate(f"({MODELS})('LinearAxis').map(axis => axis.axis_label?.text ?? '')")
+    shown = [each for each in axes if "[N m]" in each]
+    assert [each.split("\n")[-2][-2:] for each in shown] == ["_1", "_2", "t7"]
+    assert not wrong
+    page.close()
+
+
+@pytest.mark.parametrize(
+    ("low", "high"), [(0.1, 1000.0), (21.0, 48.0), (0.0206, 0.0288), (3.0, 3.0)]
+)
+def test_a_logarithmic_axis_has_two_numbers(browser, tmp_path, low, high):
+    line = Line(np.arange(3.0), np.array([low, high, low]), dotted=True)
+    chart = Chart("", ((Panel((line,), logarithmic=True),),))
+    page, wrong = opened(browser, chart, tmp_path)
+    ticks = page.evaluate(f"({MODELS})('FixedTicker')[0].ticks")
+    start, end = page.evaluate(
+        f"({MODELS})('Figure').map(f => [f.y_range.start, f.y_range.end])[0]"
+    )
+    assert 1 < sum(start <= x <= end for x in ticks) < 14
+    assert not wrong
+    page.close()
+
+
+def test_dashed_levels_are_in_view(browser, tmp_path):
+    line = Line(np.arange(3.0), np.array([30.0, 20.0, 10.0]), dotted=True)
+    panel = Panel((line, Level(0.2, dashed=True)), logarithmic=True, x_names=("a", "b", "c"))
+    page, wrong = opened(browser, Chart("", ((panel,),)), tmp_path)
+    ends = page.evaluate(f"({MODELS})('Figure').map(f => [f.y_range.start, f.y_range.end])[0]")
+    assert 0.1 < ends[0] < 0.2
+    assert ends[1] > 30
+    assert not wrong
+    page.close()

@@ -75,8 +75,11 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     ...columns({x0: values.map((v, i) => v - errors[i]), x1: values.map((v, i) => v + errors[i]),
                 y0: at, y1: at}), line_color, line_width: 1.5})
 
+  const inView = (m) => m.kind === "Level" && m.dashed && !m.upright && m.value !== null
+
   function level(fig, m) {
     if (m.value === null) return
+    if (inView(m)) fig.scatter({x: [ends().start], y: [m.value], size: 0}).visible = false
     const style = {line_color: m.colour, line_dash: m.dashed ? "dashed" : "solid"}
     fig.add_layout(new Bokeh.Span({location: m.value, dimension: m.upright ? "height" : "width", ...style}))
     const {start, end} = ends(), late = 2 * m.value > start + end // then it has room on the left
@@ -110,7 +113,8 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
         lines[lines.length - 1] += word
       }
     }
-    return lines.filter((each) => each).join("\n").split(/\n+/).map((each) => each.length <= most ? each : `${each.slice(0, most - 1)}…`).join("\n")
+    return lines.map((each) => each.trim()).filter((each) => each) // names of joints differ at their end
+      .map((each) => each.length <= most ? each : `…${each.slice(1 - most)}`).join("\n")
   }
 
   function named(axis, names, text, looks) {
@@ -168,9 +172,12 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
       named(axis, names, fitting(panel.y, panel.height - 30), {visible: !inner})
     }
     if (panel.logarithmic) { // numbers below 1 too, as few as there is room for
-      const sizes = panel.marks.flatMap((m) => "y" in m ? [...numbers[m.y]] : []).filter((y) => y > 0)
-      const decades = Math.log10(Math.max(...sizes) / Math.min(...sizes))
-      const ticks = Array.from({length: 24}, (_, i) => i - 12).flatMap((i) => (decades > 3 ? [1] : [1, 2, 5]).map((x) => Number(`${x}e${i}`)))
+      const sizes = panel.marks.flatMap((m) => "y" in m ? [...numbers[m.y]] : inView(m) ? [m.value] : []).filter((y) => y > 0)
+      const low = Math.min(...sizes), high = Math.max(...sizes)
+      const steps = [[1, 2, 5], [1, 2, 3, 4, 5, 6, 7, 8, 9], Array.from({length: 90}, (_, i) => (10 + i) / 10)]
+      if (high > 1000 * low) steps.unshift([1])
+      const choices = steps.map((own) => Array.from({length: 24}, (_, i) => i - 12).flatMap((i) => own.map((x) => Number(`${x}e${i}`))))
+      const ticks = choices.find((own) => own.filter((x) => low <= x && x <= high).length > 1) ?? choices[0]
       fig.yaxes[0].setv({ticker: new Bokeh.FixedTicker({ticks}), major_label_overrides: new Map(ticks.map((x) => [x, plain(String(x))]))})
     }
     for (const axis of [...fig.xaxes, ...fig.yaxes]) {
