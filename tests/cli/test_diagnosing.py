@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -90,7 +91,7 @@ def test_laws_that_are_found_before_ctrl_c_are_kept(robots, tmp_path, monkeypatc
         assert "missing: cable:elbow" in outcome.out  # in whose place the law would be
     else:
         assert "interrupted before the laws of wrist;" in outcome.err
-        assert "A formula explains it: torque of elbow = " in outcome.out
+        assert "but a formula does: torque of elbow = " in " ".join(outcome.out.split())
         assert "law_elbow.py" in written
         assert f"{tmp_path / 'out'}/law_elbow.py" in (tmp_path / "out" / "report.html").read_text()
 
@@ -357,3 +358,38 @@ def test_ctrl_c_in_the_next_experiment_keeps_the_diagnosis(
     assert outcome.status == 130
     assert json.loads((tmp_path / "diagnosis.json").read_text())["verdict"] == "missing"
     assert "the next experiment" in outcome.err.splitlines()[-1]
+
+
+def test_ctrl_c_says_how_to_go_on(arm_folder, tmp_path, monkeypatch, ident):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    log, out = arm_folder / "run.csv", tmp_path / "out"
+    monkeypatch.setattr(sys.modules["ident.diagnosis.grow"], "candidates_of", stop)
+    outcome = ident("grow", arm_folder, log)
+    assert "note: with --out DIR" in outcome.err
+    assert outcome.err.rstrip().endswith(f"begin again with: ident grow {arm_folder} {log}")
+    monkeypatch.setattr("ident.diagnosis.diagnose", stop)
+    outcome = ident("diagnose", arm_folder, log, "--out", out)
+    assert (outcome.status, outcome.out) == (130, "")
+    look = f"ident compare {arm_folder} {log} --fit {out / 'fit.json'}"
+    assert look in outcome.err
+    again = f"ident diagnose {arm_folder} {log} --out {out}"
+    assert outcome.err.rstrip().endswith(f"begin again with: {again}")
+    assert "where it fails" in ident(*look.split()[1:]).out
+
+
+@pytest.mark.parametrize("verb", ["identify", "diagnose", "compare"])
+def test_notes_follow_the_result(verb, arm_folder, tmp_path):
+    out, log = tmp_path / "out", arm_folder / "run.csv"
+    run = [sys.executable, "-m", "ident"]
+    if verb == "compare":
+        subprocess.run([*run, "identify", arm_folder, log, "--out", tmp_path / "fit"], check=True)
+    fit = ["--fit", tmp_path / "fit"] if verb == "compare" else []
+    words = [*run, verb, arm_folder, log, *fit, "--out", out]
+    both = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=True)
+    lines = both.stdout.decode().splitlines()
+    first = next(i for i, line in enumerate(lines) if line.startswith("note: "))
+    assert first > 3
+    assert f"note: wrote {out / 'report.html'}" in lines[first:]
+    assert all(line.startswith("note: ") for line in lines[first:])

@@ -68,6 +68,7 @@ def test_what_is_done_is_kept_after_ctrl_c(run, tmp_path, monkeypatch):
     status, out, err = run(*words, "--out", str(tmp_path))
     assert status == 130
     assert "1 run at 60, 50 dB each" in out
-    assert "1 of 9 runs are done" in err
+    assert "1 of 9 runs are done and kept" in err
+    assert "all of them, these too, with: ident montecarlo " in err
     rows = (tmp_path / "runs.csv").read_text().splitlines()[1:]
     assert {row.split(",")[1] for row in rows} == {"60.0", "50.0"}

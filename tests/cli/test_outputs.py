@@ -268,7 +268,8 @@ def test_ctrl_c_is_one_line(slider, tmp_path, monkeypatch, ident):
     assert outcome.out == ""
     (line,) = outcome.err.splitlines()
     assert line.startswith("interrupted")
-    assert line.endswith("no file was written")
+    again = f"ident identify {slider} {slider / 'run.csv'} --out {tmp_path / 'out'}"
+    assert line.endswith(f"no file was written; begin again with: {again}")
     assert not (tmp_path / "out").exists()
 
 

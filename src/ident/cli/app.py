@@ -50,6 +50,7 @@ _steps: list[str] = []  # the present step of the command, for the line that Ctr
 _bars: list[Bar] = []  # the bar of progress that is shown
 _resumed: list[bool] = []  # whether the command can go on later
 _written: list[Path] = []  # files that the command has written
+_held: list[str] = []  # notes that wait for the result
 
 
 def starting(what: str) -> None:
@@ -108,9 +109,17 @@ def close_pipe() -> None:
 
 
 def notes(lines: Iterable[str]) -> None:
-    """Write notes to standard error, one line each; several of one kind are one line."""
-    for each in merged(lines):
+    """Write notes to standard error, one line each, first those that were held back; several of one
+    kind are one line.
+    """
+    held, _held[:] = [*_held], []
+    for each in merged([*held, *lines]):
         remark(f"note: {each}")
+
+
+def notes_later(lines: Iterable[str]) -> None:
+    """Hold notes back until the next ones, which follow the result, or the end of the command."""
+    _held.extend(lines)
 
 
 def wrote(paths: Iterable[Path]) -> None:
@@ -130,9 +139,11 @@ def interrupted() -> str:
     """Return one line for Ctrl-C: which step was left, and which files are complete."""
     files = "finished rounds are saved" if _resumed else "no file was written"
     files = f"complete: {', '.join(map(str, _written))}" if _written else files
+    again = running.get()
     if _resumed:
-        again = running.get() + " --resume" * ("--resume" not in running.get())
-        files += f"; go on with: {again}"
+        files += f"; go on with: {again}{' --resume' * ('--resume' not in again)}"
+    elif again:
+        files += f"; begin again with: {again}"
     return f"interrupted{''.join(f' while {step}' for step in _steps)}; {files}"
 
 
@@ -163,10 +174,13 @@ def ended_quietly() -> Iterator[None]:
 
     These are the statuses that a shell reports of a program that ends by the signal.
     """
-    for state in (_starting, _steps, _bars, _written, _resumed):
+    for state in (_starting, _steps, _bars, _written, _resumed, _held):
         state.clear()
     try:
-        yield
+        try:
+            yield
+        finally:
+            notes(())  # those that are held back
     except KeyboardInterrupt:
         remark(interrupted())
         sys.exit(130)

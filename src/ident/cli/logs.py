@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import webbrowser
 from collections.abc import Mapping
@@ -203,14 +204,16 @@ def _show(
     from ident.show.fit import summary
 
     known = None if reactions is None else fit.compare_multipliers(read_log(reactions))
+    written: list[Path] = []
     if out is not None:
-        wrote(gathered.write(out, known) if gathered else write_fit(fit, out, known))
+        written = gathered.write(out, known) if gathered else write_fit(fit, out, known)
     if json:
         result_json(fit_json(fit))
     else:
         result(gathered.summary if gathered else summary(fit))
         if known is not None:
             result(f"\n{known}")
+    wrote(written)
     notes(gathered.notes if gathered else fit.warnings)
     try:
         notes([str(fit.unexcited)] if fit.unexcited else [])
@@ -285,15 +288,17 @@ def compare(
                 window=WINDOW if window is None else window,
                 progress=part(on_progress, end, 1.0),
             )
+    written: list[Path] = []
     if plot is not None:
         (replayed or comparison).plot().save(plot)
-        wrote([plot])
+        written.append(plot)
     if out is not None:
-        wrote(write_all(out, comparison_files(comparison, replayed)))
+        written += write_all(out, comparison_files(comparison, replayed))
     if json:
         result_json(comparison_json(comparison, replayed))
     else:
         result("\n\n".join(map(str, filter(None, (comparison, replayed)))))
+    wrote(written)
     notes(motion.notes)
     if good_enough is not None:
         residual = [*comparison.residuals.values()][-1]
@@ -368,16 +373,19 @@ def diagnose(
             except KeyboardInterrupt:  # the fit is done
                 if out is not None:
                     from ident.fit.files import write_fit
+                    from ident.show.html import next_command
 
                     wrote(write_fit(fit, out))
+                    look = next_command("compare").replace("OTHER.csv", shlex.join(map(str, logs)))
+                    notes([f"{out} has the fit that was diagnosed; where it fails: {look}"])
                 raise
         written = [] if out is None else found.write(out)
         text = "" if json else str(found) if verbose else found.short
-    wrote(written)
     if json:
         result_json(found.json())
     else:
         result(text)
+    wrote(written)
     notes(remarks)
     lost = [f"the laws of {', '.join(left)}"] if (left := getattr(found, "unsearched", ())) else []
     advice = getattr(found, "advice", None)  # none of many logs
@@ -449,14 +457,16 @@ def grow(
         except KeyboardInterrupt:
             if out is not None and fits:
                 wrote(write_all(out, model_files(fits[-1])))
+            if out is None:
+                notes(["with --out DIR a run that is interrupted keeps its rounds and can go on"])
             raise
         text = str(history.diagnosis) if verbose else history.short
-    wrote(written)
     can_resume(False)
     if json:
         result_json(history.json())
     else:
         result(f"{noise_rung(history)}\n\n{text}")
+    wrote(written)
     notes(history.fit.warnings)
 
 

@@ -45,7 +45,7 @@ from ident.cli.options import (
     value,
     with_effect,
 )
-from ident.display import part
+from ident.display import part, running
 from ident.errors import IdentError, one_of
 
 
@@ -381,11 +381,12 @@ def excite(
     if out is None and not found.finished:  # no seed repeats it
         free = (Path(f"{found.name}_excited{i or ''}.csv") for i in count())
         out = next(path for path in free if not path.exists())
-    for path, write in ((out, found.write), (plot, lambda path: found.plot().save(path))):
+    files = ((out, found.write), (plot, lambda path: found.plot().save(path)))
+    for path, write in files:
         if path is not None:
             write(path)
-            wrote([path])
     result(found)
+    wrote(path for path, _ in files if path is not None)
     look = f"look at it: ident view {place_of(mechanism)} {out}" if out else (
         "no file was written: repeat the command with --out next.csv"
     )  # fmt: skip
@@ -467,12 +468,14 @@ def montecarlo(
                 raise
             broken.append(f"{each.name}: left out: {error}")
             continue
-        if out is not None:
-            wrote(found.write(out / each.name if several else out))
+        written = [] if out is None else found.write(out / each.name if several else out)
         result(found)
+        wrote(written)
         if found.runs < runs:
-            text = f"interrupted: {found.runs} of {runs} runs are done and kept"
-            notes([f"{text}; the same seed repeats them"])
+            text = f"interrupted: {found.runs} of {runs} runs are done"
+            text += " and kept" if out is not None else ""
+            again = f"all of them, these too, with: {running.get()}" * bool(running.get())
+            notes([f"{text}; the same seed repeats them{again and f'; {again}'}"])
             sys.exit(130)
         studies.append(found)
     if not studies:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ident.cli.app import notes
+from ident.cli.app import notes_later
 from ident.display import Inputs, folder, inputs
 from ident.errors import IdentError
 from ident.files import check_writable
@@ -228,7 +228,8 @@ def mechanism_of(
     if hands := _unlogged_hands(mechanism, logs):
         locked |= dict.fromkeys(hands, None)
         mechanism = load(path, allow_code=allow_code, locked=locked)
-        notes([f"nothing is logged of {', '.join(hands)}, parts of a hand: held where they start"])
+        held = f"nothing is logged of {', '.join(hands)}, parts of a hand: held where they start"
+        notes_later([held])
     for effect in effects or ():
         mechanism = with_effect(mechanism, effect, allow_code=allow_code)
     return in_absolute(mechanism) if absolute else mechanism
