@@ -264,9 +264,10 @@ class DataChecks:
         names = zip(self.problem.motion.independent, self.misfit, strict=True)
         worse = tuple(name for name, times in names if times > WORSE)
         if worse and self.faults[1] is None:
+            most = two_digits(np.sqrt(self.misfit.max()))
             text = (
                 f"{', '.join(worse)}: at reversals, below 3 % of the top speed, errors are up to "
-                f"{np.sqrt(self.misfit.max()):.2g} times as large: dry friction is no step there"
+                f"{most} times as large: dry friction is no step there"
             )
             remedy = (
                 "standard errors hold what these rows do to parameters; a diagnosis names friction "
@@ -346,7 +347,7 @@ class DataChecks:
             [f"{percent(errors[bad][i])} of {where[i]}" for i in most], 2
         )
         if worst < LEAVES:
-            text += f", up to {beyond[bad].max():.2g} times what noise of the sensors makes"
+            text += f", up to {two_digits(beyond[bad].max())} times what noise of the sensors makes"
         if self.faults[1] is not None:
             text += ": what is named above explains it"
         else:

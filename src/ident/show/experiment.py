@@ -146,7 +146,7 @@ def _proposed(d: Diagnosis, p: Proposal) -> str:
     text = (
         f"{_capital(described(p.trial, present(d.fit.mechanism, d.fit.motion)))}: "
         f"{some([each.label for each in p.apart])} then differ by at least "
-        f"{p.separation:.2g} standard errors in a log as long as this one; log about "
+        f"{two_digits(p.separation)} standard errors in a log as long as this one; log about "
         f"{two_digits(p.seconds)} s of it to be sure"
     )
     if p.alike:
@@ -160,7 +160,8 @@ def _no_motion(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) ->
     most = max((each.separation(pair) for pair in pairs for each in tried), default=0.0)
     why = "they need the same torques in all that were tried"
     if most:
-        why = f"at best they differ by {most:.2g} standard errors in a log as long as this one"
+        size = f"{two_digits(most)} standard errors"
+        why = f"at best they differ by {size} in a log as long as this one"
     return (
         f"{_capital(without_motion(d, effects))}: no motion of this mechanism tells {names} apart, "
         f"{why}."

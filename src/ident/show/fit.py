@@ -42,7 +42,7 @@ from ident.show.laws import body_words
 from ident.show.motion import made_of, understood
 from ident.show.residual import error_rows, errors_section, plot_forces, residual_sections, short
 from ident.show.sheet import Sheet
-from ident.text import listed, percent, rounded, shortened, some
+from ident.text import listed, percent, rounded, shortened, some, two_digits
 
 MOST = 60  # parameters in one chart
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
@@ -73,7 +73,7 @@ def binding(x: Binding) -> str:
         return "physically consistent, without any limit holding it back"
     rises = {"error": x.rise, "held-out error": x.held_out_rise}
     costs = ", ".join(
-        f"{name} {100 * rise:+.2g} %" if rise < 1 else f"{name} {1 + rise:.2g}-fold"
+        f"{name} {100 * rise:+.2g} %" if rise < 1 else f"{name} {two_digits(1 + rise)}-fold"
         for name, rise in rises.items() if rise is not None
     )  # fmt: skip
     return f"physically consistent ({costs}); held back by: {'; '.join(x.active)}"
@@ -291,7 +291,7 @@ def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
     if not x.changed:
         return (
             f"Nothing has changed since {since}: none of {n} parameters differs by more than "
-            f"{x.least:.2g} standard errors, the most {abs(x.compared[0].z):.2g}{apart}."
+            f"{x.least:.2g} standard errors, the most {two_digits(abs(x.compared[0].z))}{apart}."
         )
     first = [f"{shortened(c.after.name, 40)} ({_then_now(c)} {c.after.unit})" for c in x.changed]
     count = len(first)
