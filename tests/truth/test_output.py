@@ -15,6 +15,8 @@ import ident
 from helpers import ROBOTS
 from ident import Diagnosis, IdentError
 from ident.files import plain
+from ident.show.diagnosis import candidate_rows, card
+from ident.show.ladder import history_card
 from pages import charts, read_page, reading, titles
 
 NUMBER, NUMBER_OR_NONE = (int, float), (int, float, type(None))
@@ -151,6 +153,35 @@ def test_pictures():
     (axis,) = d.plot().axes
     named = [text.get_text() for text in axis.get_yticklabels()]
     assert named[: 1 + len(d.rivals)] == [d.best.label, *(each.label for each in d.rivals)]
+
+
+@pytest.mark.parametrize("make", [lacking, lawful, loop], ids=lambda f: f.__name__)
+def test_the_chart_of_candidates_has_the_order_of_their_table(make):
+    d = make()
+    (panel,) = d.plot().panels
+    table = [row[0].strip("*= ") for row in candidate_rows(d)]
+    drawn = [name.partition(" in ")[0] for name in panel.y_names]
+    assert [name for name in drawn if name in table] == [name for name in table if name in drawn]
+
+
+def test_errors_with_a_law_are_in_the_file_as_in_the_card():
+    d = lawful()
+    after = {each["joint"]: each["relative_after"] for each in d.json()["where"]}
+    assert after == {bar.joint: bar.after.relative for bar in card(d).bars}
+    assert after["elbow"] < 0.5 * d.fit.held_out["elbow"].relative
+
+
+def test_the_card_of_a_grown_model_has_its_law_and_its_rivals():
+    d, history = lawful(), grown()
+    top = history_card(replace(history, diagnosis=d))
+    assert top.bars[0].joint == d.laws[0].felt
+    assert top.bars[0].after == d.laws[0].after[d.laws[0].felt]
+    label = history.added[0].label
+    assert history_card(history).sure.startswith(f"Added: {label}")
+    rivals = history.mechanism.with_effect("cable:wrist").effects[-1:]
+    steps = [replace(step, rivals=rivals * bool(step.added)) for step in history.steps]
+    said = history_card(replace(history, steps=tuple(steps))).sure
+    assert f"{label} or cable:wrist, which this data cannot tell apart. " in said
 
 
 def test_a_grown_folder_is_a_mechanism_again(tmp_path):

@@ -335,11 +335,9 @@ def candidate_rows(d: Diagnosis) -> Rows:
     `*` marks what is named, `=` what this data cannot tell from it.
     """
     rows = [["effect", "joint", "error", "by chance", "visible", "values"]]
-    groups: dict[tuple[str, str], list[Explanation]] = {}
     shown = [each for each in d.every if each in d.candidates or mark(d, each) == "*"]
-    for each in shown:
-        groups.setdefault((mark(d, each), each.effect.kind), []).append(each)
-    for (sign, _), group in groups.items():
+    for group in alike(d, shown):
+        sign = mark(d, group[0])
         if len(group) > 1:
             name = named(each.effect for each in group)
             best = max(group, key=lambda each: each.evidence.gain)
@@ -348,6 +346,14 @@ def candidate_rows(d: Diagnosis) -> Rows:
         indent = "  " * (len(group) > 1)
         rows += [[f"{indent}{sign} {each.effect.label}", *_cells(d, each)] for each in group]
     return rows
+
+
+def alike(d: Diagnosis, shown: Iterable[Explanation]) -> list[list[Explanation]]:
+    """Return candidates of one kind and mark together, in the order of the first of each."""
+    groups: dict[tuple[str, str], list[Explanation]] = {}
+    for each in shown:
+        groups.setdefault((mark(d, each), each.effect.kind), []).append(each)
+    return list(groups.values())
 
 
 def _cells(d: Diagnosis, each: Explanation) -> list[str]:
@@ -517,7 +523,7 @@ def _nearest(d: Diagnosis) -> list[str]:
         return []
     return [
         "What lowers the held-out error most, in multiples of what chance does: "
-        f"{listed(f'{name} {gain:.2g} ×' for name, gain in best)}."
+        f"{listed(f'{name} {two_digits(gain)} ×' for name, gain in best)}."
     ]
 
 

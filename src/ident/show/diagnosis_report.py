@@ -21,9 +21,11 @@ from ident.fit.residual import Failure, Residual, residual_of
 from ident.show.charts import FAINT, RESIDUAL, Chart, Dots, Level, Line, Panel
 from ident.show.diagnosis import (
     CLAIMS,
+    alike,
     beside,
     candidate_rows,
     card,
+    errors_with,
     experiment_steps,
     held_out,
     mark,
@@ -77,27 +79,23 @@ def plot_candidates(d: Diagnosis) -> Chart:
     """Draw the error of its joint without and with each candidate, and what noise would leave."""
     named = [each for each in d.every if mark(d, each) != " "]
     others = [each for each in d.every if each not in named][: max(BARS - len(named), 0)]
+    shown = [each for group in alike(d, [*named, *others]) for each in group]
 
     def bar(x: Explanation) -> Bar:
         return Bar(x.joint, x.before[x.joint], x.after[x.joint], d.floor[x.joint])
 
-    def fall(x: Explanation) -> float:
-        return bar(x).sizes[1] - bar(x).sizes[0]
-
-    shown = [*sorted(named, key=fall), *sorted(others, key=fall)]
     before, after, noise = (
         100 * np.array([size or 0.0 for size in sizes])
         for sizes in zip(*(bar(x).sizes for x in shown), strict=True)
     )
     at, none = np.arange(len(shown), dtype=float), np.zeros(len(shown))
     alone = len(d.floor) == 1  # joint, whose error is meant
-    n = len(named)
     marks = [Dots(at, before, none, "as it is", FAINT)]
-    if n:
-        label = "with it: named, or not distinguishable from that"
-        marks.append(Dots(at[:n], after[:n], none[:n], label, 0))
-    if others:
-        marks.append(Dots(at[n:], after[n:], none[n:], "with it: others", 1))
+    labels = "with it: named, or not distinguishable from that", "with it: others"
+    for i, (label, own) in enumerate(zip(labels, (named, others), strict=True)):
+        of = np.array([each in own for each in shown], dtype=bool)
+        if own:
+            marks.append(Dots(at[of], after[of], none[of], label, i))
     panel = Panel(
         (*marks, Dots(at, noise, none, "noise alone", RESIDUAL, upright=True)),
         "held-out error of the joint [%]",
@@ -288,7 +286,7 @@ def _noise(d: Diagnosis, joint: str) -> float | None:
 
 def _where(d: Diagnosis, failure: Failure) -> dict[str, Any]:
     """Return the failure of a joint with its held-out error, before and after, as in the text."""
-    joint, after = failure.joint, d.after[failure.joint]
+    joint, after = failure.joint, (errors_with(d) or d.after)[failure.joint]
     return {
         **held_out(d, failure).json, "floor": d.floor[joint], "noise": _noise(d, joint),
         "rms_after": after.rms, "relative_after": after.relative,

@@ -28,7 +28,7 @@ from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
 from ident.show.charts import Chart, Level, Line, Mark, Panel
-from ident.show.diagnosis import card, in_order, noise_errors, short, verdict_line
+from ident.show.diagnosis import card, errors_with, in_order, noise_errors, short, verdict_line
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.html import (
     OTHER,
@@ -368,14 +368,33 @@ def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
 
 def history_card(history: History) -> Card:
     """Return the verdict on what is left, what was added, and the error before and after."""
-    d, first, errors = history.diagnosis, history.steps[0].errors, errors_of(history.fit)
-    top, added = card(d, history.added), named(history.added) if history.added else "nothing"
-    last = d.group or next((s.added for s in history.steps[::-1] if s.added), ())
+    d, first, top = (
+        history.diagnosis,
+        history.steps[0].errors,
+        card(history.diagnosis, history.added),
+    )
+    errors = {**errors_of(history.fit), **errors_with(d)}
+    last = next((s.added for s in history.steps[::-1] if s.added), ())
     own = [joint for effect in last for joint in effect.joints]
+    if d.best is not None or d.laws:
+        own = [d.candidates[0].joint if d.best is not None else d.laws[0].felt]
     bars = in_order((Bar(j, first[j], e, d.floor[j]) for j, e in errors.items()), *own[:1])
     if d.verdict == "nothing":
         top = replace(top, command=next_command("compare", history.added))
-    return replace(top, sure=f"Added: {added}. {top.sure}", bars=tuple(bars))
+    return replace(top, sure=f"Added: {_added(history)}. {top.sure}", bars=tuple(bars))
+
+
+def _added(history: History) -> str:
+    """Return what was added, and beside it what this data cannot tell from it."""
+    open_ = [step for step in history.steps if step.rivals and step.added]
+    unsure = {effect.label for step in open_ for effect in step.added}
+    sure = [effect for effect in history.added if effect.label not in unsure]
+    parts = [named(sure)] * bool(sure)
+    for step in open_:
+        if kept := [effect for effect in step.added if effect in history.added]:
+            rivals = f"{named(kept)} or {named(step.rivals, 'or')}"
+            parts.append(f"{rivals}, which this data cannot tell apart")
+    return "; ".join(parts) or "nothing"
 
 
 @renders(History, "short")
