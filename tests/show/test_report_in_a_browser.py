@@ -15,7 +15,7 @@ import ident
 from helpers import ROBOTS
 from ident.cli.app import main
 from ident.show.charts import MEASURED, Chart, Level, Line, Panel
-from ident.show.html import Page, Section
+from ident.show.html import Card, Page, Section, code
 from identification import motion_log, plant, robot
 from pages import DRAWN, PAINTED, WRITTEN, assert_legible, overlapping, titles
 
@@ -216,6 +216,29 @@ def test_keys_and_buttons_zoom_all_charts_of_time(opened, diagnosed):
     page.keyboard.press("0")
     assert start(page, number) == whole
     assert not wrong
+
+
+def test_commands_are_broken_between_words(opened, tmp_path):
+    words = "ident identify robots/four_bar robots/four_bar/run.csv --with viscous --with coulomb "
+    words += (
+        "--with torque_offset:a_joint --separate coulomb:a_joint viscous:a_joint --out next.csv"
+    )
+    path = tmp_path / "report.html"
+    top = Card("x", f"Beside it: `{words}`.", command=words)
+    path.write_bytes(Page("x", top, (Section("y", (code(words),)),)).html())
+    page, _ = opened(path, width=320)
+    lines = """(e) => [...e.querySelectorAll("span")].map((x) => x.getClientRects().length &&
+        x.getBoundingClientRect().height < 1.9 * parseFloat(getComputedStyle(x).fontSize))"""
+    for place in page.locator("pre, p code").all():
+        whole = place.evaluate(lines)
+        assert len(whole) > 10
+        assert all(whole)
+        assert (
+            place.evaluate(
+                "(e) => { getSelection().selectAllChildren(e); return getSelection().toString() }"
+            ).strip()
+            == words
+        )  # what is copied
 
 
 def test_light_and_dark_and_print(opened, diagnosed):

@@ -172,6 +172,21 @@ def test_joints_with_long_names_are_numbered():
     assert len(line) == len(more[-1])
 
 
+def test_a_label_in_the_ladder_is_whole():
+    """In its column, or on a line of its own."""
+    step = grown().steps[0]
+    for name, own in (("j2s6s200_joint_", False), ("a_rather_long_name_of_a_joint_", True)):
+        joints = [f"{name}{i}" for i in range(6)]
+        errors = {joint: step.errors["yaw"] for joint in joints}
+        offset = ident.effect("torque_offset", joints[1])
+        first, *more = rung(replace(step, errors=errors, added=(offset,)), joints).splitlines()
+        assert first.startswith(f"+ {offset.label}")
+        assert (first == f"+ {offset.label}") is own
+        assert len(more) == own
+        if not own:
+            assert len(first) == len(head(joints).splitlines()[-1])
+
+
 def test_an_error_without_measure_is_no_huge_percentage():
     assert percent(None) == "–"
     assert percent(0.00129) == "0.129 %"

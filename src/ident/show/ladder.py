@@ -244,6 +244,7 @@ def comparison_json(c: Comparison, replay: Replay | None = None) -> dict[str, An
 
 
 NAME, CELL = 30, 7  # characters of the columns
+LONG = "+ friction_width:"  # and a joint: as long as most labels are
 NOISE = "noise alone"
 CAPTION = "Held-out error, rung by rung"
 
@@ -266,16 +267,33 @@ def _columns(joints: Sequence[str]) -> list[str]:
     return list(joints) if wide <= width() else [f"[{i + 1}]" for i in range(len(joints))]
 
 
+def _room(joints: Sequence[str]) -> int:
+    """Return the characters of the column of effects: one of a joint is whole, if there is room."""
+    longest = len(LONG) + max(map(len, joints), default=0)
+    wide = longest + sum(2 + max(CELL, len(name)) for name in _columns(joints))
+    return max(NAME, longest) if wide <= width() else NAME
+
+
 def _row(first: str, cells: Sequence[str], joints: Sequence[str], last: str = "") -> str:
     columns = zip(cells, _columns(joints), strict=True)
     middle = [cell.rjust(max(CELL, len(name))) for cell, name in columns]
-    return "  ".join([first.ljust(NAME), *middle, last]).rstrip()
+    return "  ".join([first.ljust(_room(joints)), *middle, last]).rstrip()
 
 
 def rung(step: Step, joints: Sequence[str]) -> str:
     """Return one rung: what was added, and errors; ≈ marks those that are announced, not fitted."""
-    name, *rest = textwrap.wrap(changed(step), NAME, subsequent_indent="  ")
-    lines = [_row(name, cells(step.errors, joints), joints, "" if step.fit else "≈"), *rest]
+    room = _room(joints)
+    tied = changed(step).replace("+ ", "+\u00a0").replace("− ", "−\u00a0")  # sign and label
+    name, *rest = (
+        line.replace("\u00a0", " ")
+        for line in textwrap.wrap(
+            tied, room, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
+    )
+    own_line = [name] * (len(name) > room)
+    name = "" if own_line else name
+    row = _row(name, cells(step.errors, joints), joints, "" if step.fit else "≈")
+    lines = [*own_line, row, *rest]
     for log, errors in step.fit.validation.items() if step.fit else ():
         lines.append(_row(f"  on {log[-(NAME - 5) :]}", cells(errors, joints), joints))
     if step.rivals:

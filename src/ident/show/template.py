@@ -13,6 +13,21 @@ SHORT = 32  # characters of a cell that stays on one line
 NUMBER = re.compile(r"[-−+≈<–]? ?\d")  # the beginning of one
 
 
+def _whole(words: str) -> Markup:
+    """Return words that a page does not break at their hyphens and slashes, but between them."""
+    return Markup(
+        re.sub(
+            r"\S+",
+            lambda word: word[0] if word[0].isalnum() else f"<span>{word[0]}</span>",
+            str(escape(words)),
+        )
+    )
+
+
+def _code(between: re.Match[str]) -> str:
+    return f"<code>{_whole(Markup(between[1]))}</code>"
+
+
 @cache
 def _macros() -> Any:
     """Return the macros of the template, compiled at the first use."""
@@ -24,7 +39,8 @@ def _macros() -> Any:
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.globals["text_of"] = lambda name: Markup(text_of(name))
     environment.filters |= {
-        "code": lambda words: Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(words)))),
+        "code": lambda words: Markup(re.sub(r"`([^`]*)`", _code, str(escape(words)))),
+        "whole": _whole,
         "tied": lambda cell: re.sub(" " if len(cell) <= SHORT else r"(?<=\d) ", "\u00a0", cell),
         "worded": lambda rows: [
             not any(map(NUMBER.match, x)) for x in zip(*rows[1:], strict=False)
