@@ -257,6 +257,9 @@ def test_a_folded_report_prints_all_charts_as_wide_as_paper(browser, diagnosed):
     page = browser.new_page(viewport={"width": 1400, "height": 900}, color_scheme="dark")
     page.goto(diagnosed[1].as_uri())
     page.evaluate("""() => addEventListener("beforeprint", () => { // after the page's own
+      const scene = document.querySelector(".scene canvas")
+      const {data} = scene.getContext("2d").getImageData(0, 0, scene.width, scene.height)
+      window.halo = data.filter((x, i) => i % 4 === 0 && x === 20 && data[i + 1] === 23 && data[i + 2] === 28 && data[i + 3] === 255).length
       window.paper = figures.filter(visible).map((f) => {
         const part = f.querySelector(f.matches(".scene") ? "canvas" : "svg.picture")
         const marks = part instanceof SVGElement ? part.querySelectorAll("path").length
@@ -266,6 +269,7 @@ def test_a_folded_report_prints_all_charts_as_wide_as_paper(browser, diagnosed):
     page.pdf(print_background=True)
     printed = page.evaluate("paper")
     assert len(printed) > 5
+    assert page.evaluate("halo") < 10  # pixels of the dark page, #14171c
     assert all(600 < width < 700 and marks > 10 for width, marks in printed), printed
     assert not page.locator("svg.picture").count()
     assert page.locator("figure.chart:visible").first.bounding_box()["width"] > 1200

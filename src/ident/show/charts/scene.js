@@ -1,5 +1,8 @@
 // Draws a moving mechanism, given as the data of ident.show.view3d.scene, into a canvas: faces from
 // far to near, without a graphics card. `told(log, x)`: the user has chosen that moment.
+let onPaper = false // which is white, whatever the page is
+addEventListener("beforeprint", () => { onPaper = true })
+addEventListener("afterprint", () => { onPaper = false })
 function drawScene(scene, place, told) {
   const numbers = scene.arrays.map(unpacked)
   const make = (tag, attributes) => Object.assign(document.createElement(tag), attributes)
@@ -124,7 +127,7 @@ function drawScene(scene, place, told) {
     for (const [text, [x, y], colour] of named.sort((a, b) => a[1][1] - b[1][1])) {
       const line = beside ? Math.max(below, Math.min(y + 4, height - 6)) : below
       below = line + 18
-      art.strokeStyle = getComputedStyle(document.body).backgroundColor // readable over the machine
+      art.strokeStyle = onPaper ? "white" : getComputedStyle(document.body).backgroundColor // readable over the machine
       art.lineWidth = 4
       art.strokeText(text, left, line)
       art.strokeStyle = art.fillStyle = "#d1495b"
@@ -202,6 +205,7 @@ function drawScene(scene, place, told) {
   }, {passive: false})
   new ResizeObserver(repaint).observe(canvas)
   addEventListener("beforeprint", paint)
+  addEventListener("afterprint", repaint)
   paint()
   load(film)
   return (log, x) => {
