@@ -102,3 +102,15 @@ def test_search_finds_words_of_docstrings_and_pages(site):
     index = (site / "searchindex.js").read_text(encoding="utf-8")
     for word in ("stribeck", "multipli", "mechan"):
         assert word in index
+
+
+@pytest.mark.parametrize("width", [1400, 400])
+def test_no_code_is_cut(browser, pages, width):
+    page = browser.new_page(viewport={"width": width, "height": 900}, offline=True)
+    for path in pages:
+        page.goto(path.as_uri())
+        cut = page.evaluate("""() => [...document.querySelectorAll("article pre")]
+            .filter((e) => e.scrollWidth > e.clientWidth + 1).map((e) => e.textContent)""")
+        assert not cut, (path.name, cut)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, path.name
+    page.close()

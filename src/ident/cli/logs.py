@@ -11,6 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
 from ident.cli.app import can_resume, close_pipe, notes, progress, result, result_json, wrote
 from ident.cli.options import (
     CHARTS,
@@ -328,7 +330,7 @@ def diagnose(
 
     for each in fail_on or ():
         if each not in VERDICTS:
-            raise IdentError(f"--fail-on {each}: is no verdict; {one_of(each, VERDICTS)}")
+            raise typer.BadParameter(f"--fail-on {each}: is no verdict; {one_of(each, VERDICTS)}")
     decision = rule.given
     mechanism = model.load(logs)
     output_folder(out, [*DIAGNOSIS_FILES, "logs.csv"], logs)
