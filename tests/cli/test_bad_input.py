@@ -290,6 +290,7 @@ USAGE = {
     "no motion": ("simulate robot", "MOTION"),
     "spacing in words": ("identify a b --basis linear --spacing wide", "--spacing"),
     "seed negative": ("simulate a b --seed -1", "--seed"),
+    "no verdict": ("diagnose a b --fail-on mising", "'missing'"),
     "option without value": ("identify a b --out", "--out"),
 }
 

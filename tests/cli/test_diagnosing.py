@@ -298,7 +298,6 @@ def test_other_commands_print_json_too(command, arm_folder, done):
 def test_what_decides_is_refused_before_the_work(arm_folder, tmp_path, refused):
     log = arm_folder / "run.csv"
     refused(("alpha = 0", "0.01 to 0.5"), "diagnose", arm_folder, log, "--alpha", "0")
-    refused(("--fail-on mising", "missing"), "diagnose", arm_folder, log, "--fail-on", "mising")
     refused(("--resume", "--out"), "grow", arm_folder, log, "--resume")
     refused(("growing.json",), "grow", arm_folder, log, "--resume", "--out", tmp_path / "no")
 
