@@ -1,8 +1,9 @@
-"""Makes the README's picture anew: the report of a diagnosis, as a browser shows it.
+"""Makes pictures anew: the README's, the report of a diagnosis as a browser shows it, and charts.
 
     python docs/pictures/make.py
 
-The machine is the one of `ident demo --seed 1`. Needs playwright and chromium.
+The machine is the one of `ident demo --seed 1`; charts are of the robots that are shipped. Needs
+playwright and chromium.
 """
 
 from __future__ import annotations
@@ -17,8 +18,12 @@ from playwright.sync_api import Page, sync_playwright
 
 import ident
 from ident.cli.demo import make_puzzle
+from ident.show.charts import Chart
+from ident.show.laws import plot_curve
+from ident.simulate.replay import replay
 
 PICTURE = Path(__file__).resolve().with_name("diagnosis.png")
+ROBOTS = PICTURE.parents[2] / "robots"
 SEED = 1
 WIDTH = 1280  # px
 COLOURS = 96
@@ -41,9 +46,35 @@ def main() -> None:
             png = shot(page)
             browser.close()
     picture = Image.open(io.BytesIO(png)).convert("RGB")
+    save(picture, PICTURE)
+    for name, chart in {"law": law(), "motion": motion()}.items():
+        still = Image.open(io.BytesIO(chart.image("png"))).convert("RGB")
+        save(still, PICTURE.with_name(f"{name}.png"))
+
+
+def save(picture: Image.Image, path: Path) -> None:
+    """Write a picture of few colours."""
     few = picture.quantize(COLOURS, dither=Image.Dither.NONE)
-    few.save(PICTURE, optimize=True)
-    print(f"{PICTURE.name}: {picture.width} × {picture.height}, {PICTURE.stat().st_size} bytes")
+    few.save(path, optimize=True)
+    print(f"{path.name}: {picture.width} × {picture.height}, {path.stat().st_size} bytes")
+
+
+def law() -> Chart:
+    """The curve of a magnet at the elbow of the arm, and its formula."""
+    mechanism = ident.load(ROBOTS / "arm").with_effect("viscous").with_effect("coulomb")
+    log = ident.read_log(ROBOTS / "arm" / "run.csv")
+    magnet = 0.86 / (1 + ((log.columns["q.elbow"] - 0.9) / 0.39) ** 2)
+    columns = log.columns | {"tau.elbow": log.columns["tau.elbow"] + magnet}
+    odd = ident.Log.from_arrays("odd.csv", log.t, columns)
+    d = ident.diagnose(ident.identify(mechanism, ident.complete(mechanism, odd)))
+    return plot_curve(d.curves[0], d.laws[0])
+
+
+def motion() -> Chart:
+    """The simulated motion of the four-bar against the measured one."""
+    mechanism = ident.load(ROBOTS / "four_bar").with_effect("viscous").with_effect("coulomb")
+    measured = ident.complete(mechanism, ROBOTS / "four_bar" / "run.csv")
+    return replay(ident.identify(mechanism, measured), motion=measured).plot()
 
 
 def diagnosed(folder: Path) -> Path:
