@@ -259,7 +259,8 @@ def test_a_folded_report_prints_all_charts_as_wide_as_paper(browser, diagnosed):
     page.evaluate("""() => addEventListener("beforeprint", () => { // after the page's own
       const scene = document.querySelector(".scene canvas")
       const {data} = scene.getContext("2d").getImageData(0, 0, scene.width, scene.height)
-      window.halo = data.filter((x, i) => i % 4 === 0 && x === 20 && data[i + 1] === 23 && data[i + 2] === 28 && data[i + 3] === 255).length
+      const dark = [20, 23, 28, 255]
+      window.halo = data.filter((_, i) => i % 4 === 0 && dark.every((x, j) => data[i + j] === x)).length
       window.paper = figures.filter(visible).map((f) => {
         const part = f.querySelector(f.matches(".scene") ? "canvas" : "svg.picture")
         const marks = part instanceof SVGElement ? part.querySelectorAll("path").length
