@@ -260,7 +260,8 @@ def test_a_folded_report_prints_all_charts_as_wide_as_paper(browser, diagnosed):
       const scene = document.querySelector(".scene canvas")
       const {data} = scene.getContext("2d").getImageData(0, 0, scene.width, scene.height)
       const dark = [20, 23, 28, 255]
-      window.halo = data.filter((_, i) => i % 4 === 0 && dark.every((x, j) => data[i + j] === x)).length
+      const is = (_, i) => i % 4 === 0 && dark.every((x, j) => data[i + j] === x)
+      window.halo = data.filter(is).length
       window.paper = figures.filter(visible).map((f) => {
         const part = f.querySelector(f.matches(".scene") ? "canvas" : "svg.picture")
         const marks = part instanceof SVGElement ? part.querySelectorAll("path").length
