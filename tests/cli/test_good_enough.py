@@ -2,6 +2,9 @@
 
 import json
 
+import numpy as np
+
+import ident
 from helpers import ROBOTS
 from ident.information.blocks import Error
 from ident.show.html import good_enough
@@ -41,6 +44,24 @@ def test_last_months_model_on_a_new_log(tmp_path, spoken):
     assert "status 3: elbow above --good-enough 1 %" in err
     status, text, _ = spoken("compare", ARM, tmp_path / new, *fit, "--good-enough", 10)
     assert (status, "Good enough? Yes" in text) == (0, True)
+
+
+def test_another_motion_of_a_model_that_lacks_friction_is_no_change(tmp_path, spoken):
+    true = ident.load(ARM).with_effect("viscous").with_effect("coulomb")
+    values = {name: 0.5 for effect in true.effects for name in effect.names}
+    t = np.arange(0.0, 10.0, 0.005)
+    for name, speed in (("slow", 1.0), ("fast", 2.2)):
+        random, q = np.random.default_rng(len(name) + int(speed)), {}
+        for joint in true.driven:
+            waves = ((random.uniform(0.2, 0.5), w, random.uniform(0, 6)) for w in (0.7, 1.3, 2.1))
+            q[f"q.{joint}"] = sum(a * np.sin(speed * w * t + phase) for a, w, phase in waves)
+        log = ident.Log.from_arrays(name, t, q)
+        made, _ = ident.simulate(true, log, values=values, noise=[ident.Noise("tau", 0.003, True)])
+        made.write(tmp_path / f"{name}.csv")
+    out = ("--with", "viscous", "--out", tmp_path / "fit")
+    assert spoken("identify", ARM, tmp_path / "slow.csv", *out)[0] == 0
+    _, text, _ = spoken("compare", ARM, tmp_path / "fast.csv", "--fit", tmp_path / "fit/fit.json")
+    assert "fast.csv: unchanged; the error is larger in " in " ".join(text.split())
 
 
 def test_a_fit_that_is_not_good_enough(spoken):
