@@ -110,7 +110,9 @@ def test_one_kind_at_several_joints_is_one_rung():
 def test_saved_it_is_a_mechanism_for_the_next_log(tmp_path):
     e = grown("viscous:elbow")
     files = e.write(tmp_path / "out")
-    assert {"arm.urdf", "mechanism.toml", "fit.json", "multipliers.csv"} == {f.name for f in files}
+    own = {"arm.urdf", "mechanism.toml", "fit.json", "multipliers.csv"}
+    assert {f.name for f in files} == own | {"covariance.csv"}  # of identified/
+    assert {f.name for f in files if f.parent == tmp_path / "out"} == own
     mechanism = ident.load(tmp_path / "out")
     assert [x.label for x in mechanism.effects] == ["viscous:elbow"]
     saved = ident.read_fit(tmp_path / "out" / "fit.json", mechanism)
