@@ -104,6 +104,16 @@ def test_the_present_folder_is_a_mechanism_too(monkeypatch):
     assert add_command(mechanism, [ident.effect("spring", "elbow")]).startswith("ident add . ")
 
 
+def test_a_folder_that_was_grown_is_diagnosed_with_its_bodies(given, tmp_path):
+    grown = tmp_path / "grown"
+    for name in ("mechanism.toml", "fit.json", "identified/mechanism.toml"):
+        (grown / name).parent.mkdir(parents=True, exist_ok=True)
+        (grown / name).touch()
+    given(logs=("new.csv",))
+    inputs.set(replace(inputs.get(), mechanism=str(grown)))
+    assert shlex.split(next_command("diagnose"))[2:] == [f"{grown}/identified", "new.csv"]
+
+
 def test_what_has_changed_since_a_fit_is_diagnosed_with_its_bodies(given):
     given(["--with", "coulomb", "--lock", "wrist"], logs=("new.csv",))
     inputs.set(replace(inputs.get(), fit="last month"))

@@ -15,7 +15,7 @@ from ident.diagnosis.unobservable import Invisible, Unsupported
 from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
-from ident.show.diagnosis import beside, in_order
+from ident.show.diagnosis import beside, certainty, in_order
 from ident.show.diagnosis import words as text_of
 from ident.show.html import Bar, named
 from ident.show.ladder import head, history_card, rung
@@ -238,3 +238,13 @@ def test_what_lowers_no_error_is_not_among_what_is_missing_too():
     strict = replace(d, decision=replace(d.decision, material=0.99))  # no error falls by as much
     assert not strict.also
     assert "That is not all" not in " ".join(beside(strict))
+
+
+def test_what_is_left_at_reversals_is_said_where_nothing_is_named(monkeypatch):
+    d, worse = clean(), Finding("reversals", "", "", ("elbow", "yaw"), 9.0, 4.0)
+    monkeypatch.setitem(vars(d.fit), "all_findings", (worse,))
+    assert "reversals" not in certainty(d)  # what is left is noise
+    quiet = replace(
+        d, floor={name: x / (9 if name == "elbow" else 1) for name, x in d.floor.items()}
+    )
+    assert "What is left in elbow goes with reversals" in certainty(quiet)

@@ -251,7 +251,7 @@ def compare(
     from ident.fit.files import read_fit
     from ident.fit.identify import compare as compare_
     from ident.fit.residual import floor_of
-    from ident.mechanism.load import is_fit
+    from ident.mechanism.load import has_identified
     from ident.show.ladder import comparison_files, comparison_json, judged
 
     acceptable.set(None if good_enough is None else good_enough / 100)
@@ -270,7 +270,7 @@ def compare(
         words += ["--absolute"] * absolute + ["--allow-code"] * allow_code
         words += [word for text in lock or () for word in ("--lock", text)]
         home = fit[0] if fit[0].is_dir() else fit[0].parent
-        known = str(home) * (len(fit) == 1 and is_fit(home))
+        known = str(home) * (len(fit) == 1 and has_identified(home))
         go_on_with(mechanism, logs, words, fit=known)
     inputs = [*logs, *fit]
     output_file(plot, CHARTS, inputs)

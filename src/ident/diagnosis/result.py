@@ -27,7 +27,6 @@ from ident.fit.residual import Failure
 from ident.fit.residual_maps import Periods
 from ident.fit.values import Value
 from ident.information.blocks import Error
-from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.text import rounded
 
@@ -350,26 +349,18 @@ class Diagnosis(Concluded):
         own = next(m for m in self.selection.members if m.label == self.best.label)
         others = (m for m in self.selection.named if m is not own)
         alike = leading([own, *others])
-        if len(alike) == 1:
-            return (own.effect,)
-        regression, columns = on_all_rows(self.selection.first.contest, alike)
-        richer = reweighted(regression.extended(np.concatenate([*columns.values()])))
+        before, after = errors_of(self.fit), self._errors_with(alike)
 
-        def squares(model: PartialRegression) -> np.ndarray:
-            old, new = (x.losses.sum(axis=0) / x.weight**2 for x in (regression, model))
-            errors = announced_errors(errors_of(self.fit), old, new)
-            return np.array([e.rms**2 for e in errors.values()])
+        def matters(m: Member) -> bool:
+            joint = self._joint_of(m)
+            rest = announced_with(
+                self.fit, self.selection, [each for each in alike if each is not m]
+            )
+            e = before[joint]
+            torque = (e.rms / e.relative) ** 2 if e.relative else 0.0
+            return self.decision.matters(rest[joint].rms ** 2, after[joint].rms ** 2, torque)
 
-        after, names = squares(richer), self.fit.motion.independent
-        torque = [(e.rms / e.relative) ** 2 if e.relative else 0.0
-                  for e in errors_of(self.fit).values()]  # fmt: skip
-        kept = [own.effect]
-        for m in (m for m in alike if m is not own):
-            u = names.index(self._joint_of(m))
-            without = squares(richer.without(columns[m.label]))
-            if self.decision.matters(without[u], after[u], torque[u]):
-                kept.append(m.effect)
-        return tuple(kept)
+        return tuple(m.effect for m in alike if m is own or matters(m))
 
     def _joint_of(self, member: Member) -> str:
         """The independent coordinate whose error a member lowers most."""

@@ -174,11 +174,14 @@ class Search:
     def superfluous(self, now: EffectSet, bare: EffectSet, member: Member) -> bool:
         """Return whether a set is no worse without a member than chance makes it.
 
-        What every machine has needs no evidence that it is there, only that it is not noise.
+        What every machine has needs no evidence that it is there, only that it is not noise, and
+        that the others do not have its columns, as a spring with preload has those of an offset.
         """
         if member.effect.common:
+            if bare.regression.gains([member.columns]).visible[0] < HIDDEN:
+                return True
             D = (bare.regression.losses - now.regression.losses).sum(axis=1)
-            return not zscore(D) >= self.decision.rival_se  # of no fall at all there is none
+            return zscore(D) < self.decision.rival_se
         return now.rise(bare) < self.limit(now, member)
 
     def joined(self, now: EffectSet, ranking: Ranking) -> EffectSet:

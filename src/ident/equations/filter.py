@@ -77,20 +77,12 @@ class Decimator:
             held = [np.concatenate(pair) for pair in zip(held, flat, strict=True)] if held else flat
             at = np.arange(row, part.stop - self.half, self.factor)
             if len(at):
-                share, weighted = (
-                    products(np.abs(self.taps), at - first),
-                    products(self.taps, at - first),
-                )
                 row = int(at[-1]) + self.factor
-                yield (
-                    at,
-                    [
-                        multiplied(share if x.dtype == bool else weighted, y).reshape(
-                            len(at), *x.shape[1:]
-                        )
-                        for x, y in zip(series, held, strict=True)
-                    ],
-                )
+                weighted, found = products(self.taps, at - first), list[np.ndarray]()
+                for x, y in zip(series, held, strict=True):
+                    w = products(np.abs(self.taps), at - first) if x.dtype == bool else weighted
+                    found.append(multiplied(w, y).reshape(len(at), *x.shape[1:]))
+                yield at, found
             needed = min(row - self.half, part.stop)
             held, first = [y[needed - first :] for y in held], needed
 

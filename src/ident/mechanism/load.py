@@ -89,6 +89,7 @@ def load(
     tree = build_tree(robot, top.vector("gravity", 3), str(urdf))
     mimics = (TomlTable(f"{urdf}: mimic {each['joints'][0]}", each) for each in tree.mimics)
     bodies, joints = Bodies(tree.links), _tree_joints(tree)
+    logged = _columns(top.table("log"), [*(joint.name for joint in joints), *held])
     folder = (toml or urdf).parent
     context = Context(tree.model, {j.name: j.rotational for j in joints}, folder, allow_code)
     passive, start = _passive_and_start(top.table("joints"), tree, joints, held)
@@ -116,7 +117,7 @@ def load(
         ),
         columns={
             name: replace(column, required=name.partition(".")[2] not in held)
-            for name, column in _columns(top.table("log"), [*(j.name for j in joints), *held])
+            for name, column in logged.items()
         },
         urdf=urdf,
         toml=toml,
@@ -148,10 +149,14 @@ def load(
     return mechanism
 
 
+def has_identified(path: Path) -> bool:
+    """Return whether a folder has a fit and what it identified, as `identify` and `grow` write."""
+    return all((path / x).is_file() for x in ("fit.json", "identified/mechanism.toml"))
+
+
 def is_fit(path: Path) -> bool:
     """Return whether a folder is one that `ident identify --out` wrote."""
-    files = "fit.json", "identified/mechanism.toml"
-    return not (path / "mechanism.toml").exists() and all((path / x).is_file() for x in files)
+    return not (path / "mechanism.toml").exists() and has_identified(path)
 
 
 def _unknown_again(known: Mechanism, file: Path) -> Mechanism:
@@ -305,7 +310,7 @@ def _remarks(mechanism: Mechanism) -> list[str]:
     return remarks
 
 
-def _columns(table: TomlTable, joints: Sequence[str]) -> list[tuple[str, Column]]:
+def _columns(table: TomlTable, joints: Sequence[str]) -> dict[str, Column]:
     """Return the columns of [log] by name; an entry with `*` makes one of every joint that has
     none of its own.
     """
@@ -344,7 +349,7 @@ def _columns(table: TomlTable, joints: Sequence[str]) -> list[tuple[str, Column]
                     f'{table.where} "{pattern}": {channel}.{joint} is also made by '
                     f'"{columns[f"{channel}.{joint}"].group}"; leave out one of them'
                 )
-    return [*columns.items()]
+    return columns
 
 
 def unlogged_hands(mechanism: Mechanism, columns: Iterable[str]) -> tuple[str, ...]:

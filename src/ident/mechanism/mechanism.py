@@ -320,7 +320,7 @@ class Mechanism(Displayed):
                 if other not in present:
                     raise MechanismError(
                         f"{self.name}: effect '{effect.label}' changes '{other}', which is not "
-                        f"there; add it ({other} beside it), or leave out {effect.label}"
+                        f"there; add it, or leave out {effect.label}"
                     )
 
     def without(self, label: str) -> Mechanism:

@@ -130,11 +130,13 @@ def _alike(d: Diagnosis) -> list[str]:
 
 def _separable(d: Diagnosis) -> tuple[str, ...]:
     """Return the best effect and a rival, at another place if there is one, where a motion tells
-    them apart.
+    them apart that `ident excite` can plan. Of bodies it cannot: only some of the ten parameters of
+    one differ from those of another.
     """
-    best, apart = d.best, {each.label for each in d.advice.apart if not each.signal}
-    rivals = [each for each in d.rivals if each.label in apart and each.kind in KINDS]
-    if best is None or not rivals or best.label not in apart or best.kind not in KINDS:
+    single = [x for x in d.advice.apart if not (x.signal or x.loaded_link) and x.kind in KINDS]
+    best, apart = d.best, {each.label for each in single}
+    rivals = [each for each in d.rivals if each.label in apart]
+    if best is None or not rivals or best.label not in apart:
         return ()
     rival = next((each for each in rivals if each.kind == best.kind), rivals[0])
     return best.label, rival.label
@@ -147,7 +149,7 @@ def certainty(d: Diagnosis) -> str:
         none = "none explains it" if d.selection.members or d.laws else "none does more than chance"
         if more and not d.selection.members and not d.laws:
             none = f"none is named: what {labels(e.effect for e in more[:MOST])} would explain is "
-            none += "too small to matter, or needs values that no machine has"
+            none += "too small to matter away from reversals, or needs values that no machine has"
         return f"{_tried(d)} effects were tried, and {none}.{_turning(d)}"
     best = d.candidates[0]
     certain = "Sure" if best.evidence.p < RAREST else "Not sure"

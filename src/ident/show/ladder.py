@@ -386,11 +386,8 @@ def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
 
 def history_card(history: History) -> Card:
     """Return the verdict on what is left, what was added, and the error before and after."""
-    d, first, top = (
-        history.diagnosis,
-        history.steps[0].errors,
-        card(history.diagnosis, history.added),
-    )
+    d, first = history.diagnosis, history.steps[0].errors
+    top = card(d, history.added)
     errors = {**errors_of(history.fit), **errors_with(d)}
     last = next((s.added for s in history.steps[::-1] if s.added), ())
     own = [joint for effect in last for joint in effect.joints]

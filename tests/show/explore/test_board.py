@@ -6,15 +6,16 @@ import json
 import re
 import sys
 import threading
+from dataclasses import replace
 
 import pytest
-from explored import given, judged, odd, screened
+from explored import given, grown, judged, odd, screened
 
 import ident
 from helpers import ROBOTS
 from ident import FitError, MechanismError
 from ident.show.explore import Board
-from ident.show.explore.board import JUDGED, VIEWS
+from ident.show.explore.board import JUDGED, VIEWS, contents
 from ident.show.ladder import changed
 
 EXPLORATION = "ident.show.explore.exploration"
@@ -186,6 +187,14 @@ def test_judged_it_says_the_verdict(board, monkeypatch):
     assert len({row["set"] for row in rows}) == 1
     named = board.exploration.diagnosis.group
     assert {row["label"] for row in rows} == {effect.label for effect in named}
+
+
+def test_the_command_of_the_verdict_has_what_was_added():
+    e = replace(grown("viscous:elbow"), diagnosis=judged().diagnosis)
+    top = next(iter(contents(e, "Verdict", "elbow")))
+    command = re.search(r"ident add [^\n]*", re.sub(r"<[^>]*>", "", str(top)))
+    assert command is not None
+    assert " viscous:elbow " in command[0]
 
 
 def test_what_cannot_be_begun_is_shown_and_raised(tmp_path):

@@ -24,7 +24,7 @@ from ident.fit.channel_fits import LEAVES
 from ident.fit.faults import UNITS
 from ident.fit.findings import Finding
 from ident.information.blocks import Error
-from ident.mechanism.load import is_fit
+from ident.mechanism.load import has_identified
 from ident.mechanism.mechanism import Mechanism
 from ident.plugins import version
 from ident.show.charts import Chart, scripts
@@ -375,7 +375,8 @@ def next_command(
         ],
     }
     mechanism = given.mechanism
-    if verb == "diagnose" and is_fit(Path(mechanism)):  # with known bodies a load can be the cause
+    if verb == "diagnose" and has_identified(Path(mechanism)):
+        # with known bodies a load can be the cause
         mechanism = f"{mechanism}/identified"
     elif verb == "diagnose" and known and given.fit:  # effects are in it, with their values
         mechanism, words[verb] = f"{given.fit}/identified", [*given.logs, *own("--lock", *FLAGS)]
