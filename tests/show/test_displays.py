@@ -17,14 +17,16 @@ from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.charts import Line
+from ident.show.comparison import comparison_card, comparison_json
 from ident.show.diagnosis import LINES, short
 from ident.show.diagnosis import card as diagnosis_card
 from ident.show.fit import card as fit_card
-from ident.show.html import Bar, Card, Page, enough, good_enough
-from ident.show.ladder import comparison_card, comparison_json
+from ident.show.fit import plot_forces
+from ident.show.html import Bar, Card, Page, enough, good_enough, table
 from ident.show.laws import numbers
-from ident.show.residual import plot_forces, plot_maps
+from ident.show.residual import plot_maps
 from identification import motion_log, plant, robot
+from pages import read_page, reading, titles
 
 NASTY = '<script>alert("x")</script>'
 
@@ -154,15 +156,15 @@ def test_marks_of_bars_that_are_not_shown_are_not_explained():
         Bar("elbow", Error(1.0, 0.1, "N m"), after) for after in (None, Error(1.0, 0.1, "N m"))
     )
     assert "error: █ stays, ░ goes" in Card("x", bars=(plain, changed)).text()
-    assert "error" in Card("x", bars=(plain, changed), most=1).text()
+    assert "error: █ as it is" in Card("x", bars=(plain, changed), most=1).text()
 
 
 def test_a_card_explains_the_marks_that_it_has():
     error = Error(1.0, 0.1, "N m")
     still, changed = Bar("elbow", error), Bar("elbow", error, error)
-    assert "error" in Card("x", bars=(still,)).text()
+    assert "error: █ as it is" in Card("x", bars=(still,)).text()
     assert "error: █ stays, ░ goes" in Card("x", bars=(changed,)).text()
-    assert "error: | noise" in Card("x", bars=(replace(still, noise=0.1),)).text()
+    assert "error: █ as it is, | noise" in Card("x", bars=(replace(still, noise=0.1),)).text()
 
 
 def test_a_model_is_good_enough_where_its_error_is_noise_or_does_not_matter():
@@ -314,3 +316,33 @@ def test_bars_that_are_all_visible_are_not_cut():
     assert card.shares(card.bars[0]) == (1, 0.25, 0.125)
     assert not any(map(card.cut, card.bars))
     assert "//" not in "".join(card.text())
+
+
+def test_a_number_is_not_broken_at_the_sign_of_its_exponent():
+    html = str(table([["name", "value"], ["k", "3.67321e-06 ± 1e-7"]], "Values"))
+    assert 'class="number">3.67321e-06</span>' in html
+
+
+def test_a_table_that_is_folded_already_is_not_folded_again_without_a_title():
+    rows = [["name", "value"], *([str(i), "1"] for i in range(40))]
+    assert "40 rows" in str(table(rows, "Values"))
+    assert "<summary>" not in str(table(rows, ""))
+
+
+def test_where_nothing_is_unknown_a_report_has_no_parameters(nouns, tmp_path):
+    nouns["fit"].write(tmp_path)
+    known = ident.load(tmp_path / "identified")
+    fit = ident.identify(known, ident.complete(known, nouns["fit"].motion.logs[0]))
+    fit.write(tmp_path / "again")
+    page = read_page(tmp_path / "again" / "report.html")
+    assert "Parameters" not in titles(page)
+    assert not any(bar.after for bar in fit_card(fit).bars)
+
+
+def test_words_on_a_joint_have_the_error_of_the_card(nouns, tmp_path):
+    fit = nouns["fit"]
+    fit.write(tmp_path)
+    text = reading(read_page(tmp_path / "report.html"))
+    for bar in fit_card(fit).bars:
+        joint, error = bar.joint, fit.held_out[bar.joint]
+        assert f"{joint}: held-out error {error.rms:.3g} {error.unit}" in text

@@ -8,7 +8,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import FitError, Log, MechanismError, MotionError, Noise
-from ident.show.ladder import comparison_files
+from ident.show.comparison import comparison_files
 from identification import motion_log, robot
 
 

@@ -15,9 +15,9 @@ from ident.diagnosis.unobservable import Invisible, Unsupported
 from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
-from ident.show.diagnosis import beside, certainty, in_order
+from ident.show.diagnosis import beside, certainty
 from ident.show.diagnosis import words as text_of
-from ident.show.html import Bar, named
+from ident.show.html import Bar, Card, named
 from ident.show.ladder import head, history_card, rung
 from ident.show.laws import numbers
 from ident.text import WIDTH, listed, percent, some
@@ -221,14 +221,19 @@ def test_the_joint_of_what_is_named_has_a_bar():
     history = grown()
     top = history_card(history)
     last = next(step.added for step in history.steps[::-1] if step.added)
-    assert top.bars[0].joint in {
+    assert top.first in {
         joint for effect in (*last, *history.diagnosis.group) for joint in effect.joints
     }
-    small = Bar("b", Error(1.0, 0.1, "N m"), Error(0.9, 0.09, "N m"), 0.1)
-    bars = [Bar("a", Error(9.0, 0.9, "N m"), Error(1.0, 0.1, "N m"), 0.1), small]
-    assert [bar.joint for bar in in_order(bars)] == ["a", "b"]
-    assert [bar.joint for bar in in_order(bars, "b")] == ["b", "a"]
-    assert in_order([]) == []
+    assert [bar.joint for bar in top.bars] == list(history.fit.motion.independent)
+
+
+def test_bars_are_in_the_mechanisms_order_the_loudest_where_not_all_are_shown():
+    quiet, loud = Error(1.0, 0.1, "N m"), Error(9.0, 0.9, "N m")
+    bars = (Bar("a", quiet, quiet, 1.0), Bar("b", loud, quiet, 1.0), Bar("c", quiet, loud, 0.5))
+    assert [bar.joint for bar in Card("x", bars=bars).shown] == ["a", "b", "c"]
+    assert [bar.joint for bar in Card("x", bars=bars, most=1).shown] == ["c"]
+    assert [bar.joint for bar in Card("x", bars=bars, most=2).shown] == ["b", "c"]
+    assert [bar.joint for bar in Card("x", bars=bars, most=2, first="a").shown] == ["a", "c"]
 
 
 def test_what_lowers_no_error_is_not_among_what_is_missing_too():

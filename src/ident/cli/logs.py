@@ -252,7 +252,7 @@ def compare(
     from ident.fit.identify import compare as compare_
     from ident.fit.residual import floor_of
     from ident.mechanism.load import has_identified
-    from ident.show.ladder import comparison_files, comparison_json, judged
+    from ident.show.comparison import comparison_files, comparison_json, judged
 
     acceptable.set(None if good_enough is None else good_enough / 100)
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock, logs=logs)

@@ -5,13 +5,14 @@ from importlib import import_module
 from ident.display import Displayed, render, renderer, renders
 
 MODULES = {
+    "comparison": ("Comparison",),
     "diagnosis": ("Diagnosis",),
     "diagnosis_report": ("Diagnosis", "Health"),
     "experiment": ("Diagnosis",),
     "fit": (
         "Binding", "Correlation", "Fit", "Likelihood", "Reactions",
     ),
-    "ladder": ("Comparison", "History", "Step"),
+    "ladder": ("History", "Step"),
     "montecarlo": ("MonteCarlo",),
     "motion": ("Log", "Mechanism", "Motion"),
     "residual": ("Comparison", "Failure", "Fit", "Residual"),

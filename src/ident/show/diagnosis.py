@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -31,7 +30,7 @@ from ident.show.html import (
     wrong_unit,
 )
 from ident.show.laws import curve_name, curves, expression, labels, laws, numbers
-from ident.show.residual import failure_text
+from ident.show.residual import failure_text, judged_of
 from ident.show.sheet import Sheet
 from ident.text import listed, percent, places, some, two_digits
 
@@ -200,8 +199,7 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     else:
         command = planned = planning(d, added)
         command = command or next_command("explore", added)
-    bars = [Bar(f.joint, errors[f.joint], after.get(f.joint), d.floor[f.joint]) for f in d.where]
-    bars = in_order(bars, d.candidates[0].joint if d.best else "")
+    bars = tuple(Bar(j, e, after.get(j), d.floor[j]) for j, e in errors.items())
     searched, doubts = d.verdict == "nothing", d.health.findings
     good = good_enough(errors, d.floor, d.fit.residual.away, searched, doubts=doubts)
     told = [*_health(d), good, certainty(d), *beside(d)]
@@ -212,15 +210,14 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     line, command = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}", planned or command
     then = first_motion(d, bool(planned))
     command *= d.health.good
-    return Card(line, sentences, tuple(bars), command, then)
+    return Card(line, sentences, bars, command, then, first=felt_in(d))
 
 
-def in_order(bars: Iterable[Bar], named: str = "") -> list[Bar]:
-    """Return the bar of a joint that is named, or else the largest fall, then the loudest, which
-    are named in the words beside the bars.
-    """
-    falls = sorted(bars, key=lambda bar: (bar.joint != named, bar.sizes[1] - bar.sizes[0]))
-    return falls[:1] + sorted(falls[1:], key=lambda bar: -bar.before.rms / (bar.noise or math.inf))
+def felt_in(d: Diagnosis) -> str:
+    """Return the joint whose error what is named, or else the first law, lowers most."""
+    if d.best is not None:
+        return d.candidates[0].joint
+    return d.laws[0].felt if d.laws else ""
 
 
 def planning(d: Diagnosis, added: Sequence[Effect] = ()) -> str:
@@ -393,7 +390,7 @@ def story(d: Diagnosis, experiment: str | None = None) -> dict[str, list[str]]:
     several = len(d.fit.motion.experiments) > 1
     return {
         "Health of the data": _health(d),
-        "Where it fails": [failure_text(held_out(d, f), several) for f in failing(d)[:MOST]],
+        "Where it fails": [failure_text(f, several, judged_of(d.fit)) for f in failing(d)[:MOST]],
         CLAIMS[d.verdict]: _claim(d),
         "Curve and formula": form,
         "Invisible in this data": _invisible(d),
@@ -417,12 +414,6 @@ def _health(d: Diagnosis) -> list[str]:
         f"Before anything: the data themselves look wrong. {findings}. Put this right or rule it "
         "out, then diagnose again: what follows may only be its consequence."
     ]
-
-
-def held_out(d: Diagnosis, f: Failure) -> Failure:
-    """Return a failure with the errors that the diagnosis judges."""
-    error = errors_of(d.fit)[f.joint]
-    return replace(f, rms=error.rms, relative=error.relative)
 
 
 def _claim(d: Diagnosis) -> list[str]:

@@ -27,7 +27,6 @@ from ident.show.diagnosis import (
     card,
     errors_with,
     experiment_steps,
-    held_out,
     mark,
     planning,
     spoilt,
@@ -287,8 +286,10 @@ def _noise(d: Diagnosis, joint: str) -> float | None:
 def _where(d: Diagnosis, failure: Failure) -> dict[str, Any]:
     """Return the failure of a joint with its held-out error, before and after, as in the text."""
     joint, after = failure.joint, (errors_with(d) or d.after)[failure.joint]
+    error = errors_of(d.fit)[joint]
     return {
-        **held_out(d, failure).json, "floor": d.floor[joint], "noise": _noise(d, joint),
+        **failure.json, "rms": error.rms, "relative": error.relative,
+        "floor": d.floor[joint], "noise": _noise(d, joint),
         "rms_after": after.rms, "relative_after": after.relative,
     }  # fmt: skip
 

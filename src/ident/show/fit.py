@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -14,12 +14,12 @@ from ident.fit.consistency import Binding
 from ident.fit.files import Saved, write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Reactions, predict
-from ident.fit.residual import residual_of
+from ident.fit.residual import residual_of, zero_of
 from ident.fit.result import Fit
 from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Change, Changes, Correlation, Value
 from ident.information.blocks import Error
-from ident.show.charts import PRIOR, Chart, Dots, Panel
+from ident.show.charts import BELOW, MEASURED, PRIOR, Chart, Dots, Line, Panel
 from ident.show.html import (
     OTHER,
     Bar,
@@ -40,7 +40,14 @@ from ident.show.html import (
 from ident.show.html import table as html_table
 from ident.show.laws import body_words
 from ident.show.motion import made_of, understood
-from ident.show.residual import error_rows, errors_section, plot_forces, residual_sections, short
+from ident.show.residual import (
+    error_rows,
+    errors_section,
+    judged_of,
+    residual_sections,
+    short,
+    time_label,
+)
 from ident.show.sheet import Sheet
 from ident.text import listed, percent, rounded, shortened, some, two_digits
 
@@ -227,21 +234,25 @@ def card(fit: Fit) -> Card:
     if fit.validation:
         before, (judged, floor) = errors, _farthest(fit)
         held = "held out" if fit.held_out else "in the fit"
-        words = f"{held} → that on {some([*fit.validation], 2)}"
-        words += ", of each joint the log where it is worst" * (len(fit.validation) > 1)
+        change = f"{held} → on {some([*fit.validation], 2)}"
+        change += ", of each joint the log where it is worst" * (len(fit.validation) > 1)
         away = {}
+    elif not len(fit.columns):  # nothing is unknown: the model is as it was
+        before, change = {}, ""
     else:
         before = residual_of(earlier or urdf_of(fit), fit.motion).errors
-        words = f"of {short(earlier.name)}" if earlier else "of the URDF's own numbers"
-        words += " → of the identified ones" + ", held out" * bool(fit.held_out)
-    bars = tuple(Bar(j, before[j], e, floor[j]) for j, e in judged.items())
-    words = f"The bars: error {words}"
+        change = f"of {short(earlier.name)}" if earlier else "of the URDF's own numbers"
+        change += " → of the identified ones" + ", held out" * bool(fit.held_out)
+    bars = tuple(
+        Bar(j, before.get(j, e), e if before else None, floor[j]) for j, e in judged.items()
+    )
     larger = [] if earlier or fit.validation else [bar.joint for bar in bars if bar.rises]
+    words = ""
     if worse := [j for j in larger if fit.train[j].rms > before[j].rms]:
-        words += f", which is larger in {listed(worse)}"
+        words = f"The error of the identified ones is larger in {listed(worse)}."
     elif larger:  # in its own rows the fit is better
         own = listed(f"{j} ({percent(fit.train[j].relative)} in the fit)" for j in larger)
-        words += f", which makes it larger in {own}"
+        words = f"Held out, the error of the identified ones is larger in {own}."
     doubts = fit.health.findings
     good = good_enough(judged, floor, away, logs=[*fit.validation], doubts=doubts)
     fine = enough(judged, floor, doubts)
@@ -252,15 +263,15 @@ def card(fit: Fit) -> Card:
     if fit.changes is None:
         first, grave = headline(fit), bool(fit.health.faults or wrong_unit(doubts))
         line, *rest = [*wrong, first] if grave and bars else [first, *wrong]
-        trust = " ".join([*rest, good, f"{words}."]).strip() * bool(bars)
-        return Card(line, trust, bars, command)
-    trust = " ".join([*wrong, good, f"{words}."]).strip() * bool(bars)
+        trust = " ".join(filter(None, [*rest, good, words])) * bool(bars)
+        return Card(line, trust, bars, command, change=change)
+    trust = " ".join(filter(None, [*wrong, good, words])) * bool(bars)
     if fit.changes.changed:  # with the earlier bodies known, which names the cause
         command = next_command("diagnose")
     then = earlier.errors if earlier else {}
     worse = fit.residual.risen(then.get("held out") or then.get("train") or {})
     line = changes_line(fit.changes, worse)
-    return Card(line, f"{headline(fit)} {trust}", bars, command)
+    return Card(line, f"{headline(fit)} {trust}", bars, command, change=change)
 
 
 def _farthest(fit: Fit) -> tuple[dict[str, Error], dict[str, float]]:
@@ -340,7 +351,7 @@ def plot_parameters(fit: Fit) -> Chart:
     """
     own = [value for effect in fit.effects for value in effect.parameters]
     own += [value for value in fit.parameters if value.identifiable]
-    known = [v for v in own if v.stderr is not None and np.isfinite(v.stderr)]
+    known = [v for v in own if v.stderr and np.isfinite(v.stderr)]  # 0: of what was given
     if not known:
         raise FitError(f"{fit.mechanism.name}: nothing was identified by itself")
     words = "Identified values with their 95 % intervals, beside what was assumed before"
@@ -371,6 +382,36 @@ def plot_multipliers(fit: Fit, experiment: int = 0) -> Chart:
     log = fit.motion.experiments[experiment].name
     series = {"identified": fit.multipliers[experiment]}
     return plot_forces(kinematics.multipliers, kinematics.units, series, log)
+
+
+def plot_forces(
+    names: Sequence[str],
+    units: Sequence[str],
+    series: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    log: str = "",
+) -> Chart:
+    """Draw λ(t) of a log, a panel a multiplier.
+
+    Args:
+        names, units: of the multipliers.
+        series: times (n,) [s] and values (n, m) [N | N m] by label; `known` is drawn in grey.
+        log: the name of the log.
+    """
+    zero = zero_of(list(series.values())[-1][0])
+    rows = []
+    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+        lines: list[Line] = []
+        for label, (t, values) in series.items():
+            y, known = values[:, i], label == "known"
+            colour, width = MEASURED if known else len(lines), BELOW if known else 1.2
+            lines.append(Line(t - zero, y, label, colour, width))
+        if np.isfinite(lines[-1].y).any():
+            label = f"{name} [{unit}]"
+            rows.append((Panel(tuple(lines), time_label(zero), label, height=1.8),))
+    if not rows:
+        rows = [(Panel((), "t [s]", title="this motion determines none of them"),)]
+    words = "Multipliers λ over time, the reaction forces of the closures"
+    return Chart(words, tuple(rows), shared_x=True, clock=log)
 
 
 @renders(Fit, "view")
@@ -409,11 +450,12 @@ def fit_sections(
             for title, rows in change_tables(fit.changes, 120).items()
         ),
         Section("Warnings", (items(notes),) if notes else ()),
-        Section("Parameters", _parameters(fit)),
+        Section("Parameters", _parameters(fit) if len(fit.columns) else ()),
         errors_section(error_table(fit)[1]),
         *residual_sections(
             {fit.name: fit.predictions},
             {fit.name: fit.residual},
+            judged_of(fit),
             first,
             predict(fit.mechanism, fit.motion, urdf_of(fit).point),
         ),

@@ -47,6 +47,7 @@ MAPS = (
     "flat band. What the residual depends on most is framed."
 )
 Models = Mapping[str, Residual]
+Judged = tuple[str, Mapping[str, Error]]  # what the errors are, as `held-out error`; by joint
 
 
 # --- text -----------------------------------------------------------------------------------------
@@ -91,21 +92,28 @@ def details(failure: Failure, several: bool = True) -> str:
     return "; ".join(f"{key} {words}" for key, words in found.items() if words)
 
 
+def judged_of(fit: Fit) -> Judged:
+    """Return the errors of a fit's card: those held out in time, where there are any."""
+    return ("held-out error", fit.held_out) if fit.held_out else ("error in the fit", fit.train)
+
+
 @renders(Failure, "text")
-def failure_text(failure: Failure, several: bool = True) -> str:
-    """Return how a model fails in one joint."""
+def failure_text(failure: Failure, several: bool = True, judged: Judged | None = None) -> str:
+    """Return how a model fails in one joint, with its error as it is judged, else in these rows."""
     white = "no structure found" if failure.white else "has structure"
+    what, errors = judged or ("residual", {})
+    error = errors.get(failure.joint, failure)
     first = (
-        f"{failure.joint}: {failure.rms:.3g} {failure.unit} ({percent(failure.relative)}), "
+        f"{failure.joint}: {what} {error.rms:.3g} {failure.unit} ({percent(error.relative)}), "
         f"{100 * failure.share:.0f} % of the misfit; {white}"
     )
     return "; ".join(filter(None, (first, details(failure, several))))
 
 
-def where_lines(residual: Residual) -> list[str]:
+def where_lines(residual: Residual, judged: Judged | None = None) -> list[str]:
     """Return where a model fails, a sentence a joint."""
     several = len(residual.traces) > 1
-    return [failure_text(failure, several) for failure in residual.where]
+    return [failure_text(failure, several, judged) for failure in residual.where]
 
 
 @renders(Residual, "sheet")
@@ -267,10 +275,8 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
         marked += [most] if most else []
         curve = models[-1] if effect and not rows else None
         own = {"t", most} if most else {*names}  # signals of which the effect is a function
-        row = [
-            _map(residual, joint, x, score, x == most, curve if x in own else None, effect)
-            for x in names
-        ]
+        curves = {x: curve for x in names if x in own}
+        row = [_map(residual, joint, x, score, x == most, curves.get(x), effect) for x in names]
         unit = f"{joint} [{residual.units[residual.joints.index(joint)]}]"
         label = unit if len(residuals) == 1 else f"{shown[title]}\n{unit}"
         rows.append((replace(row[0], y=label), *row[1:]))
@@ -412,6 +418,7 @@ def errors_section(rows: Sequence[Sequence[str]], *more: Block) -> Section:
 def residual_sections(
     predictions: Mapping[str, list[Prediction]],
     residuals: Models,
+    judged: Judged,
     first: str = "",
     prior: Sequence[Prediction] = (),
 ) -> tuple[Section, ...]:
@@ -419,6 +426,7 @@ def residual_sections(
 
     Args:
         predictions, residuals: by model.
+        judged: errors of the last model.
         first: joint that comes first; default: the one in which the last model fails most.
         prior: what the URDF predicts.
     """
@@ -428,7 +436,7 @@ def residual_sections(
     machine = view_of_fit(last, list(predictions.values())[-1], {first: first})
     options = []
     for failure in sorted(last.where, key=lambda each: each.joint != first):
-        said = paragraph(failure_text(failure, len(logs) > 1))
+        said = paragraph(failure_text(failure, len(logs) > 1, judged))
         options.append(Option(failure.joint, (said, plot_maps(residuals, failure.joint))))
     parts: list[Block] = [html_table(*each[::-1]) for each in all_parts(residuals).items()]
     parts += by_log(logs, lambda i: plot_parts(residuals, i))
@@ -470,33 +478,3 @@ def all_parts(residuals: Models) -> dict[str, list[list[str]]]:
         SUM if len(shown) == 1 else f"{shown[name]}: {SUM}": parts_rows(residual)
         for name, residual in residuals.items()
     }
-
-
-def plot_forces(
-    names: Sequence[str],
-    units: Sequence[str],
-    series: Mapping[str, tuple[np.ndarray, np.ndarray]],
-    log: str = "",
-) -> Chart:
-    """Draw λ(t) of a log, a panel a multiplier.
-
-    Args:
-        names, units: of the multipliers.
-        series: times (n,) [s] and values (n, m) [N | N m] by label; `known` is drawn in grey.
-        log: the name of the log.
-    """
-    zero = zero_of(list(series.values())[-1][0])
-    rows = []
-    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
-        lines: list[Line] = []
-        for label, (t, values) in series.items():
-            y, known = values[:, i], label == "known"
-            colour, width = MEASURED if known else len(lines), BELOW if known else 1.2
-            lines.append(Line(t - zero, y, label, colour, width))
-        if np.isfinite(lines[-1].y).any():
-            label = f"{name} [{unit}]"
-            rows.append((Panel(tuple(lines), time_label(zero), label, height=1.8),))
-    if not rows:
-        rows = [(Panel((), "t [s]", title="this motion determines none of them"),)]
-    words = "Multipliers λ over time, the reaction forces of the closures"
-    return Chart(words, tuple(rows), shared_x=True, clock=log)

@@ -11,6 +11,7 @@ from markupsafe import Markup, escape
 
 SHORT = 32  # characters of a cell that stays on one line
 NUMBER = re.compile(r"[-−+≈<–]? ?\d")  # the beginning of one
+POWER = re.compile(r"[-+\d.]*\de[-+]\d+")  # one that a browser would break at its last sign
 
 
 def _whole(words: str) -> Markup:
@@ -28,6 +29,12 @@ def _code(between: re.Match[str]) -> str:
     return f"<code>{_whole(Markup(between[1]))}</code>"
 
 
+def _tied(cell: str) -> Markup:
+    """Return a cell in which numbers, and all words of a short one, stay on one line."""
+    tied = re.sub(" " if len(cell) <= SHORT else r"(?<=\d) ", "\u00a0", cell)
+    return Markup(POWER.sub(r'<span class="number">\g<0></span>', str(escape(tied))))
+
+
 @cache
 def _macros() -> Any:
     """Return the macros of the template, compiled at the first use."""
@@ -41,7 +48,7 @@ def _macros() -> Any:
     environment.filters |= {
         "code": lambda words: Markup(re.sub(r"`([^`]*)`", _code, str(escape(words)))),
         "whole": _whole,
-        "tied": lambda cell: re.sub(" " if len(cell) <= SHORT else r"(?<=\d) ", "\u00a0", cell),
+        "tied": _tied,
         "worded": lambda rows: [
             not any(map(NUMBER.match, x)) for x in zip(*rows[1:], strict=False)
         ],

@@ -39,7 +39,7 @@ from ident.show.html import Bar, items, named, paragraph, table
 from ident.show.ladder import changed, plot_rungs
 from ident.show.laws import law_words
 from ident.show.local import Place, send
-from ident.show.residual import failure_text, plot_maps, plot_predictions
+from ident.show.residual import failure_text, judged_of, plot_maps, plot_predictions
 from ident.show.template import piece
 from ident.text import some
 
@@ -157,7 +157,7 @@ def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
     )
     words = f"Measured and predicted torque of {joint} over time"
     torque = replace(whole, words=words, rows=whole.rows[2 * u : 2 * u + 2])
-    text = paragraph(failure_text(e.fit.residual.failure(joint)))
+    text = paragraph(failure_text(e.fit.residual.failure(joint), judged=judged_of(e.fit)))
     return [text, torque.thinned(POINTS), plot_maps({"now": e.fit.residual}, joint)]
 
 

@@ -209,8 +209,10 @@ class Card:
     """The first lines of a result: what it is, how sure, the error by joint, what to do next.
 
     Attributes:
-        line, sure: sentences; bars: of the joints, `most` of them in a terminal.
+        line, sure: sentences; bars: of the joints, in the mechanism's order.
         command: to be copied; then: a sentence on what to do after it, or in its place.
+        change: what the errors before and after are of, as `of a → of b`.
+        most: bars in a terminal; first: joint whose bar is always one of them.
     """
 
     line: str
@@ -218,7 +220,20 @@ class Card:
     bars: tuple[Bar, ...] = ()
     command: str = ""
     then: str = ""
+    change: str = ""
     most: int = BARS
+    first: str = ""
+
+    @property
+    def shown(self) -> list[Bar]:
+        """The bars that a terminal shows, in order: the first joint's and the loudest."""
+
+        def rank(bar: Bar) -> tuple[bool, float]:
+            worst = max(_times(error, bar.noise) for error in (bar.before, bar.after or bar.before))
+            return bar.joint != self.first, -worst
+
+        chosen = sorted(self.bars, key=rank)[: self.most]
+        return [bar for bar in self.bars if bar in chosen]
 
     @property
     def room(self) -> float:
@@ -241,26 +256,29 @@ class Card:
         )
         return before or 0.0, after or 0.0, noise
 
-    def key(self, bars: Iterable[Bar], change: str, rise: str, noise: str, cut: str) -> str:
-        """Return the words for what the bars that are shown have: a change, a rise, the mark of
-        noise, a cut.
+    def key(
+        self, bars: Sequence[Bar], same: str, change: str, rise: str, noise: str, cut: str
+    ) -> str:  # fmt: skip
+        """Return what before and after are, and the words for what the bars that are shown have: no
+        change, a change, a rise, the mark of noise, a cut.
         """
-        shown = [*bars]
         has = {
-            change: any(bar.after for bar in shown),
-            rise: any(bar.rises for bar in shown),
-            noise: any(bar.sizes[2] is not None for bar in shown),
-            cut: any(map(self.cut, shown)),
+            same: not any(bar.after for bar in bars),
+            change: any(bar.after for bar in bars),
+            rise: any(bar.rises for bar in bars),
+            noise: any(bar.sizes[2] is not None for bar in bars),
+            cut: any(map(self.cut, bars)),
         }
         words = [text for text, there in has.items() if there]
-        return ": " * bool(words) + ", ".join(words)
+        return f"{' ' * bool(self.change)}{self.change}: {', '.join(words)}"
 
     def text(self) -> list[str]:
         """Return the lines for a terminal."""
         lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
-        if bars := self.bars[: self.most]:
-            key = self.key(bars, "█ stays, ░ goes", "▒ comes", "| noise", "// cut")
-            lines += ["", f"error{key}"]
+        if bars := self.shown:
+            marks = "█_as it is", "█_stays, ░_goes", "▒_comes", "|_noise", "//_cut"
+            key = self.key(bars, *(mark.replace("_", "\u00a0") for mark in marks))
+            lines += ["", *(x.replace("\u00a0", " ") for x in wrapped(f"error{key}", "  "))]
             wide = max(len(bar.joint) for bar in bars)
             left = width() - wide - max(len(bar.words) for bar in bars) - 7
             strip = max(STRIP // 4, min(STRIP, left))
@@ -353,27 +371,19 @@ def next_command(
     if verb == "compare" and not out:
         verb = "identify"  # which writes the fit
     words = {
-        "compare": [
-            "OTHER.csv",
-            "--fit",
-            f"{out}/fit.json",
-            *own("--lock", *FLAGS),
-        ],  # on a log that was not fitted
+        # on a log that was not fitted
+        "compare": ["OTHER.csv", "--fit", f"{out}/fit.json", *own("--lock", *FLAGS)],
         "diagnose": [*given.logs, *options],
         "explore": [*given.logs, *options],
         "excite": [
-            *own(*PAIRS, "--allow-code"),
-            *(["--separate", *separate] if separate else []),
-            "--out",
-            unused("next.csv"),
+            *own(*PAIRS, "--allow-code"), *(["--separate", *separate] if separate else []),
+            "--out", unused("next.csv"),
         ],
         "identify": [*given.logs, *options, "--out", unused(out) if out else "DIR"],
         "monitor": [
-            "NEXT.csv",
-            *(w for log in given.like or given.logs for w in ("--like", log)),
-            *options,
+            "NEXT.csv", *(w for log in given.like or given.logs for w in ("--like", log)), *options,
         ],
-    }
+    }  # fmt: skip
     mechanism = given.mechanism
     if verb == "diagnose" and has_identified(Path(mechanism)):
         # with known bodies a load can be the cause

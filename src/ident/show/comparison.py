@@ -1,0 +1,249 @@
+"""Models side by side: first lines, tables, report and compare.json."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.display import render, renders
+from ident.files import json_bytes
+from ident.fit.identify import Comparison
+from ident.fit.prediction import identifiable_multipliers
+from ident.fit.residual import Residual, floor_of
+from ident.information.blocks import Error
+from ident.show.charts import Chart
+from ident.show.fit import plot_forces
+from ident.show.html import (
+    OTHER,
+    SAME,
+    Bar,
+    Block,
+    Card,
+    Page,
+    Section,
+    by_log,
+    enough,
+    good_enough,
+    next_command,
+    table,
+)
+from ident.show.motion import made_of, understood
+from ident.show.residual import (
+    Judged,
+    Models,
+    all_parts,
+    below,
+    error_rows,
+    errors_section,
+    residual_sections,
+    told_apart,
+    where_lines,
+)
+from ident.show.sheet import Sheet
+from ident.simulate.replay import Replay
+from ident.text import WIDTH, places, rounded, shortened
+
+SCHEMA = "ident.compare/1"
+OTHERWISE = 0.1  # of the torque of every joint, from which a log may be of another machine
+
+
+@renders(Comparison, "sheet")
+def comparison_sheet(c: Comparison) -> Sheet:
+    """Return how far the error falls, errors, the parts of the sum, and where each model fails."""
+    first, shown = next(iter(c.residuals.values())), told_apart(c.residuals)
+    tables: dict[str, list[list[str]]] = {}
+    for i in range(0, len(shown), 2):  # as many as a terminal has room for
+        names = dict(list(_error_columns(c).items())[i : i + 2])
+        title = f"error of the predicted torque{below(first)}"
+        tables[title if not tables else ", ".join(names)] = error_rows(names)
+    lines = ["where it fails"]
+    for name, residual in c.residuals.items():
+        before = "" if len(shown) == 1 else f"{shown[name]}, "
+        lines += [before + line for line in where_lines(residual, _judged(c, residual))]
+    return Sheet(comparison_card(c), tables=tables | all_parts(c.residuals), lines=lines)
+
+
+def comparison_card(c: Comparison) -> Card:
+    """Return the models, and how far the error falls from the first to the last, or from the fit
+    of the only one.
+    """
+    first, last = (list(c.residuals.values())[i] for i in (0, -1))
+    shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
+    alone, errors = first is last, judged(c, last)
+    good = good_enough(errors, floor, last.away)
+    before = _fitted(c, first.name) if alone else judged(c, first)
+    changed = first.risen(before) if alone else []
+    bars = tuple(
+        Bar(j, before.get(j, e), e if j in before else None, floor[j]) for j, e in errors.items()
+    )
+    models = shown[first.name] if alone else f"{shown[first.name]} → {shown[last.name]}"
+    line = f"{models} on {', '.join(trace.name for trace in first.traces)}"
+    larger = [bar.joint for bar in bars if bar.rises and bar.joint not in changed and before]
+    grown = f"the error is larger in {places(larger)}, by no more than it differs from motion to "
+    grown += "motion"
+    if alone and changed:
+        line += f": changed since it was fitted in {places(changed)}"
+        others = grown if larger else "all other joints are as then"
+        line += f"; {others}" * (len(changed) < len(errors))
+        if all(((bar.after or bar.before).relative or 0.0) > OTHERWISE for bar in bars):
+            line += f", by much of its torque: {OTHER}"
+    elif alone:
+        if larger:
+            line += f": unchanged; {grown}"
+        elif before:
+            line += ": in all joints as when it was fitted"
+    else:
+        rises = [bar.joint for bar in bars if bar.rises]
+        falls = [x.joint for x in bars if x.after and x.after.rms < (1 - SAME) * x.before.rms]
+        ways = {"falls": falls, "rises": rises}
+        parts = [f"{way} in {places(names)}" for way, names in ways.items() if names]
+        line += f": the error {' and '.join(parts) or 'is the same in all joints'}"
+        good = good and f"{shown[last.name]}: {good}"
+    differs = alone and bool(changed)
+    verb = "diagnose" if differs or not enough(errors, floor) else "monitor"
+    columns = list(_error_columns(c))
+    change = f"of {columns[0]} → of {columns[-1]}"
+    if alone:
+        change = "when it was fitted → on this log" * bool(before)
+    worst = changed[0] if changed else "" if alone else _changed(first, last)[0]
+    return Card(line, good, bars, next_command(verb, known=differs), "", change, first=worst)
+
+
+def judged(c: Comparison, residual: Residual) -> Mapping[str, Error]:
+    """Return the errors that count: on the data of its own fit those that were held out of it."""
+    errors, train = residual.errors, c.fitted[residual.name].get("train", {})
+    same = train.keys() == errors.keys() and all(
+        math.isclose(train[j].rms, e.rms, rel_tol=SAME) for j, e in errors.items()
+    )
+    return _fitted(c, residual.name) if same else errors
+
+
+def _judged(c: Comparison, residual: Residual) -> Judged:
+    """Return what the errors that count are, and these."""
+    errors = judged(c, residual)
+    own = "held-out error" if c.fitted[residual.name].get("held out") else "error in the fit"
+    return "error" if errors is residual.errors else own, errors
+
+
+def _error_columns(c: Comparison) -> dict[str, Mapping[str, Error]]:
+    """Return the errors of every model, by its name and what they are."""
+    columns = dict[str, Mapping[str, Error]]()
+    for name, shown in told_apart(c.residuals).items():
+        what, errors = _judged(c, c.residuals[name])
+        how = {"held-out error": ", held out", "error in the fit": ", in the fit"}.get(what, "")
+        columns[shown + how] = errors
+    return columns
+
+
+def _fitted(c: Comparison, name: str) -> Mapping[str, Error]:
+    """Return a model's errors when it was fitted, held out in time where that is known."""
+    return c.fitted[name].get("held out") or c.fitted[name].get("train") or {}
+
+
+def _changed(first: Residual, last: Residual) -> list[str]:
+    """Return the joints, the one whose error changes most against its torque first."""
+    change = {
+        joint: abs(error.rms - last.errors[joint].rms) * ((error.relative or 0) / (error.rms or 1))
+        for joint, error in first.errors.items()
+    }
+    return sorted(change, key=lambda joint: -change[joint])
+
+
+@renders(Comparison, "files")
+def comparison_files(c: Comparison, replay: Replay | None = None) -> dict[str, bytes]:
+    """Return report.html and compare.json, with the simulated motions if they are given."""
+    residuals = c.residuals
+    first, last = (list(residuals.values())[i] for i in (0, -1))
+    mechanism, motion = first.model.mechanism, first.motion
+    changed = "" if first is last else _changed(first, last)[0]
+    sections = (
+        errors_section(error_rows(_error_columns(c))),
+        Section("Parameters", _parameters(residuals)),
+        *residual_sections(c.predictions, residuals, _judged(c, last), changed),
+        *([render(replay, "section")] if replay else []),
+        Section("Multipliers", _multipliers(c)),
+        understood(mechanism, motion),
+        made_of(mechanism, motion, [Path(name) for name in residuals if Path(name).is_file()]),
+    )
+    title = f"{mechanism.name}: model against measurement"
+    report = Page(title, comparison_card(c), sections).html()
+    return {"report.html": report, "compare.json": json_bytes(comparison_json(c, replay))}
+
+
+def _parameters(residuals: Models) -> tuple[Block, ...]:
+    """Return values ± standard errors, model beside model: effects, then the bodies' base
+    parameters, of which models may have different ones.
+    """
+    models, names = [each.model for each in residuals.values()], told_apart(residuals).values()
+    found = [{each.name: each for each in model.base_parameters} for model in models]
+    values = [dict(model.point.values) for model in models]
+    rigid = set(models[0].mechanism.bodies.names)
+    effects = dict.fromkeys(name for own in values for name in own if name not in rigid)
+    bodies = dict.fromkeys(name for own in found for name in own if name not in effects)
+
+    def row(name: str) -> list[str]:
+        cells, unit = [], ""
+        for base, own in zip(found, values, strict=True):
+            known = f"{own[name]:.5g}" if name in own else "–"
+            cells.append(rounded(base[name].value, base[name].stderr) if name in base else known)
+            unit = base[name].unit if name in base else unit
+        return [shortened(name, WIDTH), *cells, unit]
+
+    head, titles = ["parameter", *names, "unit"], ("Effects", "Base parameters of the bodies")
+    return tuple(
+        table([head, *map(row, own)], f"{title}; a value without ± is known or is a shape")
+        for title, own in zip(titles, (effects, bodies), strict=True)
+        if own
+    )
+
+
+def _multipliers(c: Comparison) -> tuple[Block, ...]:
+    """Draw λ of every model, log by log."""
+    first = next(iter(c.residuals.values()))
+    mechanism, shown = first.model.mechanism, told_apart(c.predictions)
+    known = identifiable_multipliers(mechanism, first.motion)
+    kinematics = mechanism.kinematics
+    names, units = (np.array(x)[known] for x in (kinematics.multipliers, kinematics.units))
+
+    def draw(i: int) -> Chart:
+        series = {}
+        for name, predictions in c.predictions.items():
+            p = predictions[i]
+            values = np.where(p.usable[:, None], p.multipliers, np.nan)
+            series[shown[name]] = (p.t, values[:, known])
+        return plot_forces(names, units, series, first.motion.experiments[i].name)
+
+    logs = [experiment.name for experiment in first.motion.experiments]
+    return by_log(logs, draw) if np.any(known) else ()
+
+
+def comparison_json(c: Comparison, replay: Replay | None = None) -> dict[str, Any]:
+    """Return the content of compare.json."""
+
+    first = next(iter(c.residuals.values()))
+    models = {
+        name: {
+            "error": residual.errors,
+            "fitted": c.fitted[name],
+            "changed": residual.risen(_fitted(c, name)),
+            "noise": floor_of(residual.model, residual.motion),
+            "parts": {
+                part: dict(zip(residual.joints, values, strict=True))
+                for part, values in residual.parts.items()
+            },
+            "where": [failure.json for failure in residual.where],
+        }
+        for name, residual in c.residuals.items()
+    }
+    return {
+        "schema": SCHEMA,
+        "logs": [trace.name for trace in first.traces],
+        "cutoff": first.motion.band.cutoff,
+        "rows": first.rows,
+        "models": models,
+        **({"replay": render(replay, "json")} if replay else {}),
+    }
