@@ -7,6 +7,7 @@ import re
 import sys
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from explored import given, grown, judged, odd, screened
@@ -14,9 +15,11 @@ from explored import given, grown, judged, odd, screened
 import ident
 from helpers import ROBOTS
 from ident import FitError, MechanismError
+from ident.display import Inputs
 from ident.show.explore import Board
-from ident.show.explore.board import JUDGED, VIEWS, contents
+from ident.show.explore.board import JUDGED, VIEWS, top
 from ident.show.ladder import changed
+from ident.text import percent
 
 EXPLORATION = "ident.show.explore.exploration"
 ELBOW = {"label": "viscous:elbow"}
@@ -41,7 +44,7 @@ def test_a_click_adds_and_another_removes(board):
     assert (state["stale"], state["busy"], state["undo"]) == (False, False, True)
     assert state["joint"] == "elbow"
     assert [row[0] for row in state["ladder"]] == ["model", "as given", "+ viscous:elbow"]
-    assert "25.5\xa0%" in state["errors"]
+    assert "25.5\xa0%" in state["card"]
     board.act({"do": "remove", **ELBOW})
     assert present(board) == []
     board.act({"do": "back", "rung": 0})
@@ -181,6 +184,7 @@ def test_judged_it_says_the_verdict(board, monkeypatch):
     monkeypatch.setattr(module, "diagnose", lambda fit, progress: found)
     board.act({"do": "judge"})
     assert board.state["view"] == "Verdict"
+    assert "missing: " in board.state["card"]
     assert any("missing" in piece["html"] for piece in board.state["shown"])
     rows = [row for row in board.state["effects"] if row["mark"] == JUDGED]
     assert rows == board.state["effects"][: len(rows)]  # first, and one line with one button
@@ -191,10 +195,26 @@ def test_judged_it_says_the_verdict(board, monkeypatch):
 
 def test_the_command_of_the_verdict_has_what_was_added():
     e = replace(grown("viscous:elbow"), diagnosis=judged().diagnosis)
-    top = next(iter(contents(e, "Verdict", "elbow")))
-    command = re.search(r"ident add [^\n]*", re.sub(r"<[^>]*>", "", str(top)))
-    assert command is not None
-    assert " viscous:elbow " in command[0]
+    assert " viscous:elbow " in top(e).command
+
+
+def test_before_a_verdict_the_card_says_what_is_known_so_far(tmp_path, monkeypatch):
+    assert "being fitted" in Board("arm", tmp_path).state["card"]
+    monkeypatch.setattr(
+        "ident.show.html.inputs", SimpleNamespace(get=lambda: Inputs("arm", ("run.csv",), ()))
+    )
+    early, e = top(given()), screened()
+    known = top(e)
+    assert "largest in wrist" in early.line
+    assert (early.line, early.bars, early.command) == (known.line, known.bars, known.command)
+    assert known.command == "ident diagnose arm run.csv"
+    first = e.candidates[0]
+    assert f"first candidate is {first.label}, " in known.sure
+    ends = f"from {percent(first.before.relative)} to {percent(first.after.relative)}."
+    assert f"{first.joints[0]} {ends}" in known.sure
+    after = top(grown("viscous:elbow"))
+    assert after.command.endswith("--with viscous:elbow")
+    assert all(bar.after for bar in after.bars)
 
 
 def test_what_cannot_be_begun_is_shown_and_raised(tmp_path):

@@ -12,7 +12,7 @@ from explored import given, grown, judged, screened
 import ident
 from helpers import ROBOTS
 from ident import IdentError
-from ident.show.explore.board import error_rows
+from ident.show.explore.board import top
 from ident.show.ladder import cells, changed
 
 
@@ -63,8 +63,7 @@ def test_an_effect_whose_shape_was_searched_sets_out_from_there():
 
 def test_a_joint_whose_error_has_grown_is_marked():
     e = grown("viscous:elbow").with_effect("coulomb:elbow")
-    _, *rows = error_rows(e)
-    words = dict(rows)
+    words = {bar.joint: bar.words for bar in top(e).bars}
     assert "(larger)" in words["wrist"]
     assert "(larger)" not in words["elbow"]
     assert all("noise" in each for each in words.values())

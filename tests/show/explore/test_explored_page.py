@@ -56,7 +56,7 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     preview = page.locator("#shown [aria-label*='over time, as it is and with']")
     preview.wait_for()
     assert len(rungs(page)) == 1  # nothing is added
-    page.locator("#errors").hover()
+    page.locator("#card").hover()
     preview.wait_for(state="detached")
     candidate.get_by_role("button").first.focus()
     preview.wait_for()

@@ -13,6 +13,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextvars import copy_context
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,7 @@ from ident.show.diagnosis import card, noise_errors, sheet
 from ident.show.diagnosis_report import plot_before_after
 from ident.show.explore.exploration import Exploration, PredictedGain, fit_of
 from ident.show.fit import value_tables
-from ident.show.html import Bar, items, named, paragraph, table
+from ident.show.html import Bar, Card, items, named, next_command, paragraph, table
 from ident.show.ladder import changed, plot_rungs
 from ident.show.laws import law_words
 from ident.show.local import Place, send
@@ -54,17 +55,40 @@ GROUPS = (
 )
 JUDGED = "judged to be missing"  # the mark of what a diagnosis names, to be added together
 UNJUDGED = (
-    "Not judged yet. A falling error is no proof of a cause: `Judge it` weighs every effect "
-    "against chance, and offers a curve or a formula where no effect has the right form."
+    "A falling error is no proof of a cause: `Judge it` weighs every effect against chance, and "
+    "offers a curve or a formula where no effect has the right form."
 )
 
 
-def error_rows(e: Exploration) -> list[list[str]]:
-    """Return held-out errors joint by joint, since the last change where there was one."""
+def top(e: Exploration) -> Card:
+    """Return the card of the present model: its verdict, or what is known before it is judged."""
+    if e.diagnosis is not None:
+        return card(e.diagnosis, _added(e))
+    errors, logs = e.now.errors, ", ".join(x.name for x in e.fit.motion.experiments)
     before = e.rungs[-2].errors if e.rungs[1:] else {}
-    now = [(j, x, x if before else None) for j, x in e.now.errors.items()]
-    rows = [[j, Bar(j, before.get(j, x), after, e.fit.noise[j]).words] for j, x, after in now]
-    return [["joint", "last change" if before else "as given"], *rows]
+    bars = [
+        Bar(j, before.get(j, x), x if before else None, e.fit.noise[j]) for j, x in errors.items()
+    ]
+    worst = max(bars, key=lambda bar: bar.sizes[1])
+    line = f"{e.mechanism.name} on {logs}: not judged yet; the error is largest in {worst.joint}, "
+    line += Bar("", worst.after or worst.before).words
+    known = "What each effect would change is being computed."
+    first = next((x for x in e.candidates if x.sure and not x.present), None)
+    if first is not None and first.before and first.after:
+        change = Bar("", first.before, first.after).words.replace(" → ", " to ")
+        known = f"The first candidate is {first.label}, which would bring the error of "
+        known += f"{first.joints[0]} from {change}."
+    elif e.candidates:
+        known = "No effect lowers the error by more than chance would."
+    change = "before the last change → now" * bool(before)
+    command = next_command("diagnose", _added(e))
+    return Card(line, f"{known} {UNJUDGED}", tuple(bars), command, change=change)
+
+
+def _added(e: Exploration) -> list[Effect]:
+    """Return the effects that a command has to add to the mechanism as it is given."""
+    given = fit_of(e.rungs[0]).mechanism.effects
+    return [effect for effect in e.mechanism.effects if effect not in given]
 
 
 def confirmed(e: Exploration) -> str:
@@ -139,11 +163,7 @@ def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
     if view == "Numbers":
         tables = [table(rows, title) for title, rows in value_tables(e.fit).items()]
         return [*tables, items(e.fit.warnings)]
-    if e.diagnosis is None:
-        return [paragraph(UNJUDGED)]
-    given = fit_of(e.rungs[0]).mechanism.effects  # the command adds the others, too
-    added = [effect for effect in e.mechanism.effects if effect not in given]
-    return [piece("card", card(e.diagnosis, added)), *sheet(e.diagnosis).blocks()]
+    return [paragraph(UNJUDGED)] if e.diagnosis is None else [*sheet(e.diagnosis).blocks()]
 
 
 def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
@@ -190,13 +210,15 @@ class Board:
         self.folder = Path(folder).expanduser().resolve()
         self.state: dict[str, Any] = {
             "title": title, "status": {"kind": "busy", "text": "reading …", "share": 0.0},
-            "busy": True, "undo": False, "effects": [], "note": "", "stale": False, "errors": "",
+            "busy": True, "undo": False, "effects": [], "note": "", "stale": False,
+            "card": _shown(Card(f"{title}: the first model is being fitted")),
             "ladder": [], "views": VIEWS, "view": VIEWS[0], "joints": [], "joint": "", "shown": [],
             "folder": str(self.folder), "open": GROUPS[:2],
         }  # fmt: skip
         self._lock = threading.RLock()
         self._sockets: set[Any] = set()
         self._over = ""  # the effect that is previewed
+        self._context = copy_context()
         self._turn = 0  # number of changes, by which work for an earlier one knows that it is late
         self._address = ""
 
@@ -325,7 +347,8 @@ class Board:
         try:
             for text in socket:
                 message = json.loads(text)
-                threading.Thread(target=self.act, args=(message,), daemon=True).start()
+                of_command = self._context.copy().run  # commands to be copied are like this one
+                threading.Thread(target=of_command, args=(self.act, message), daemon=True).start()
         finally:
             self._sockets.discard(socket)
 
@@ -364,8 +387,7 @@ class Board:
             rows = effect_rows(e)
             note = f"{len(rows)} effects; held-out error of the joint without → with each"
             changes = {"effects": rows, "stale": False, "note": note}
-        errors = str(table(error_rows(e), "Held-out error"))
-        self._tell(errors=errors, ladder=e.table(), undo=e.before is not None, **changes)
+        self._tell(card=_shown(top(e)), ladder=e.table(), undo=e.before is not None, **changes)
 
     def _draw(self) -> None:
         """Draw the view that is looked at, unless another one is asked for meanwhile."""
@@ -456,6 +478,11 @@ def explore(mechanism: Mechanism, log: Motion | Logs, *, progress: Progress | No
     board = Board(mechanism.name, f"{mechanism.name}_explored")
     board.begin(lambda p: Exploration.of(mechanism, motion, p), progress or quiet)
     return board
+
+
+def _shown(card: Card) -> str:
+    """Return the HTML of a card."""
+    return str(piece("card", card))
 
 
 def _line(error: Exception) -> str:

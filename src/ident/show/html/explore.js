@@ -128,7 +128,7 @@ const draw = { // by key of the state
     line.setAttribute("aria-busy", String(kind === "busy"))
     if (line.textContent !== text) line.textContent = text
   },
-  errors() { $("errors").innerHTML = state.errors }, // escaped by the server
+  card() { $("card").innerHTML = state.card }, // escaped by the server
   folder() { $("folder").textContent = state.folder.split(/[\\/]/).pop(); $("folder").title = state.folder },
   views() { views() }, view() { views() }, open: effects, effects, stale: effects, note: effects, ladder, shown, preview: shown,
   joints() { $("joint").replaceChildren(...state.joints.map((name) => make("option", {}, name))) },
