@@ -30,6 +30,35 @@ def rows(path) -> list[list[str]]:
 # --- check -------------------------------------------------------------------------------------
 
 
+def test_check_says_first_whether_a_log_can_be_used(robots, tmp_path, ident):
+    """And what is most important about it, with the command to go on with."""
+    head, *lines = rows(robots / "arm" / "run.csv")
+    torque, position = head.index("tau.elbow"), head.index("q.elbow")
+
+    def first(name: str, change) -> tuple[str, str]:
+        with (tmp_path / name).open("w", newline="") as stream:
+            csv.writer(stream).writerows(change(list(line)) for line in (head, *lines))
+        outcome = ident("check", robots / "arm", tmp_path / name)
+        words, command, *_ = outcome.out.split("\n\n")
+        return " ".join(words.split()), command.strip()
+
+    def constant(at: int):
+        return lambda line: line if line == head else [*line[:at], "0.5", *line[at + 1 :]]
+
+    words, command = first("good.csv", lambda line: line)
+    assert words.startswith("good.csv can be used for identification of 22 of 22 base parameters: ")
+    assert command.startswith(f"ident identify {robots / 'arm'} ")
+    words, command = first("dead.csv", constant(torque))
+    assert "can be used" in words
+    assert "look at this first: dead.csv: tau.elbow: always 0.5" in words
+    words, _ = first("still.csv", constant(position))
+    assert "of 22 base parameters, but" in words
+    assert "22 of 22" not in words
+    words, command = first("plan.csv", lambda line: line[:torque] + line[torque + 1 :])
+    assert words.startswith("plan.csv cannot be used for identification: it has no tau.elbow;")
+    assert command.startswith("ident excite ")
+
+
 @pytest.mark.parametrize("name", ["arm", "five_bar", "four_bar", "pendulum", "slider_crank"])
 def test_check_knows_every_robot(name, robots, done):
     outcome = done("check", robots / name)
@@ -79,7 +108,7 @@ def test_check_names_joints_beyond_their_limits(arm, done, tmp_path):
     (tmp_path / "plan.csv").unlink()
     smaller = api.Log.from_arrays("plan", t, {"q.shoulder": q[1], "q.elbow": q[1]})
     smaller.write(tmp_path / "small.csv")
-    assert "beyond" not in done("check", arm, tmp_path / "small.csv").out
+    assert "beyond the limits" not in done("check", arm, tmp_path / "small.csv").out
     assert "outside its limits -2 to 2" in done("check", arm, "--lock", "shoulder=3").out
 
 
@@ -408,7 +437,7 @@ def test_python_m_ident(robots):
     command = [sys.executable, "-m", "ident", "check", str(robots / "pendulum")]
     ran = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert ran.returncode == 0
-    assert ran.stdout.startswith("mechanism pendulum")
+    assert ran.stdout.startswith("pendulum: a motion can identify 1 ")
 
 
 def test_a_terminal_without_greek(robots):

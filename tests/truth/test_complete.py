@@ -12,7 +12,7 @@ from ident.log import Log, read_log
 from ident.mechanism import load
 from ident.mechanism.load import absolute
 from ident.motion import complete
-from ident.show.motion import structure
+from ident.show.motion import identifiable
 
 NAMES = ("slider_crank", "pendulum", "four_bar", "five_bar", "arm")
 
@@ -325,7 +325,7 @@ def test_loops_that_hold_everything_still_are_refused(kind, robots, tmp_path):
     assert "0 degrees of freedom" in str(caught.value)
     assert "the axis of coupler is not parallel to those of crank, rocker" in str(caught.value)
     with pytest.raises(MechanismError, match=r"^[^ ]*: the loops leave 0 degrees"):
-        structure(mechanism)
+        identifiable(mechanism)
 
 
 def test_columns_that_look_like_positions_and_torques_are_proposed(robots):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,8 @@ import numpy as np
 from ident.display import renders
 from ident.equations.unknowns import Columns
 from ident.errors import MechanismError
-from ident.fit.findings import excitation
+from ident.fit.channel_checks import log_findings
+from ident.fit.findings import POOR, Finding, excitation
 from ident.fit.problem import information_of
 from ident.fit.shapes import initial
 from ident.fit.values import absorbed_by, base_names
@@ -21,8 +22,9 @@ from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
-from ident.show.html import Section, definitions, headed, items, origin, table
+from ident.show.html import Card, Section, definitions, headed, items, next_command, origin, table
 from ident.show.sheet import Sheet
+from ident.text import some
 from ident.text import table as text_table
 
 ROUNDING = 1e-6  # of positions and speeds beyond a limit
@@ -204,19 +206,63 @@ def _assembled(mechanism: Mechanism) -> np.ndarray:
     return LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
 
 
+def check_card(
+    mechanism: Mechanism, motion: Motion | None, found: Mapping[str, Any], wrong: Sequence[Finding]
+) -> Card:
+    """Return whether a log can be used for identification, what is most important about it, and the
+    next command.
+
+    Args:
+        mechanism, motion: what is checked; without a motion, what a log could be used for.
+        found: what the motion identifies, of `identifiable`.
+        wrong: findings on the channels.
+    """
+    rank, unknowns = found["rank"], found["unknowns"]
+    if motion is None:
+        words = f"a motion can identify {rank} base parameters of {unknowns} unknowns"
+        words = words if unknowns else "nothing is unknown, so nothing can be identified"
+        return Card(f"{mechanism.name}: {words}.", command=next_command("excite"))
+    able = max(identifiable(mechanism)["rank"], rank)
+    size = f"{rank} of {able} base parameters"
+    channels = {name for log in motion.logs for name in log.columns}
+    without = [f"tau.{name}" for name in mechanism.driven if f"tau.{name}" not in channels]
+    logs = some(motion.names, 2)
+    if without or not rank:
+        why = f"it has no {some(without)}; with them it would determine {size}"
+        why = why if without else "its motion determines no parameter"
+        why, verb = (why, "excite") if unknowns else ("nothing is unknown in the model", "diagnose")
+        return Card(f"{logs} cannot be used for identification: {why}.", command=next_command(verb))
+    problems = [*map(str, wrong), *beyond_limits(mechanism, motion)]
+    if (condition := found["condition_number"]) > POOR:
+        problems.append(f"some are excited poorly (condition number {condition:.3g})")
+    line = f"{logs} can be used for identification of {size}"
+    line += (
+        f", but look at this first: {problems[0]}" if problems else ": nothing looks wrong in it"
+    )
+    return Card(f"{line}.", command=next_command("identify"))
+
+
 def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
-    """Return joints, what was measured and done to it, and what the motion identifies."""
+    """Return whether a log can be used, joints, what was measured and done to it, and what the
+    motion identifies.
+    """
+    found = identifiable(mechanism, motion)
+    wrong = [] if motion is None else log_findings(mechanism, motion)
+    first = "\n".join(check_card(mechanism, motion, found, wrong).text())
     column = ["assembled", *(f"{x:.4g}" for x in _assembled(mechanism))]
     joints = zip(joint_rows(mechanism, motion), column, strict=True)
-    parts = ["\n".join([str(mechanism), *text_table([[*row, cell] for row, cell in joints])])]
+    parts = [
+        first,
+        "\n".join([str(mechanism), *text_table([[*row, cell] for row, cell in joints])]),
+    ]
     if motion is not None:
-        notes = [f"note: {each}" for each in beyond_limits(mechanism, motion)]
+        notes = [f"note: {each}" for each in (*wrong, *beyond_limits(mechanism, motion))]
         parts += [
             *notes,
             str(motion),
             "\n".join([CHANNELS, *text_table(_channels(mechanism, motion))]),
         ]
-    return "\n\n".join([*parts, structure(mechanism, motion)])
+    return "\n\n".join([*parts, structure(found, motion is not None)])
 
 
 def _channels(mechanism: Mechanism, motion: Motion) -> list[list[str]]:
@@ -235,12 +281,11 @@ def _channels(mechanism: Mechanism, motion: Motion) -> list[list[str]]:
     return rows
 
 
-def structure(mechanism: Mechanism, motion: Motion | None = None) -> str:
-    """Return which base parameters a motion identifies, or could at best if none is given."""
-    found = identifiable(mechanism, motion)
+def structure(found: Mapping[str, Any], moved: bool) -> str:
+    """Return which base parameters a motion identifies, or could at best where none was `moved`."""
     if not found["unknowns"]:
         return "nothing is unknown"
-    what = "this motion identifies" if motion else "a motion can identify"
+    what = "this motion identifies" if moved else "a motion can identify"
     lines = [
         f"{what} {found['rank']} base parameters of {found['unknowns']} unknowns "
         f"(condition number {found['condition_number']:.3g}):",
@@ -292,6 +337,7 @@ def check_json(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, 
         "identifiable": identifiable(mechanism, motion),
         "notes": [
             *mechanism.notes,
-            *(() if motion is None else (*beyond_limits(mechanism, motion), *motion.notes)),
+            *(map(str, log_findings(mechanism, motion)) if motion else ()),
+            *((*beyond_limits(mechanism, motion), *motion.notes) if motion else ()),
         ],
     }  # fmt: skip
