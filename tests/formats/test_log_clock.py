@@ -45,11 +45,11 @@ def test_these_are_refused(
 
 
 NAMELESS = {
-    "by name": ("time", T, ("'time' looks", "name it t", 'column = "time", scale = 1.0')),
+    "by name": ("time", T, ("'time' looks", "name it t", '"t" = "time"')),
     "by unit": ("stamp_ms", range(200), ("'stamp_ms'", 'column = "stamp_ms", scale = 0.001')),
-    "unit in brackets": ("T [s]", T, ("'T [s]'", 'column = "T [s]", scale = 1.0')),
-    "quotes in its name": ('"time ""rig"""', T, (r'column = "time \"rig\"", scale = 1.0',)),
-    "not even increasing": ("timestamp", [1, 2] * 6, ("'timestamp' looks", "scale = 1.0")),
+    "unit in brackets": ("T [s]", T, ("'T [s]'", '"t" = "T [s]"')),
+    "quotes in its name": ('"time ""rig"""', T, (r'"t" = "time \"rig\""',)),
+    "not even increasing": ("timestamp", [1, 2] * 6, ("'timestamp' looks", '"t" = "timestamp"')),
     "text": ("timestamp", ["12:00"] * 12, ("a column t [s] is needed", "'timestamp' holds text")),
     "none": ("q.b", [0, 1] * 6, ("none that looks like a time", "q.b, tau")),
 }

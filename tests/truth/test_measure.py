@@ -298,14 +298,23 @@ def test_a_log_without_mapped_positions_gets_the_entry_to_write(tmp_path, robots
     with pytest.raises(MotionError) as caught:
         complete(mechanism, log)
     said = str(caught.value)
-    assert '[log] "q.*" = { column = "pos_*" } and "tau.*" = { column = "effort_*" }' in said
+    assert '[log] "q.*" = "pos_*" and "v.*" = "vel_*" and "tau.*" = "effort_*"' in said
     assert "columns that are not used: effort_yaw, " in said
+
+
+def test_one_message_has_the_entries_of_all_channels_that_a_log_without_t_lacks(tmp_path, robots):
+    mechanism, log, _ = renamed_arm(tmp_path, robots, "")
+    log.polars().rename({"t": "stamp"}).write_csv(tmp_path / "run.csv")
+    with pytest.raises(LogError) as caught:
+        complete(mechanism, tmp_path / "run.csv")
+    entries = ('"t" = "stamp"', '"q.*" = "pos_*"', '"v.*" = "vel_*"', '"tau.*" = "effort_*"')
+    assert f"[log] {' and '.join(entries)}" in str(caught.value)
 
 
 def test_joints_and_columns_may_share_their_numbers_alone():
     joints, columns = ["arm_joint_1", "arm_joint_2"], ["torq_1", "pos_1", "torq_2", "pos_2"]
-    assert entry_for("q", joints, columns) == '[log] "q.arm_joint_*" = { column = "pos_*" }'
-    assert entry_for("tau", joints, columns) == '[log] "tau.arm_joint_*" = { column = "torq_*" }'
+    assert entry_for("q", joints, columns) == '"q.arm_joint_*" = "pos_*"'
+    assert entry_for("tau", joints, columns) == '"tau.arm_joint_*" = "torq_*"'
     assert entry_for("q", ["elbow"], columns) == ""
 
 

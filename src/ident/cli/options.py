@@ -313,11 +313,11 @@ def motion_of(
 
 def read_logs(mechanism: Mechanism, paths: Sequence[Path]) -> list[Log]:
     """Return some logs, those in folders among them."""
-    from ident.log import read_log
     from ident.log.read import expanded
+    from ident.motion.motion import log_of
 
     with naming_unused(mechanism):
-        return [read_log(path, mechanism.columns) for path in expanded(paths)]
+        return [log_of(mechanism, path) for path in expanded(paths)]
 
 
 @contextmanager

@@ -35,11 +35,20 @@ USUAL_RATES = (10.0, 100e3)  # [Hz]
 SMALLER_UNITS = (1e-3, 1e-6, 1e-9)  # [s] ms, us, ns
 DIVIDED = (1e3, 1e6)  # of stamps that were divided once too often
 TIME_NAME = re.compile(r"time|stamp|clock|^t([^a-z]|$)|^(ts|secs?|seconds)$|_(ms|us|ns)$", re.I)
-WORDS = {  # in names of columns that are a joint's position or torque
+WORDS = {  # in names of columns that are a joint's position, speed or torque
     "q": re.compile(r"pos|angle|(?<![a-z])q(?![a-z])", re.I),
+    "v": re.compile(r"vel|speed|(?<![a-z])(v|dq|qd)(?![a-z])", re.I),
     "tau": re.compile(r"eff|torq|trq|tau|moment|force|current|(?<![a-z])i(?![a-z])", re.I),
 }
 ORDERED = re.compile(r"cmd|command|target|desired|(?<![a-z])ref", re.I)  # not what was measured
+
+
+class NoTime(LogError):
+    """A log without a time; `columns`: those that it has."""
+
+    def __init__(self, message: str, columns: Iterable[str]) -> None:
+        super().__init__(message)
+        self.columns = tuple(columns)
 
 
 def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
@@ -48,7 +57,7 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
     `table` is under ident's names; `source` is the file's column of `t`, for the message.
     """
     if "t" not in table.columns:
-        raise LogError(f"{table.file}: {_no_time(table)}")
+        raise NoTime(f"{table.file}: {_no_time(table)}", table.columns)
     t = table.columns["t"]
     empty = np.flatnonzero(np.isnan(t))
     if empty.size:
@@ -133,12 +142,20 @@ def _scales(step: float) -> list[float]:
 
 def _entry(column: str, scale: float) -> str:
     quoted = json.dumps(column, ensure_ascii=False)  # a TOML basic string too
-    return f'[log] "t" = {{ column = {quoted}, scale = {scale if scale == 1 else f"{scale:g}"} }}'
+    return f'[log] "t" = {quoted if scale == 1 else f"{{ column = {quoted}, scale = {scale:g} }}"}'
+
+
+def entries_for(lacking: Mapping[str, Sequence[str]], columns: Iterable[str]) -> str:
+    """Return entries of [log], as `entry_for` makes them, for all channels with the joints that
+    lack them; "" if no column seems to be any of them.
+    """
+    names = list(columns)
+    return " and ".join(filter(None, (entry_for(c, own, names) for c, own in lacking.items())))
 
 
 def entry_for(signal: str, joints: Sequence[str], columns: Iterable[str]) -> str:
-    """Return the entry of [log] for the joints of which columns seem to be their `q` or `tau`, or
-    for the first of them; "" if none does.
+    """Return the entry of [log] for the joints of which columns seem to be their `q`, `v` or `tau`,
+    or for the first of them; "" if none does.
     """
     names = sorted(columns, key=lambda name: bool(ORDERED.search(name)))
     for joint in joints:
@@ -155,9 +172,9 @@ def entry_for(signal: str, joints: Sequence[str], columns: Iterable[str]) -> str
         stem = key.removesuffix("*")
         alike = [x for x in joints if pattern.replace("*", x.removeprefix(stem)) in names]
         if len(alike) > 1 and pattern.count("*") == 1:
-            return f'[log] "{signal}.{key}" = {{ column = "{pattern}" }}'
+            return f'"{signal}.{key}" = "{pattern}"'
         more = ", and so on for the others" if len(joints) > 1 else ""
-        return f'[log] "{signal}.{joint}" = {{ column = "{found}" }}{more}'
+        return f'"{signal}.{joint}" = "{found}"{more}'
     return ""
 
 

@@ -10,9 +10,9 @@ from typing import Any, cast
 import numpy as np
 
 from ident.display import Displayed, Progress, render
-from ident.errors import MotionError, one_of
+from ident.errors import LogError, MotionError, one_of
 from ident.log import Log, read_log
-from ident.log.log import entry_for
+from ident.log.log import NoTime, entries_for, entry_for
 from ident.log.read import distinct
 from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
@@ -141,7 +141,7 @@ def complete(
     given: list[Any] = [*cast(Any, logs)] if several and not is_frame(logs) else [logs]
     if not given:
         raise MotionError(f"{mechanism.name}: no log given")
-    read = [_log(mechanism, each) for each in given]
+    read = [log_of(mechanism, each) for each in given]
     different = zip(read, distinct(log.name for log in read), strict=True)
     read = [log if log.name == name else replace(log, name=name) for log, name in different]
     measured = [measure(mechanism, log) for log in read]
@@ -259,12 +259,31 @@ def prescribed(
     return Motion((e,), e.independent, Band(0.0, 0.0, None), 0.0, mechanism=mechanism)
 
 
-def _log(mechanism: Mechanism, given: Given) -> Log:
+def log_of(mechanism: Mechanism, given: Given) -> Log:
+    """Return a log with its columns as a mechanism maps them.
+
+    Raises:
+        LogError: where `read_log` would; of a log without a time, with all entries of [log] that
+            its columns seem to need.
+    """
     if isinstance(given, Log):
         return given
-    if isinstance(given, str | os.PathLike):
-        return read_log(given, mechanism.columns)
-    return Log.from_frame(given, columns=mechanism.columns)
+    try:
+        if isinstance(given, str | os.PathLike):
+            return read_log(given, mechanism.columns)
+        return Log.from_frame(given, columns=mechanism.columns)
+    except NoTime as error:
+        entries = entries_for(_unmapped_joints(mechanism, error.columns), error.columns)
+        raise LogError(f"{error}{entries and f' and {entries}'}") from None
+
+
+def _unmapped_joints(mechanism: Mechanism, columns: Iterable[str]) -> dict[str, list[str]]:
+    """The joints, by channel, that have no column in a log."""
+    joints = [joint.name for joint in mechanism.joints]
+    channels = {"q": joints, "v": joints, "tau": mechanism.driven}
+    has = {*columns, *mechanism.columns}
+    lacking = {c: [x for x in own if f"{c}.{x}" not in has] for c, own in channels.items()}
+    return {c: own for c, own in lacking.items() if own}
 
 
 def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) -> list[str]:
@@ -278,10 +297,11 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
         lacking += f" ({one_of('tau.' + name, free)})" * bool(free)
         if f"tau.{name}" in signals.log.columns:
             lacking = f"column 'tau.{name}' has no value in any of {len(signals.log.t)} rows"
+        entry = f"[log] {entry_for('tau', missing, free)}".strip()
         raise MotionError(
             f"{log}: joint '{name}' is driven, but {lacking}; log it, map it in mechanism.toml: "
-            f"{entry_for('tau', missing, free) or '[log]'}, put '{name}' among the passive "
-            f"joints, or hold it: --lock {name}, in Python load(…, locked={{'{name}': None}})"
+            f"{entry}, put '{name}' among the passive joints, or hold it: "
+            f"--lock {name}, in Python load(…, locked={{'{name}': None}})"
         )
     shown = ", ".join(f"tau.{name}" for name in missing)
     return [f"{log}: has no {shown}: a motion, no experiment"] if missing else []
@@ -315,15 +335,15 @@ def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str,
     columns = _unmapped(mechanism, fewest.log.columns)
     entries = entry_for("q", free, columns)
     if not logged and columns:
-        entries = entries or f'[log] "q.{free[0]}" = {{ column = "…" }}, and so on for the others'
-        lacking = [name for name in mechanism.driven if f"tau.{name}" not in fewest.columns]
-        torques = entry_for("tau", lacking, columns).removeprefix("[log]")
+        lacking = _unmapped_joints(mechanism, fewest.log.columns)
+        entries = entries or f'"q.{free[0]}" = "…", and so on for the others'
+        more = entries_for({c: own for c, own in lacking.items() if c != "q"}, columns)
         raise MotionError(
             f"{fewest.log.name}: no column is the position of a joint; write in mechanism.toml: "
-            f"{entries}{torques and f' and{torques}'}; columns that are not used: "
-            f"{some(columns, 12)}"
+            f"[log] {entries}{more and f' and {more}'}; columns that are not used: "
+            f"{some(columns)}"
         )
-    other = f"; or map columns that it has in mechanism.toml: {entries}" if entries else ""
+    other = f"; or map columns that it has in mechanism.toml: [log] {entries}" if entries else ""
     raise MotionError(
         f"{fewest.log.name}: {mechanism.name} has {dof} degrees of "
         f"freedom, but the positions logged ({given or 'none'}) determine only {len(names)}{check};"
