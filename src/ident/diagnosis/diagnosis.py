@@ -121,10 +121,12 @@ def at_reversals(
     few, every = ((squares * use).sum(axis=0) for use in (contest.use, table.informed))
     names = zip(found.fit.motion.independent, few < every / 2, strict=True)
     loud = tuple(joint for joint, most in names if most)  # most of it is around reversals
-    # dry friction that is no step there is no other effect, and a finding of the fit says so
+    # dry friction that is no step there is no other effect, and a finding of the fit says so; nor
+    # is it if it builds up over some speed or is late, and nothing else explains what is left
     left = excess(other, draws, other.regression, decision)
-    more = any(m.effect.at_reversals for m in chosen.members) or (left > STEP * other.dry).any()
-    if found.verdict == "nothing" and more:
+    no_step = bool(chosen.named) and all(m.effect.needs or m.effect.fault for m in chosen.named)
+    more = any(m.effect.at_reversals for m in chosen.members)
+    if found.verdict == "nothing" and (more or ((left > STEP * other.dry).any() and not no_step)):
         return replace(found, verdict="undecided", loud=loud, reversing=True)
     return found
 
