@@ -298,13 +298,15 @@ class DataChecks:
 
     def _late(self) -> Iterator[Finding]:
         """Report a delay of some milliseconds that all torques have in common, unless the effects
-        that a diagnosis found explain more.
+        that a diagnosis found explain more, or another cause leaves most of the error of a bad fit.
         """
         good = max(self.errors.values(), default=0.0) < DOUBT
         if good and not delay_shows(self.estimate, self.table, self.use):
             return
         late = common_delay(self.estimate, self.table, self.use, self.common)
-        if late is not None and 2 * np.log(late.after) < np.log(self._unexplained).mean():
+        if late is None or (not good and late.after > HALF * late.before):
+            return
+        if 2 * np.log(late.after) < np.log(self._unexplained).mean():
             names = self.mechanism.driven
             text = (
                 f"all torques are {abs(1e3 * late.delay):.3g} ± {1e3 * late.stderr:.2g} ms "
