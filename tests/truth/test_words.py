@@ -17,7 +17,8 @@ from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.diagnosis import beside, certainty
 from ident.show.diagnosis import words as text_of
-from ident.show.html import Bar, Card, named
+from ident.show.effect_names import named
+from ident.show.html import Bar, Card
 from ident.show.ladder import head, history_card, rung
 from ident.show.laws import numbers
 from ident.text import WIDTH, listed, percent, some
@@ -57,7 +58,7 @@ def test_what_nothing_explains_gets_no_name():
     for text in (clean().text, text_of(d, "")):
         assert "issing is" not in text
         assert "ident add" not in text
-    assert d.candidates[0].effect.label in text
+    assert named([d.candidates[0].effect]) in text
 
 
 def test_a_law_is_a_description_and_says_how_to_use_it():
@@ -82,7 +83,7 @@ def test_rivals_in_a_loop_are_a_matter_of_leverage():
     found = next(each for each in d.candidates if each.effect.label == first.label)
     best = replace(found, rivals=(second,))
     text = text_of(replace(d, verdict="missing", candidates=(best,)), "")
-    assert "viscous:crank" in text
+    assert "viscous friction in rocker and crank" in text
     assert "leverage" in text
     alone = replace(lacking().candidates[0], rivals=(ident.effect("drag", "elbow"),))
     assert "leverage" not in text_of(replace(lacking(), candidates=(alone,)), "")
@@ -91,7 +92,7 @@ def test_rivals_in_a_loop_are_a_matter_of_leverage():
 def test_invisible_effects_of_a_kind_are_named_together():
     hidden = [Invisible(ident.effect("rotor_inertia", j), "absorbed") for j in ("yaw", "elbow")]
     text = text_of(replace(clean(), invisible=tuple(hidden)), "")
-    assert "rotor_inertia in elbow and yaw" in text or "rotor_inertia in yaw and elbow" in text
+    assert "rotor inertia in elbow and yaw" in text or "rotor inertia in yaw and elbow" in text
     assert "cannot show" not in text_of(replace(clean(), invisible=()), "")
 
 
@@ -99,10 +100,10 @@ def test_effects_that_the_data_do_not_support():
     drift, spring = ident.effect("drift", "yaw"), ident.effect("spring", "elbow")
     found = (Unsupported(drift, "it is not", False), Unsupported(spring, "it is negative", True))
     text = text_of(replace(clean(), unsupported=found), "")
-    assert "drift:yaw is idle: it is not." in text
+    assert "torque drift in yaw is idle: it is not." in text
     assert "To leave out drift:yaw and spring:elbow" in text
     assert "`mechanism.without('drift:yaw')`" in text
-    assert "spring:elbow cannot be as it is: it is negative" in text
+    assert "spring in elbow cannot be as it is: it is negative" in text
 
 
 def test_the_next_experiment_comes_last():
@@ -129,7 +130,8 @@ def test_a_ladder_prints_and_draws():
     history = grown()
     lines = str(history).splitlines()
     assert lines[2].startswith("as given")
-    assert any(line.startswith("+ ") and history.added[0].kind in line for line in lines)
+    first = named(history.added[:1]).split(" in ")[0]
+    assert any(line.startswith("+ ") and first in line for line in lines)
     assert lines[-1].startswith("noise alone ")
     assert max(len(x) for x in lines if not x.startswith("  ident ")) <= WIDTH
     head, *rows = history.table()
@@ -146,19 +148,22 @@ def test_one_kind_at_several_joints_is_one_rung_and_one_name():
     joints = [f"joint_{i}" for i in (5, 3, 4, 7)]
     rotors = tuple(ident.effect("rotor_inertia", joint) for joint in joints)
     step = replace(grown().steps[0], added=rotors)
-    assert str(step).startswith("+ rotor_inertia in joint_3 to ")
-    assert named(rotors) == "rotor_inertia in joint_3 to joint_5 and joint_7"
-    assert named((*rotors, ident.effect("drag", "wrist")), "or").endswith(" or drag:wrist")
+    assert str(step).startswith("+ rotor inertia in joint_3 to ")
+    assert named(rotors) == "rotor inertia in joint_3 to joint_5 and joint_7"
+    assert named((*rotors, ident.effect("drag", "wrist")), "or").endswith(" or fluid drag in wrist")
+    dry = [ident.effect("coulomb", joint) for joint in joints]
+    assert named(dry, "or") == "dry friction in joint_3 to joint_5 or joint_7 (coulomb)"
+    assert named([ident.effect("payload", "hand")]) == "payload on hand"
 
 
 def test_a_rung_on_which_effects_go():
     first, *_ = grown().steps
     drift, spring = ident.effect("drift", "yaw"), ident.effect("spring", "elbow")
     assert str(first).startswith("as given")
-    assert str(replace(first, removed=(drift,))).startswith("− drift:yaw ")
+    assert str(replace(first, removed=(drift,))).startswith("− torque drift in yaw ")
     several = " ".join(str(replace(first, removed=(drift, spring))).split())
-    assert several.startswith("− drift:yaw and ")
-    assert "spring:elbow" in several
+    assert several.startswith("− torque drift in yaw and ")
+    assert "spring in elbow" in several
 
 
 def test_joints_with_long_names_are_numbered():
@@ -172,19 +177,17 @@ def test_joints_with_long_names_are_numbered():
     assert len(line) == len(more[-1])
 
 
-def test_a_label_in_the_ladder_is_whole():
-    """In its column, or on a line of its own."""
+def test_a_name_in_the_ladder_is_whole():
+    """In its column, or below it."""
     step = grown().steps[0]
-    for name, own in (("j2s6s200_joint_", False), ("a_rather_long_name_of_a_joint_", True)):
+    for name, below in (("j2s6s200_joint_", False), ("a_rather_long_name_of_a_joint_", True)):
         joints = [f"{name}{i}" for i in range(6)]
         errors = {joint: step.errors["yaw"] for joint in joints}
-        offset = ident.effect("torque_offset", joints[1])
-        first, *more = rung(replace(step, errors=errors, added=(offset,)), joints).splitlines()
-        assert first.startswith(f"+ {offset.label}")
-        assert (first == f"+ {offset.label}") is own
-        assert len(more) == own
-        if not own:
-            assert len(first) == len(head(joints).splitlines()[-1])
+        friction = ident.effect("viscous", joints[1])
+        first, *more = rung(replace(step, errors=errors, added=(friction,)), joints).splitlines()
+        assert " ".join([first.split("  ")[0], *map(str.strip, more)]) == f"+ {named([friction])}"
+        assert len(more) == below
+        assert len(first) == len(head(joints).splitlines()[-1])
 
 
 def test_an_error_without_measure_is_no_huge_percentage():

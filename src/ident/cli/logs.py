@@ -117,7 +117,6 @@ def identify(
     MECHANISM is the folder of an earlier fit, what has changed since is named first; both are then
     filtered alike, unless --cutoff is given.
     """
-    from ident.fit.files import read_fit
     from ident.log.pieces import likely_rows
     from ident.log.read import expanded
     from ident.mechanism import Consistency
@@ -129,8 +128,7 @@ def identify(
     )
     bounds = named(bound, "--bound", remedy, interval)
     limits = Consistency(bounds, total_mass) if bound or total_mass is not None else consistent
-    earlier = model.mechanism / "fit.json"
-    since = read_fit(earlier, mechanism, allow_code=model.allow_code) if earlier.is_file() else None
+    since = model.earlier(model.mechanism, mechanism)
     if since is not None and model.cutoff == "auto" != since.cutoff:  # both are filtered alike
         model = replace(model, cutoff="none" if since.cutoff is None else f"{since.cutoff!r}")
     inputs = [model.mechanism, *logs, *(validate or ()), reactions]
@@ -370,6 +368,9 @@ def diagnose(
             motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.05))
             second, third = part(on_progress, 0.05, 0.1), part(on_progress, 0.1, 1.0)
             fit = identify(mechanism, motion, estimator="least-squares", progress=second)
+            if model.mechanism.name == "identified":  # what it left in its own log
+                since = model.earlier(model.mechanism.parent, mechanism)
+                fit = fit if since is None else fit.since(since)
             try:
                 found, remarks = diagnose_(fit, progress=third, **decision), fit.warnings
             except KeyboardInterrupt:  # the fit is done

@@ -19,6 +19,7 @@ from ident.files import check_writable
 
 if TYPE_CHECKING:
     from ident.display import Progress
+    from ident.fit.files import Saved
     from ident.log import Log
     from ident.mechanism import Mechanism
     from ident.motion import Motion
@@ -167,6 +168,13 @@ class FitOptions(ModelOptions):
         """Return the completed motion of logs, with the cut-off of the motion `like` if given."""
         cutoff = cutoff_of(self.cutoff) if like is None else like.band.cutoff
         return motion_of(mechanism, logs, cutoff, on_progress, torques, self.smoothing)
+
+    def earlier(self, folder: Path, mechanism: Mechanism) -> Saved | None:
+        """Return the fit in a folder, of the same mechanism, if there is one."""
+        from ident.fit.files import read_fit
+
+        file = folder / "fit.json"
+        return read_fit(file, mechanism, allow_code=self.allow_code) if file.is_file() else None
 
 
 @dataclass(frozen=True)

@@ -385,6 +385,7 @@ class Diagnosis(Concluded):
         """Further effects of the set, beside the group, with which an error falls as matters."""
         mine = {effect.label for effect in self.group}
         group = [m for m in self.selection.members if m.label in mine]
+        mine |= {effect.label for effect in self.rivals}  # which are for one of it, not beside it
         rest = [m for m in self.together if m.label not in mine]
         sizes = np.array([e.rms**2 / (e.relative or 1.0) ** 2 for e in self.after.values()])
 

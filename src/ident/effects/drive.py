@@ -87,6 +87,7 @@ class TorqueGain(Effect):
     """A torque channel with a wrong scale, such as a motor constant a few percent off."""
 
     kind = "torque_gain"
+    plain = "wrong scale of the torque"
     watched = "always"
     sits = "driven"
     unknowns = (Unknown("g", ("1", "1"), "share of the torque", largest=0.5),)
@@ -109,6 +110,7 @@ class Drift(Effect):
     """An offset that grows with time, from the log's beginning."""
 
     kind = "drift"
+    plain = "torque drift"
     sits = "driven"
     unknowns = (Unknown("c", ("N m/s", "N/s"), "growth of the offset"),)
     equation = "c (t − t0), t0 the log's first sample"
@@ -126,6 +128,7 @@ class Delay(Correcting):
     """A torque channel that is late against the positions, or several by the same time."""
 
     kind = "delay"
+    plain = "torque delay"
     shared = True
     watched = "request"
     fault = "delay"
@@ -179,6 +182,7 @@ class GravityTilt(Correcting):
     """A base that is not level."""
 
     kind = "gravity_tilt"
+    plain = "tilted base"
     arity = 0
     sits = "mechanism"
     watched = "always"
@@ -257,6 +261,7 @@ class Geometry(Correcting):
     """A length that differs from the URDF's."""
 
     kind = "geometry"
+    plain = "another length"
     rare = True
     sits = "place"
     tried = "length"

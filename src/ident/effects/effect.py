@@ -205,6 +205,7 @@ class Effect(ABC):
     needs: ClassVar[tuple[str, ...]] = ()  # kinds that must be at the same joints
 
     # text
+    plain: ClassVar[str] = ""  # a noun for it, where its kind's name alone does not say what it is
     equation: ClassVar[str]
     signature: ClassVar[str]
     confused_with: ClassVar[tuple[str, ...]] = ()

@@ -35,6 +35,7 @@ class Viscous(Effect):
     """Friction torque in proportion to speed."""
 
     kind = "viscous"
+    plain = "viscous friction"
     model_words = ("damping",)
     common = True
     nested_in = ("friction_width",)  # its limit where it builds up over all speeds
@@ -69,6 +70,7 @@ class Coulomb(Dry):
     """Dry friction: constant against the direction of motion."""
 
     kind = "coulomb"
+    plain = "dry friction"
     model_words = ("frictionloss", "friction")
     common = True
     companions = ("viscous",)
@@ -116,6 +118,7 @@ class Stribeck(Dry):
     """Dry friction that is higher at low speed."""
 
     kind = "stribeck"
+    plain = "extra dry friction at low speed"
     slow = True
     unknowns = (
         Unknown("Fs", ("N m", "N"), "friction at the least speed beyond Coulomb", True, acts="dry"),
@@ -145,6 +148,7 @@ class FrictionWidth(Effect):
     """Dry friction that builds up over some speed instead of jumping at zero."""
 
     kind = "friction_width"
+    plain = "dry friction that builds up over speed"
     slow = True
     needs = ("coulomb",)
     unknowns = (Unknown("Fw", ("N m", "N"), "friction that builds up, about Fc", True, acts="dry"),)
@@ -173,6 +177,7 @@ class Drag(Effect):
     """Resistance of a fluid: with the square of speed."""
 
     kind = "drag"
+    plain = "fluid drag"
     watched = "request"
     unknowns = (Unknown("Fd", ("N m s²/rad²", "N s²/m²"), "drag coefficient", nonnegative=True),)
     equation = "Fd v |v|"
@@ -188,6 +193,7 @@ class LoadFriction(Dry):
     """Dry friction that grows with the load that the joint passes on."""
 
     kind = "load_friction"
+    plain = "dry friction that grows with load"
     tried = "loaded"
     watched = "request"
     unknowns = (
@@ -208,6 +214,7 @@ class Hysteresis(Effect):
     """Presliding friction: a spring of small reach that yields (Dahl)."""
 
     kind = "hysteresis"
+    plain = "presliding friction"
     slow = True
     at_reversals = True
     unknowns = (
@@ -252,6 +259,7 @@ class TemperatureFriction(Effect):
     """Viscous friction that changes with temperature."""
 
     kind = "temperature_friction"
+    plain = "friction that changes with temperature"
     unknowns = (Unknown("kappa", ("1/K", "1/K"), "relative change a degree"),)
     settings: ClassVar = {"T0": 25.0}
     equation = "Fv v kappa (T − T0), Fv of `viscous`; T: temperature.<joint>; T0 25"
@@ -305,6 +313,7 @@ class Cable(Effect):
     """Hoses and cables along a joint: a smooth curve over position."""
 
     kind = "cable"
+    plain = "pull of hoses and cables"
     of_position = True
     descriptive = True
     settings: ClassVar = {"degree": 3.0}
@@ -373,6 +382,7 @@ class Ripple(Effect):
     """A torque that repeats with position: cogging, gear teeth, an eccentric gear."""
 
     kind = "ripple"
+    plain = "torque ripple"
     of_position = True
     waves = "N"
     unknowns = (

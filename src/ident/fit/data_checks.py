@@ -349,7 +349,7 @@ class DataChecks:
             [f"{percent(errors[bad][i])} of {where[i]}" for i in most], 2
         )
         if worst < LEAVES:
-            text += f", up to {two_digits(beyond[bad].max())} times what noise of the sensors makes"
+            text += ", far more than noise of the sensors makes"
         if self.faults[1] is not None:
             text += ": what is named above explains it"
         else:

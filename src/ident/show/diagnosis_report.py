@@ -29,10 +29,10 @@ from ident.show.diagnosis import (
     experiment_steps,
     mark,
     planning,
-    spoilt,
     story,
     where_rows,
 )
+from ident.show.effect_names import by_kind, named
 from ident.show.fit import fit_sections
 from ident.show.html import (
     Bar,
@@ -41,17 +41,16 @@ from ident.show.html import (
     Option,
     Page,
     Section,
-    by_kind,
     code,
     headed,
     items,
-    named,
     paragraph,
     table,
 )
 from ident.show.laws import curve_json, labels, law_blocks, numbers
 from ident.show.residual import plot_maps, time_label, view_of_fit
 from ident.show.sheet import Sheet
+from ident.show.verdict import spoilt
 
 SCHEMA = "ident.diagnosis/1"
 BARS = 12

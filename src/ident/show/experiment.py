@@ -25,8 +25,9 @@ from ident.display import renders
 from ident.effects import Effect
 from ident.effects.library import separating
 from ident.errors import IdentError
-from ident.show.html import named
-from ident.text import listed, some, two_digits
+from ident.show.effect_names import named
+from ident.show.verdict import at_reversals
+from ident.text import listed, places, two_digits
 
 SHOWS = 0.02  # visible share from which an effect can be seen
 SLOWLY = 0.1  # of the logged top speed: friction that depends on the speed shows between reversals
@@ -100,13 +101,9 @@ def _advice(d: Diagnosis) -> Advice:
         answered = any(proposal(d, tried, pairs) for pairs in questions(rivals))
         if d.best is not None or answered:
             return _between(d, rivals, tried)
+    slowly = _slowly(d, at_reversals(d))
     if d.reversing:
-        moves = (m for m in present(d.fit.mechanism, d.fit.motion) if m.joint.name in d.loud)
-        tops = [f"{m.joint.name} at up to {SLOWLY * m.speed:.2g} {m.joint.unit}/s" for m in moves]
-        return Advice(
-            f"Move {listed(tops)}, a tenth of what is logged, to and fro for as long as this log: "
-            "such speeds are there at reversals only."
-        )
+        return Advice(slowly)
     if d.verdict in ("unexplained", "undecided"):
         if d.laws and all(_explained(d, name) for name in d.loud):
             return Advice(
@@ -115,10 +112,23 @@ def _advice(d: Diagnosis) -> Advice:
                 "cause: compare both fits there."
             )
         return unexplained(d)
-    first = f"Add {named(d.group)} and diagnose again: nothing rivals it. " if d.best else ""
+    first = f"Add {named(d.group)} and diagnose again: nothing rivals it." if d.best else ""
     if d.best and d.health.faults:  # of the clock, the only one beside a name
-        first = f"Compare t with another clock, and measure the length {named(d.group)}. "
-    return Advice(f"{first}{unseen(d)}".strip() or NOTHING)
+        first = f"Compare t with another clock, and measure {named(d.group)}."
+    return Advice(" ".join(filter(None, (first, slowly, unseen(d)))) or NOTHING)
+
+
+def _slowly(d: Diagnosis, joints: Sequence[str]) -> str:
+    """Return the motion that shows what is left at the reversals of joints; nothing of none."""
+    if not joints:
+        return ""
+    moves = [m for m in present(d.fit.mechanism, d.fit.motion) if m.joint.name in joints]
+    tops = dict.fromkeys(f"{SLOWLY * m.speed:.2g} {m.joint.unit}/s" for m in moves)
+    speeds = f"up to {next(iter(tops))}, " if len(tops) == 1 else ""
+    return (
+        f"Move {places(m.joint.name for m in moves)} at {speeds}a tenth of what is logged, to and "
+        "fro for as long as this log: such speeds are there at reversals only."
+    )
 
 
 def _explained(d: Diagnosis, joint: str) -> bool:
@@ -145,7 +155,7 @@ def _between(d: Diagnosis, rivals: Sequence[Evidence], tried: Sequence[Attempt])
 def _proposed(d: Diagnosis, p: Proposal) -> str:
     text = (
         f"{_capital(described(p.trial, present(d.fit.mechanism, d.fit.motion)))}: "
-        f"{some([each.label for each in p.apart])} then differ by at least "
+        f"{named(p.apart)} then differ by at least "
         f"{two_digits(p.separation)} standard errors in a log as long as this one; log about "
         f"{two_digits(p.seconds)} s of it to be sure"
     )
@@ -170,7 +180,7 @@ def _no_motion(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) ->
 
 def _effects(pairs: Sequence[Sequence[Effect]]) -> tuple[list[Effect], str]:
     effects = [effect for pair in pairs for effect in pair]
-    return effects, some(list(dict.fromkeys(effect.label for effect in effects)))
+    return effects, named({effect.label: effect for effect in effects}.values())
 
 
 def without_motion(d: Diagnosis, effects: Sequence[Effect]) -> str:
@@ -222,36 +232,36 @@ def unseen(d: Diagnosis) -> str:
     shown, words = _best_trial(d) if d.invisible else ([], "")
     found = []
     if shown:
-        found.append(f"{_capital(words)}: that would show {some(shown)}, invisible in this log.")
+        found.append(f"{_capital(words)}: that would show {named(shown)}, invisible in this log.")
     rest: dict[str, list[Effect]] = {}
     for each in d.invisible:
-        if each.effect.remedy and each.effect.label not in shown:
+        if each.effect.remedy and each.effect not in shown:
             rest.setdefault(each.effect.kind, []).append(each.effect)
     for effects in list(rest.values())[: 2 if shown else 3]:
-        names = some([effect.label for effect in effects])
+        names = named(effects)
         alone = ", which no motion tried does" * (len(found) < 2)
         found.append(f"{_capital(effects[0].remedy)}: that would show {names}{alone}.")
     return " ".join(found)
 
 
-def _best_trial(d: Diagnosis) -> tuple[list[str], str]:
-    """Return the labels of what the most revealing motion shows, and that motion."""
+def _best_trial(d: Diagnosis) -> tuple[list[Effect], str]:
+    """Return what the most revealing motion shows, and that motion."""
     loops = d.fit.mechanism.closures  # a correction closes them anew at every sample: not tried
     wanted = [e.effect for e in d.invisible if not (e.effect.corrects and loops)][:LOOKED_AT]
     now = present(d.fit.mechanism, d.fit.motion)
-    best: tuple[list[str], str] = [], ""
+    best: tuple[list[Effect], str] = [], ""
     kinds = {"awake", "turn", "limits", "wider"}
     for trial in trials(now, concerned(d, [])):
         probe = Probe.of(d, trial) if trial.kind in kinds else None
         if probe is None:
             continue
         kinds.remove(trial.kind)
-        found = []
+        found = list[Effect]()
         for effect in wanted:
             with suppress(
                 IdentError, LinAlgError
             ):  # what cannot be evaluated in this motion is not shown by it
-                found += [effect.label] if probe.visible(effect) > SHOWS else []
+                found += [effect] if probe.visible(effect) > SHOWS else []
         if len(found) > len(best[0]):
             best = found, described(trial, now)
     return best

@@ -24,14 +24,16 @@ from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
 from ident.show.charts import Chart, Level, Line, Mark, Panel
-from ident.show.diagnosis import card, errors_with, noise_errors, short, verdict_line
+from ident.show.diagnosis import card, errors_with, short
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
-from ident.show.html import Bar, Card, Page, Section, named, next_command, table
+from ident.show.effect_names import named
+from ident.show.html import Bar, Card, Page, Section, next_command, table
 from ident.show.sheet import Sheet
+from ident.show.verdict import noise_errors, verdict_line
 from ident.text import percent, width, wrapped
 
 NAME, CELL = 30, 7  # characters of the columns
-LONG = "+ friction_width:"  # and a joint: as long as most labels are
+LONG = "+ viscous friction in "  # and a joint: as long as most names are
 NOISE = "noise alone"
 CAPTION = "Held-out error, rung by rung"
 

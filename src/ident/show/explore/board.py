@@ -32,16 +32,18 @@ from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.show.charts import Chart, pieces_of, scripts
-from ident.show.diagnosis import card, noise_errors, sheet
+from ident.show.diagnosis import card, sheet
 from ident.show.diagnosis_report import plot_before_after
+from ident.show.effect_names import named
 from ident.show.explore.exploration import Exploration, PredictedGain, fit_of
 from ident.show.fit import value_tables
-from ident.show.html import Bar, Card, items, named, next_command, paragraph, table
+from ident.show.html import Bar, Card, items, next_command, paragraph, table
 from ident.show.ladder import changed, plot_rungs
 from ident.show.laws import law_words
 from ident.show.local import Place, send
 from ident.show.residual import failure_text, judged_of, plot_maps, plot_predictions
 from ident.show.template import piece
+from ident.show.verdict import noise_errors
 from ident.text import some
 
 POINTS = 1500  # of a line on the page

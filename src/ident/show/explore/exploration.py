@@ -35,6 +35,7 @@ from ident.information.blocks import Error
 from ident.information.chance import Chance
 from ident.mechanism import Mechanism
 from ident.motion import Motion
+from ident.show.effect_names import named
 from ident.show.ladder import cells, changed, model_files, refuse_own
 from ident.show.ladder import write as write_history
 from ident.text import table
@@ -230,9 +231,10 @@ class Exploration(Displayed):
         best = next((x for x in self.candidates if x.sure and not x.present), None)
         if best is None:
             return "No effect lowers the error by more than chance would; judge it to be sure."
+        first = f"The first candidate is {named([best.effect])}"
         if self.diagnosis is not None:
-            return f"The first candidate is {best.label}; the verdict on it is under Verdict."
-        return f"The first candidate is {best.label}. A falling error is no proof: judge it."
+            return f"{first}; the verdict on it is under Verdict."
+        return f"{first}. A falling error is no proof: judge it."
 
     def effect(self, label: str) -> Effect | str:
         """Return the effect with a label among what is announced or offered; else the label."""

@@ -29,7 +29,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.plugins import version
 from ident.show.charts import Chart, scripts
 from ident.show.template import piece
-from ident.text import listed, percent, places, some, two_digits, width, wrapped
+from ident.text import percent, some, two_digits, width, wrapped
 
 PAIRS, FLAGS = ("--with", "--lock"), ("--absolute", "--allow-code")  # options of the model
 MONITOR = {"--with", "--lock", "--absolute", "--allow-code", "--cutoff", "--smoothing"}  # it takes
@@ -299,27 +299,6 @@ class Card:
         return f"{cells[:at]}|{cells[at + 1 :]}" if at <= size else cells
 
 
-def by_kind(effects: Iterable[Effect]) -> list[list[Effect]]:
-    """Return effects of one kind together, in the order of the first of each."""
-    found: dict[str, list[Effect]] = {}
-    for effect in effects:
-        found.setdefault(effect.kind, []).append(effect)
-    return list(found.values())
-
-
-def named(effects: Iterable[Effect], word: str = "and") -> str:
-    """Return `coulomb:elbow` of one effect, `coulomb in a3 to a7` of several of a kind."""
-    return listed(
-        [
-            group[0].label
-            if len(group) == 1
-            else f"{group[0].kind} in {places(','.join(each.joints) for each in group)}"
-            for group in by_kind(effects)
-        ],
-        word,
-    )
-
-
 def place_of(mechanism: Mechanism) -> str:
     """Return the mechanism as commands take it."""
     place = mechanism.toml.parent if mechanism.toml else mechanism.urdf
@@ -379,13 +358,16 @@ def next_command(
             *own(*PAIRS, "--allow-code"), *(["--separate", *separate] if separate else []),
             "--out", unused("next.csv"),
         ],
+        "grow": [*given.logs, *options, "--out", unused("grown")],  # from what is unknown in it
         "identify": [*given.logs, *options, "--out", unused(out) if out else "DIR"],
         "monitor": [
             "NEXT.csv", *(w for log in given.like or given.logs for w in ("--like", log)), *options,
         ],
     }  # fmt: skip
     mechanism = given.mechanism
-    if verb == "diagnose" and has_identified(Path(mechanism)):
+    if verb == "grow" and has_identified(Path(mechanism).parent):
+        mechanism = str(Path(mechanism).parent)
+    elif verb == "diagnose" and has_identified(Path(mechanism)):
         # with known bodies a load can be the cause
         mechanism = f"{mechanism}/identified"
     elif verb == "diagnose" and known and given.fit:  # effects are in it, with their values

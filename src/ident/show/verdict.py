@@ -1,0 +1,197 @@
+"""The verdict of a diagnosis in a sentence, how sure it is, and what an earlier fit had left."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from ident.diagnosis.result import Diagnosis, Explanation, errors_of
+from ident.diagnosis.selection import Evidence
+from ident.effects import KINDS, Effect
+from ident.fit import Fit
+from ident.fit.files import Saved
+from ident.fit.findings import Finding
+from ident.fit.residual import Failure
+from ident.information.blocks import Error
+from ident.show.effect_names import named
+from ident.show.html import NOISY, TRIFLE, too_large, wrong_unit
+from ident.show.laws import numbers
+from ident.text import listed, percent, places, some
+
+MOST = 3  # effects that are named of those that nothing speaks for
+PART = 0.5  # share that stays beyond noise, from which a name may be that of another cause
+RAREST = 0.01  # chance below which a hundred draws say no more than that it is rarer
+
+
+def by_chance(e: Evidence) -> str:
+    """Return how many logs in which nothing is missing would show as much, in words."""
+    count = f"fewer than 1 in {1 / RAREST:,.0f}" if e.p < RAREST else f"1 in {1 / e.p:.0f}"
+    return f"{count} logs in which nothing is missing would show as much"
+
+
+def noise_errors(fit: Fit) -> dict[str, Error]:
+    """Return what noise alone would leave in each joint, beside the errors of its fit."""
+    return {
+        n: replace(e, rms=x, relative=e.relative and e.relative * x / max(e.rms, 1e-300))
+        for n, e in errors_of(fit).items()
+        for x in [fit.noise[n]]
+    }
+
+
+def failing(d: Diagnosis) -> list[Failure]:
+    """Return the joints in which more than noise is left, the worst first; none if clean."""
+    if d.verdict == "nothing":
+        return []
+    errors = errors_of(d.fit)
+    return [f for f in d.where if errors[f.joint].rms > NOISY * d.floor[f.joint]] or [*d.where[:1]]
+
+
+def spoilt(d: Diagnosis) -> list[Finding]:
+    """Return the faults of the data that explain the log, and another unit of several torques,
+    where no effect is named beside them.
+    """
+    return [] if d.best else [*d.health.faults, *wrong_unit(d.health.findings)]
+
+
+def verdict_line(d: Diagnosis) -> str:
+    """Return the verdict in one sentence; what is wrong with the data comes before effects."""
+    if wrong := spoilt(d):
+        return f"the data look wrong: {wrong[0].meaning}"
+    if d.best is not None:
+        names = named([d.best, *d.rivals], "or") if d.rivals else named(d.group)
+        clock = " or another scale of time" * _clock(d)
+        apart = ", which this data cannot tell apart" * open_between(d)
+        return f"missing: {'other values of ' * bool(d.candidates[0].known)}{names}{clock}{apart}"
+    if left := left_before(d):
+        return (
+            "nothing has changed, but the earlier model was incomplete: it left more than noise in "
+            f"{some(left, MOST)} of its own log, too"
+        )
+    formulas = listed([f"torque of {law.joint} = {law.formula}" for law in d.laws])
+    last = d.laws[-1].after if d.laws else {}  # its fit has all laws
+    if open_ := [name for name in d.loud if d.laws and last[name].rms > NOISY * d.floor[name]]:
+        formulas += f"; even with it more than noise is left in {listed(open_)}"
+    if d.reversing:
+        return (
+            f"undecided: more is left in {listed(d.loud)} than the sensors' noise, but only around "
+            "reversals, where dry friction may have any value"
+        )
+    return {
+        "nothing": "nothing is missing that this data could show",
+        "unexplained": "unexplained: something is missing, and no effect of the library explains "
+        + (f"it, but a formula does: {formulas}" if d.laws else "it"),
+        "undecided": f"undecided: more is left in {listed(d.loud)} than the sensors' noise, and "
+        "this log cannot tell coloured noise from physics",
+    }[d.verdict]
+
+
+def known_values(best: Explanation) -> str:
+    """Return the values that the model has of an effect that it has."""
+    own = [(v.name.rpartition(".")[2], v) for v in best.parameters if v.name in best.known]
+    return some([f"{n} = {best.known[v.name]:.4g} {v.unit}".removesuffix(" 1") for n, v in own])
+
+
+def _stays(d: Diagnosis, after: Mapping[str, Error]) -> float:
+    """Return the share of the squares beyond noise that the group leaves where the first name acts;
+    0 where no more than noise is left with the whole set.
+    """
+    joint = d.candidates[0].joint
+    if joint not in d.loud:
+        return 0.0
+    floor = d.floor[joint] ** 2
+    before, left = (max(e.rms**2 - floor, 0.0) for e in (errors_of(d.fit)[joint], after[joint]))
+    return left / max(before, floor)
+
+
+def _clock(d: Diagnosis) -> bool:
+    """Whether another scale of time does as well as the best effect."""
+    return any(each.code == "time" for each in d.health.findings)
+
+
+def open_between(d: Diagnosis) -> bool:
+    """Whether this data cannot tell something from the best effect."""
+    return bool(d.rivals) or _clock(d)
+
+
+def left_before(d: Diagnosis) -> list[str]:
+    """Return the joints, with errors, in which an earlier model left more than noise in its own
+    log and leaves no more here, the most first; none where no earlier fit is known, or it does
+    worse in some joint than then.
+    """
+    earlier = d.fit.earlier
+    errors = earlier.errors if isinstance(earlier, Saved) else {}
+    then = errors.get("held out") or errors.get("train") or {}
+    if d.verdict == "nothing" or d.fit.residual.risen(then):
+        return []
+    return [f"{j} ({percent(then[j].relative)})" for j in too_large(then, d.floor, TRIFLE)]
+
+
+def separable(d: Diagnosis) -> tuple[str, ...]:
+    """Return the best effect and a rival, at another place if there is one, where a motion tells
+    them apart that `ident excite` can plan. Of bodies it cannot: only some of the ten parameters of
+    one differ from those of another.
+    """
+    single = [x for x in d.advice.apart if not (x.signal or x.loaded_link) and x.kind in KINDS]
+    best, apart = d.best, {each.label for each in single}
+    rivals = [each for each in d.rivals if each.label in apart]
+    if best is None or not rivals or best.label not in apart:
+        return ()
+    rival = next((each for each in rivals if each.kind == best.kind), rivals[0])
+    return best.label, rival.label
+
+
+def certainty(d: Diagnosis) -> str:
+    """Return how sure the verdict is, in a sentence."""
+    if d.best is None:
+        more = [each for each in d.every if each.evidence.p < d.decision.alpha]
+        none = "none explains it" if d.selection.members or d.laws else "none does more than chance"
+        if more and not d.selection.members and not d.laws:
+            none = f"none is named ({_not_named(d, [each.evidence for each in more[:MOST]])})"
+        return f"{_tried(d)} effects were tried, and {none}.{_turning(d)}"
+    best = d.candidates[0]
+    certain = "Sure" if best.evidence.p < RAREST else "Not sure"
+    if (stays := _stays(d, d.after)) > PART:
+        certain = (
+            f"Not sure that it is this (with it {100 * stays:.0f} % of the squared error beyond "
+            f"noise stays in {best.joint})"
+        )
+    elif open_between(d):
+        certain = f"Which of these is open; that something is missing: {certain.lower()}"
+    value = f"{named([d.best])}: " if len(d.group) > 1 or open_between(d) else ""
+    had = f", in the model {known_values(best)}" * bool(best.known)
+    return f"{certain}: {by_chance(best.evidence)}; {value}{numbers(best.parameters)}{had}."
+
+
+def _not_named(d: Diagnosis, some: Sequence[Evidence]) -> str:
+    """Return why effects that do more than chance are not named."""
+    reasons: dict[str, list[Effect]] = {}
+    for e in some:
+        why = "with a value that no machine has"
+        if e.sensible:
+            small = e.size <= d.decision.material
+            why = "too small to matter away from reversals" if small else "not sure"
+        reasons.setdefault(why, []).append(e.effect)
+    return "; ".join(f"{why}: {named(own)}" for why, own in reasons.items())
+
+
+def at_reversals(d: Diagnosis) -> list[str]:
+    """Return the joints in which more than noise is left, where nothing is named and rows at
+    reversals fit worse.
+    """
+    if d.reversing:
+        return [*d.loud]
+    worse = {j for each in d.fit.all_findings if each.code == "reversals" for j in each.where}
+    errors = errors_of(d.fit)
+    left = [j for j in errors if j in worse and errors[j].rms > NOISY * d.floor[j]]
+    return left if d.verdict == "nothing" else []
+
+
+def _turning(d: Diagnosis) -> str:
+    """Return what is left at reversals where nothing is missing."""
+    left = [] if d.reversing else at_reversals(d)
+    where = f" What is left in {places(left)} goes with reversals, where dry friction is no exact "
+    return f"{where}step." if left else ""
+
+
+def _tried(d: Diagnosis) -> int:
+    return sum(not each.curve for each in d.selection.first.contest.candidates)
