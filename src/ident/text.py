@@ -94,7 +94,7 @@ def some(names: Sequence[str], most: int = 4) -> str:
     return f"{', '.join(names[:most])} and {len(names) - most} more"
 
 
-def places(names: Iterable[str], word: str = "and") -> str:
+def places(names: Iterable[str]) -> str:
     """Return names as an enumeration, three or more with numbers in a row as a range.
 
     >>> places(["b1", "a4", "a3", "a5", "b2"])
@@ -111,7 +111,7 @@ def places(names: Iterable[str], word: str = "and") -> str:
         else:
             runs.append([name])
     return listed(
-        (x for run in runs for x in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)), word
+        word for run in runs for word in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)
     )
 
 

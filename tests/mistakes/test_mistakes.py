@@ -86,7 +86,7 @@ def test_what_noise_does_not_explain_is_said(tmp_path):
     (mistake,) = (each for each in MADE if each.name == "one length 10 % too long")
     verdict = judge(clean(panda[0], tmp_path / "truth"), mistake, tmp_path)
     assert verdict.outcome in ACCEPTED, verdict.said
-    assert any("times what noise of the sensors makes" in text for text in verdict.said)
+    assert any("more than noise of the sensors makes" in text for text in verdict.said)
 
 
 def test_a_loop_of_one_angle_blames_no_sign_for_another_run(tmp_path):

@@ -13,10 +13,10 @@ import pytest
 import ident
 from ident import Diagnosis, Mechanism, Motion, Noise
 from ident.diagnosis.candidates import Contest, candidates_of
-from ident.diagnosis.diagnosis import by_rivals
 from ident.diagnosis.grow import undetermined
 from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import noise, path_shares
+from ident.diagnosis.refitted import by_rivals, least_error
 from ident.diagnosis.search import NEAR
 from ident.diagnosis.selection import Decision, Weigh, rank
 from ident.effects import Effect, ReversalPulses, Signals
@@ -386,6 +386,21 @@ def test_a_rival_stands_in_where_the_first_name_is_no_cause():
     for each in names:
         assert each.label not in {e.effect.label for e in each.rivals}
     assert not [*by_rivals(replace(d.selection, members=()))]
+
+
+def test_of_rivals_that_are_as_simple_the_one_with_the_least_error_is_named():
+    d = diagnosed(planted(["coulomb:elbow"], {"coulomb.elbow.Fc": 0.5}))
+    first, own = d.selection.named[0], d.candidates[0]
+    assert first.evidence is not None
+    rival = replace(first.evidence, effect=ident.effect("coulomb", "wrist"))
+    selection = replace(d.selection, members=(replace(first, rivals=(rival,)),))
+    halved = {j: replace(e, rms=e.rms / 2) for j, e in own.after.items()}
+    other = replace(own, effect=rival.effect, evidence=rival, after=halved)
+    better = least_error(selection, [own, other])
+    assert better is not None
+    assert [m.label for m in better.named] == ["coulomb:wrist"]
+    assert [e.effect.label for e in better.named[0].rivals] == ["coulomb:elbow"]
+    assert least_error(selection, [own, replace(other, after=own.before)]) is None
 
 
 def test_what_the_fit_does_not_determine_is_dropped_first():

@@ -152,7 +152,7 @@ def test_one_kind_at_several_joints_is_one_rung_and_one_name():
     assert named(rotors) == "rotor inertia in joint_3 to joint_5 and joint_7"
     assert named((*rotors, ident.effect("drag", "wrist")), "or").endswith(" or fluid drag in wrist")
     dry = [ident.effect("coulomb", joint) for joint in joints]
-    assert named(dry, "or") == "dry friction in joint_3 to joint_5 or joint_7 (coulomb)"
+    assert named(dry, "or") == "dry friction in joint_5, joint_3, joint_4 or joint_7 (coulomb)"
     assert named([ident.effect("payload", "hand")]) == "payload on hand"
 
 

@@ -16,20 +16,12 @@ from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import FoundCurve, curve_of
 from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
-from ident.diagnosis.result import (
-    Diagnosis,
-    Explanation,
-    Law,
-    announced,
-    announced_with,
-    errors_of,
-    known_of,
-)
+from ident.diagnosis.refitted import by_rivals, explain, explanations, least_error, started
+from ident.diagnosis.result import Diagnosis, Explanation, Law, announced_with, errors_of
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import MOST, NEGATIVE, Decision, Evidence, simplicity, torque_squares
+from ident.diagnosis.selection import MOST, NEGATIVE, Decision, torque_squares
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
-from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError, check_whole
@@ -42,9 +34,7 @@ from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
 from ident.information.hypotheses import PartialRegression
 
-SHOWN = 3  # candidates that are listed though nothing speaks for them
 TRIED = 3  # rivals of a formula whose constants are not determined
-LISTED = 8  # candidates that are listed at most
 LOUD = 1.25  # times the largest of the noise's draws, from which a residual is more than noise
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
 THIRD = 1 / 3  # of a length, by which no drawing is off
@@ -168,13 +158,17 @@ def judged(
         on_progress("refitting", 0.4)
         selection, laws = _refitted(fit, lawful, found, decision)
     first, best = selection.named[0] if selection.named else None, None
-    candidates = _explanations(fit, selection, first)
+    candidates = explanations(fit, selection, first)
     for each in () if data.faults else by_rivals(selection):
         name = each.named[0]
-        again = candidates if name is first else _explanations(fit, each, name)
+        again = candidates if name is first else explanations(fit, each, name)
         known = [x.effect.label for x in again[:1]] == [name.label]
         if known and _explains(again[0], contest, draws, each, decision):
             best, selection, candidates = name, each, again
+            if (other := least_error(each, again)) is not None:
+                again = explanations(fit, other, other.named[0])
+                if _explains(again[0], contest, draws, other, decision):
+                    best, selection, candidates = other.named[0], other, again
             break
     if best is not None and best.effect.sits == "place":
         data = Health((*data.findings, *_clock(fit, candidates[0])))
@@ -243,22 +237,6 @@ def of_one_form(found: Collection[FoundLaw]) -> list[FoundLaw]:
         key=lambda t: sum(float(f[t].loss.sum()) / x for f, x in zip(forms, losses, strict=True)),
     )
     return [law.instead(form[best]) for law, form in zip(found, forms, strict=True)]
-
-
-def by_rivals(selection: Selection) -> Iterator[Selection]:
-    """Yield a selection as it is, then with each rival of its first name in the place of that, the
-    simplest first; nothing where nothing is named.
-    """
-    if not selection.named:
-        return
-    yield selection
-    first = selection.named[0]
-    simple = sorted(first.rivals, key=simplicity)
-    for each in simple:
-        others = tuple(e for e in simple if e is not each)
-        member = replace(first, effect=each.effect, evidence=each, rivals=others, stands_in=True)
-        members = tuple(member if m is first else m for m in selection.members)
-        yield replace(selection, members=members)
 
 
 def _explains_most(found: Explanation, fit: Fit) -> bool:
@@ -436,55 +414,3 @@ def found_curves(
             )
         )
     )
-
-
-# --- candidates, refitted ----------------------------------------------------------------------
-
-
-def _explanations(fit: Fit, selection: Selection, best: Member | None) -> list[Explanation]:
-    """The best refitted, its rivals and what else is promising, best first."""
-    first = [best.evidence, *best.rivals] if best is not None and best.evidence else []
-    labels = {each.effect.label for each in first}
-    rest = [e for e in selection.first.evidence if e.effect.label not in labels]
-    rest.sort(key=lambda each: not each.credible)
-    wanted = [*first, *rest][: max(SHOWN, min(LISTED, len(first) + 1))]
-    effects = [each.effect for each in first]
-    cheap = all(each.linear for each in fit.mechanism.effects)  # no search of shapes
-    found = []
-    for each in wanted:
-        rivals = tuple(e for e in effects if e.label != each.effect.label)
-        rivals = rivals if each.effect.label in labels else ()
-        if (first and each is first[0]) or (each.effect.linear and cheap):
-            with suppress(IdentError):  # a correction too large for the loops to close, say
-                found.append(explain(fit, each, rivals))
-        else:
-            found.append(announced(fit, selection, each, rivals))
-    return found
-
-
-def explain(fit: Fit, found: Evidence, rivals: tuple[Effect, ...] = ()) -> Explanation:
-    """The refit with a candidate; searched shapes set out from where they were found. Its standard
-    errors hold no bias of wrong data, beside which nothing is named.
-    """
-    refit = identify(
-        fit.mechanism + found.effect, fit.motion, start=started(fit.point, fit, [found]),
-        estimator="least-squares",
-    )  # fmt: skip
-    effects = refit.effects_with(refit.without_faults)
-    values = next(e.parameters for e in effects if e.effect.label == found.effect.label)
-    return Explanation.of(fit, found, refit, errors_of(refit), values, rivals)
-
-
-def started(point: Point, fit: Fit, found: Collection[Evidence]) -> Point:
-    """The working point with the shapes of some candidates where they were found."""
-    shapes: dict[str, float] = {}
-    for each in found:
-        effect = each.effect
-        before = known_of(fit, effect) if effect.corrects else {}
-        names = effect.names[len(effect.unknowns) :]
-        shapes |= {
-            full: each.shape[shape.name] + before.get(full, 0.0)
-            for full, shape in zip(names, effect.shapes, strict=True)
-            if shape.name in each.shape
-        }
-    return Point(point.pi, {**point.values, **shapes})

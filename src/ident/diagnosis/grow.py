@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, possible
-from ident.diagnosis.diagnosis import Decision, at_reversals, concluded, started
+from ident.diagnosis.diagnosis import Decision, at_reversals, concluded
 from ident.diagnosis.effect_set import EffectSet, Member, leading, on_all_rows, reweighted
 from ident.diagnosis.null import noise
+from ident.diagnosis.refitted import started
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
 from ident.diagnosis.search import Search, led_at_reversals
 from ident.diagnosis.selection import Ranking

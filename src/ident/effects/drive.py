@@ -134,7 +134,12 @@ class Delay(Correcting):
     fault = "delay"
     margin = LATEST
     sits = "driven"
-    shapes = (Unknown("d", ("s", "s"), "by which the torque is late", range=(-LATEST, LATEST)),)
+    shapes = (
+        Unknown(
+            "d", ("s", "s"), "by which the torque is late", range=(-LATEST, LATEST),
+            negative="the torque is early",
+        ),
+    )  # fmt: skip
     equation = "τ(t) logged at t + d"
     signature = "the residual is large where the torque changes fast, with its slope"
     confused_with = ("viscous", "coulomb", "elasticity")

@@ -141,6 +141,7 @@ class Unknown:
     acts: str = "torque"
     # of a shape parameter, (lowest, highest) where the signals do not decide it
     range: tuple[float, float] | None = None
+    negative: str = ""  # what a negative value means, in words, where its name says the opposite
 
 
 @dataclass(frozen=True)

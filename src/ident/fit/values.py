@@ -293,11 +293,29 @@ class Model(Protocol):
 
 @dataclass(frozen=True)
 class Change:
-    """One base parameter in two fits; z: their difference in standard errors of it."""
+    """One base parameter in two fits; z: their difference in standard errors of it.
+
+    `effect`: whose parameter it is; None of a body's, and of a combination.
+    """
 
     before: BaseValue
     after: BaseValue
     z: float
+    effect: Effect | None = None
+
+    @property
+    def shape(self) -> bool:
+        """Whether it is the shape of an effect with coefficients: its error is that of a slope,
+        which says little about how far a shape may be off, and it is no size that changes.
+        """
+        if self.effect is None or not self.effect.unknowns:
+            return False
+        return self.after.name in self.effect.names[len(self.effect.unknowns) :]
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Full names of the unknowns in it."""
+        return tuple(name for _, _, name in TERM.findall(self.after.name))
 
 
 @dataclass(frozen=True, repr=False)
@@ -323,6 +341,7 @@ class Changes(Displayed):
             columns, estimate, cov: of the present one.
         """
         base, compared, apart = estimate.base, list[Change](), list[str]()
+        effects = {name: effect for effect in earlier.mechanism.effects for name in effect.names}
         for before in earlier.base_parameters:
             c, known = np.zeros(len(columns)), True
             for sign, factor, name in TERM.findall(before.name):
@@ -341,7 +360,7 @@ class Changes(Displayed):
             step, error = value - before.value, float(np.hypot(stderr, before.stderr))
             exact = abs(step) <= EXACT * max(abs(value), abs(before.value))
             z = 0.0 if exact else step / error if error else np.copysign(np.inf, step)
-            compared.append(Change(before, after, float(z)))
+            compared.append(Change(before, after, float(z), effects.get(before.name)))
         compared.sort(key=lambda each: -abs(each.z))
         return cls(earlier.name, tuple(compared), tuple(apart))
 
@@ -353,4 +372,4 @@ class Changes(Displayed):
     @cached_property
     def changed(self) -> tuple[Change, ...]:
         """Return the changes beyond the errors of both fits, the most significant first."""
-        return tuple(each for each in self.compared if abs(each.z) > self.least)
+        return tuple(e for e in self.compared if abs(e.z) > self.least and not e.shape)

@@ -37,6 +37,7 @@ def _of_one_kind(group: Sequence[Effect], word: str) -> str:
     signals = listed(dict.fromkeys(each.signal for each in group if each.signal))
     of = f" of {signals}" if any(each.signal for each in group) else ""
     sites = first.joints if len(group) == 1 else [",".join(each.joints) for each in group]
-    where = f" {PREPOSITIONS.get(first.site, 'in')} {places(sites, word)}" if first.joints else ""
+    own = places(sites) if word == "and" else listed(sites, word)  # of rivals the best first
+    where = f" {PREPOSITIONS.get(first.site, 'in')} {own}" if first.joints else ""
     code = "" if first.kind.replace("_", " ") in plain(first) else f" ({first.kind})"
     return f"{plain(first)}{of}{where}{code}"

@@ -20,6 +20,7 @@ from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Change, Changes, Correlation, Value
 from ident.information.blocks import Error
 from ident.show.charts import BELOW, MEASURED, PRIOR, Chart, Dots, Line, Panel
+from ident.show.effect_names import named
 from ident.show.html import (
     OTHER,
     Bar,
@@ -49,7 +50,7 @@ from ident.show.residual import (
     time_label,
 )
 from ident.show.sheet import Sheet
-from ident.text import listed, percent, rounded, shortened, some, two_digits
+from ident.text import listed, percent, places, rounded, shortened, some, two_digits
 
 MOST = 60  # parameters in one chart
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
@@ -148,9 +149,15 @@ def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
     combined = [(v, x) for v, x in zip(fit.base_parameters, priors, strict=True) if " " in v.name]
     effects = [value for effect in fit.effects for value in effect.parameters]
     own = [value for value in fit.parameters if value.identifiable]
+    words = {
+        name: parameter.negative
+        for each in fit.effects
+        for name, parameter in zip(each.effect.names, each.effect.parameters, strict=True)
+    }
 
     def shown(v: Value) -> str:
-        return rounded(v.value, v.stderr) + (", at bound" if v.at_bound else "")
+        sense = f", {words[v.name]}" if v.value < 0 and words.get(v.name) else ""
+        return rounded(v.value, v.stderr) + (", at bound" if v.at_bound else "") + sense
 
     tables = {
         "Effects": [["effect", "value", "unit"], *([v.name, shown(v), v.unit] for v in effects)],
@@ -304,15 +311,40 @@ def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
             f"Nothing has changed since {since}: none of {n} parameters differs by more than "
             f"{x.least:.2g} standard errors, the most {two_digits(abs(x.compared[0].z))}{apart}."
         )
-    first = [f"{shortened(c.after.name, 40)} ({_then_now(c)} {c.after.unit})" for c in x.changed]
-    count = len(first)
-    several = f"{count} of {n} parameters, most of all {listed(first[:2])}"
-    found = (several if count > 2 else f"{listed(first)}, of {n} parameters") + apart
+    count = len(x.changed)
+    bodies = [c for c in x.changed if c.effect is None]
+    effects = [_change_words(c) for c in x.changed if c.effect is not None]
+    parts = [_bodies_words(bodies)] * bool(bodies) + effects[: 2 if bodies else 3]
+    more = len(effects) + bool(bodies) - len(parts)
+    rest = [f"{more} more"] * bool(more)
+    found = f"{listed([*parts, *rest])}: {count} of {n} parameters{apart}"
     most = f" Most have: {OTHER}" * (2 * count > n)
     if worse:  # what differs may stand in for a cause that the model does not have
         cause = f"New since {since}: in {listed(worse)} an effect that the model does not contain"
         return f"{cause}. Changed, perhaps only to make up for it: {found}.{most}"
     return f"Changed since {since}: {found}.{most}"
+
+
+def _change_words(c: Change) -> str:
+    """Return a change in words: of an effect with its name, of a body with that of the number."""
+    name = c.after.name
+    if c.effect is not None:
+        name = f"{named([c.effect])}, {name.rpartition('.')[2]}"
+    return f"{shortened(name, 60)} ({_then_now(c)} {c.after.unit})"
+
+
+def _bodies_words(changes: Sequence[Change]) -> str:
+    """Return what has changed of the bodies: one number, or of several the link that has part in
+    all of them, for a mass there changes all.
+    """
+    first = _change_words(changes[0])
+    if not changes[1:]:
+        return first
+    links = [{name.rpartition(".")[0] for name in each.terms} for each in changes]
+    common = sorted(set.intersection(*links))
+    where = listed(common, "or") if common else places(sorted(set.union(*links)))
+    both = f"part of all {len(changes)} combinations" if common else f"{len(changes)} combinations"
+    return f"the mass of {where} or its distribution ({both} that have, most of all {first})"
 
 
 def _then_now(x: Change) -> str:
