@@ -105,7 +105,8 @@ def identify(
 def estimate_of(problem: Problem) -> Estimate:
     """Solve least squares; weights, rank and what is held at the prior come from the rows too."""
     found = problem.estimate()
-    if not problem.stacked and (beyond := beyond_bounds(problem, found)).any():
+    # a shape that is held may send another one out of its bounds
+    while not problem.stacked and (beyond := beyond_bounds(problem, found) & ~found.held).any():
         found = problem.estimate(sigma=found.sigma, held=found.held | beyond)
     return found
 
