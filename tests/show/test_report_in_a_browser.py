@@ -251,6 +251,10 @@ def test_light_and_dark_and_print(opened, diagnosed):
     page.emulate_media(media="print")
     assert not page.get_by_role("button", name="Unfold all").is_visible()
     assert page.locator("h1").is_visible()
+    heads = (
+        "[...document.querySelectorAll('summary, h3')].map((e) => getComputedStyle(e).breakAfter)"
+    )
+    assert {*page.evaluate(heads)} == {"avoid"}  # none is the last line of a page
 
 
 def test_a_folded_report_prints_all_charts_as_wide_as_paper(browser, diagnosed):
