@@ -73,6 +73,11 @@ def wrapped(text: str, indent: str = "") -> list[str]:
     )
 
 
+def lines_of(text: str) -> int:
+    """Return how many lines a text takes in a terminal, which breaks those that are too long."""
+    return sum(max(1, -(-len(line) // width())) for line in text.splitlines())
+
+
 def listed(names: Iterable[str], word: str = "and") -> str:
     """Return names as an enumeration.
 

@@ -144,7 +144,13 @@ def test_a_diagnosis_has_twenty_lines_in_a_narrow_terminal(nouns):
         count: short(d, Card("x", sentence[: 40 * count], bars[:n], "ident grow x", step))
         for count, n in ((2, 1), (6, 6), (8, 8))
     }
-    assert all(text.count("\n") + 1 <= LINES for text in (*found.values(), d.short))
+    name = "left_arm_shoulder_pitch_actuated_joint"
+    command = "ident add my_robot " + " ".join(f"coulomb:{name}_{n}" for n in range(4))
+    long = Card("x", sentence + "It is sure. " + sentence, (Bar(name, loud, quiet),), command, step)
+    texts = (*found.values(), d.short, short(d, long))
+    assert all(-(-len(line) // 80) <= 4 for text in texts for line in text.splitlines())
+    assert all(sum(-(-len(x) // 80) or 1 for x in text.split("\n")) <= LINES for text in texts)
+    assert command in texts[-1]  # whole, as it is copied
     assert "it tells apart" in found[2]
     assert "it tells apart" not in found[6]
     assert "Move the crank" not in found[8]

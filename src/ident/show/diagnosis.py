@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +29,7 @@ from ident.show.verdict import (
     spoilt,
     verdict_line,
 )
-from ident.text import listed, percent, places, some, two_digits
+from ident.text import lines_of, listed, percent, places, some, two_digits
 
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
@@ -131,7 +131,7 @@ def short(d: Diagnosis, top: Card | None = None) -> str:
     """Return what a person needs first, in twenty lines: verdict, errors, what to do.
 
     Where there are more, `--verbose` has what is left out: first the formulas, then the reason for
-    the next experiment, and at last bars of joints. The experiment itself is always there.
+    the next experiment, then bars of joints, and at last sentences. The experiment stays.
     """
     shown: Card = top or card(d)
     words, formula = laws(d), f"the formula{', which --out DIR writes' * (not folder.get())}, "
@@ -142,23 +142,25 @@ def short(d: Diagnosis, top: Card | None = None) -> str:
     formula *= bool(words)
     more = "more about the next experiment, " * (len(steps) > 1 and d.health.good)
     step = without_reason(shown.then)
-    reason = "more about the next experiment, " if step != shown.then else more
+    reason = formula + ("more about the next experiment, " if step != shown.then else more)
 
-    def text(top: Card, words: list[str], left_out: str) -> str:
+    def forms() -> Iterator[tuple[Card, list[str], str]]:
+        yield shown, words, more
+        yield shown, [], formula + more
+        for most in range(min(shown.most, len(shown.bars)), 0, -1):
+            yield replace(shown, then=step, most=most), [], reason
+        sentences = SENTENCE_END.split(shown.sure)
+        for n in range(len(sentences) - 1, 0, -1):
+            least = replace(shown, then=step, most=1, sure=" ".join(sentences[:n]))
+            yield least, [], f"the whole verdict, {reason}"
+
+    found = ""
+    for form, own, left_out in forms():
         rest = f"--verbose: {left_out}all candidates{hidden}; {d.decision}"
-        return Sheet(top, paragraphs=[*words, rest], indent="  ").text()
-
-    found, over = "", 0
-    for then, own, left_out in (
-        (shown.then, words, more),
-        (shown.then, [], formula + more),
-        (step, [], formula + reason),
-    ):
-        found = text(replace(shown, then=then), own, left_out)
-        if (over := found.count("\n") + 1 - LINES) <= 0:
-            return found
-    most = max(1, min(shown.most, len(shown.bars)) - over - 1)
-    return text(replace(shown, then=step, most=most), [], formula + reason)
+        found = Sheet(form, paragraphs=[*own, rest], indent="  ").text()
+        if lines_of(found) <= LINES:
+            break
+    return found
 
 
 @renders(Diagnosis, "sheet")

@@ -281,7 +281,7 @@ class Card:
             lines += ["", *(x.replace("\u00a0", " ") for x in wrapped(f"error{key}", "  "))]
             wide = max(len(bar.joint) for bar in bars)
             left = width() - wide - max(len(bar.words) for bar in bars) - 7
-            strip = max(STRIP // 4, min(STRIP, left))
+            strip = max(STRIP // 8, min(STRIP, left))
             lines += [f"  {x.joint:<{wide}}  {self._strip(x, strip)}  {x.words}" for x in bars]
         if (more := len(self.bars) - self.most) > 0:
             lines.append(f"  and {more} joint{'s' * (more > 1)} more")
