@@ -32,7 +32,7 @@ def test_last_months_model_on_a_new_log(tmp_path, spoken):
     status, text, _ = spoken("identify", old, tmp_path / new, "--out", tmp_path / "after")
     assert status == 0
     assert text.startswith("Changed since ")
-    assert "coulomb.elbow.Fc (0.89" in " ".join(text.split("error:")[0].split())
+    assert "dry friction in elbow (coulomb), Fc (0.89" in " ".join(text.split("error:")[0].split())
     assert "What has changed" in (tmp_path / "after" / "report.html").read_text()
     cutoffs = [
         json.loads((folder / "fit.json").read_text())["filter"]["cutoff"]

@@ -14,6 +14,7 @@ from diagnosed import planted
 import ident
 from ident import Diagnosis, Fit, Log, Mechanism, MechanismError, Noise
 from ident.fit.files import fit_json
+from ident.fit.values import BaseValue, Change, Changes
 from identification import motion_log, plant, robot
 
 WORDS = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
@@ -243,11 +244,19 @@ def test_the_parameter_that_changed(tmp_path):
     assert str(fit.changes).startswith("Changed since ")
 
 
+def test_the_shape_of_an_effect_is_no_change_by_itself():
+    friction = ident.effect("stribeck", "elbow")
+    both = [[BaseValue(name, x, 0.01, "") for x in (1.0, 2.0)] for name in friction.names]
+    changes = Changes("old", tuple(Change(a, b, 70.0, friction) for a, b in both))
+    assert [each.after.name for each in changes.changed] == ["stribeck.elbow.Fs"]
+
+
 def test_a_load_that_was_picked_up(tmp_path):
     fit = later(tmp_path, **{f"hand.{word}": x for word, x in zip(WORDS, VALUES, strict=True)})
     assert fit.changes is not None
     assert len(fit.changes.changed) > 4
     assert all("hand." in each.after.name for each in fit.changes.changed)
+    assert "the mass of hand or its distribution" in " ".join(str(fit).split())
     entries = fit_json(fit)["changes"]["compared"]
     assert sum(each["changed"] for each in entries) == len(fit.changes.changed)
 
