@@ -16,6 +16,7 @@ from helpers import ROBOTS
 from ident import Diagnosis, IdentError
 from ident.files import plain
 from ident.show.diagnosis import candidate_rows, card
+from ident.show.effect_names import named
 from ident.show.ladder import history_card
 from pages import charts, read_page, reading, titles
 
@@ -176,12 +177,12 @@ def test_the_card_of_a_grown_model_has_its_law_and_its_rivals():
     top = history_card(replace(history, diagnosis=d))
     assert top.bars[0].joint == d.laws[0].felt
     assert top.bars[0].after == d.laws[0].after[d.laws[0].felt]
-    label = history.added[0].label
-    assert history_card(history).sure.startswith(f"Added: {label}")
+    added = named(history.added[:1])
+    assert history_card(history).sure.startswith(f"Added: {added}")
     rivals = history.mechanism.with_effect("cable:wrist").effects[-1:]
     steps = [replace(step, rivals=rivals * bool(step.added)) for step in history.steps]
     said = history_card(replace(history, steps=tuple(steps))).sure
-    assert f"{label} or cable:wrist, which this data cannot tell apart. " in said
+    assert f"{added} or {named(rivals)}, which this data cannot tell apart. " in said
 
 
 def test_a_grown_folder_is_a_mechanism_again(tmp_path):
