@@ -26,7 +26,7 @@ from ident.mechanism.write import folder_files
 from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import card, errors_with, short
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
-from ident.show.effect_names import named
+from ident.show.effect_names import named, plain
 from ident.show.html import Bar, Card, Page, Section, next_command, table
 from ident.show.sheet import Sheet
 from ident.show.verdict import noise_errors, verdict_line
@@ -149,7 +149,7 @@ def plot(history: History) -> Chart:
 def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
     """Draw the held-out error of every joint against models one after the other; dashed: noise."""
     names = [
-        f"+ {step.added[0].kind} in {len(step.added)} places"
+        f"+ {plain(step.added[0])} in {len(step.added)} places"
         if len(step.added) > 1
         else changed(step)
         for step in steps

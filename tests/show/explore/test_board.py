@@ -43,7 +43,11 @@ def test_a_click_adds_and_another_removes(board):
     assert present(board) == ["viscous:elbow"]
     assert (state["stale"], state["busy"], state["undo"]) == (False, False, True)
     assert state["joint"] == "elbow"
-    assert [row[0] for row in state["ladder"]] == ["model", "as given", "+ viscous:elbow"]
+    assert [row[0] for row in state["ladder"]] == [
+        "model",
+        "as given",
+        "+ viscous friction in elbow",
+    ]
     assert "25.5\xa0%" in state["card"]
     board.act({"do": "remove", **ELBOW})
     assert present(board) == []
@@ -73,7 +77,10 @@ def test_clicks_during_work_do_nothing_but_looks_do(board, monkeypatch):
     assert board.state["busy"]
     go_on.set()
     first.join()
-    assert [changed(rung) for rung in board.exploration.rungs] == ["as given", "+ viscous:elbow"]
+    assert [changed(rung) for rung in board.exploration.rungs] == [
+        "as given",
+        "+ viscous friction in elbow",
+    ]
 
 
 def test_a_change_while_falls_are_announced_wins(board, monkeypatch):

@@ -19,7 +19,7 @@ from ident.show.ladder import cells, changed
 def test_an_effect_is_added_and_the_error_falls():
     e = grown("viscous:elbow")
     assert [x.label for x in e.mechanism.effects] == ["viscous:elbow"]
-    assert changed(e.now) == "+ viscous:elbow"
+    assert changed(e.now) == "+ viscous friction in elbow"
     assert e.now.errors["elbow"].rms < 0.5 * e.rungs[0].errors["elbow"].rms
     assert not e.candidates
     assert len(given().rungs) == 1  # what was there before has not changed
@@ -38,7 +38,11 @@ def test_the_fit_is_the_one_that_identify_makes():
 def test_removing_leads_to_the_same_model_and_a_further_rung():
     e = grown("viscous:elbow").without("viscous:elbow")
     assert e.mechanism.effects == ()
-    assert [changed(rung) for rung in e.rungs] == ["as given", "+ viscous:elbow", "− viscous:elbow"]
+    assert [changed(rung) for rung in e.rungs] == [
+        "as given",
+        "+ viscous friction in elbow",
+        "− viscous friction in elbow",
+    ]
     for joint, error in e.rungs[0].errors.items():
         assert e.now.errors[joint].rms == pytest.approx(error.rms, rel=1e-9)
 
@@ -101,7 +105,7 @@ def test_one_kind_at_several_joints_is_one_rung():
     e = given()
     labels = ["viscous:elbow", "viscous:shoulder"]
     both = e.with_effect(labels)
-    assert changed(both.now) == "+ viscous in elbow and shoulder"
+    assert changed(both.now) == "+ viscous friction in elbow and shoulder"
     assert [each.label for each in both.now.added] == labels
     assert both.undone.rungs is e.rungs
 
@@ -137,7 +141,7 @@ def test_it_prints_as_a_ladder():
     e = grown("viscous:elbow")
     lines = str(e).splitlines()
     assert lines[0].split() == ["model", *given().fit.motion.independent]
-    assert lines[2].startswith("+ viscous:elbow")
+    assert lines[2].startswith("+ viscous friction in elbow")
     assert cells(e.now.errors, ["elbow"])[0] in lines[2]
 
 

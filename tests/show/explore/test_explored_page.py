@@ -63,8 +63,12 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
 
     add(page, "viscous:elbow")
     ladder = rungs(page)
-    assert [line[0] for line in ladder] == ["as given", "+ viscous:elbow"]
-    assert page.locator("#status p").inner_text().startswith("+ viscous:elbow: elbow 25.5 % → ")
+    assert [line[0] for line in ladder] == ["as given", "+ viscous friction in elbow"]
+    assert (
+        page.locator("#status p")
+        .inner_text()
+        .startswith("+ viscous friction in elbow: elbow 25.5 % → ")
+    )
     assert percent(ladder[1][3]) < 0.5 * percent(ladder[0][3])
     add(page, "coulomb:elbow")
     assert percent(rungs(page)[2][3]) < 1
@@ -72,7 +76,7 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     page.get_by_role("button", name="remove coulomb:elbow", exact=True).click()
     page.get_by_text("− coulomb:elbow", exact=True).wait_for()
     settled(page)
-    page.get_by_role("button", name="back to rung 1: + viscous:elbow").click()
+    page.get_by_role("button", name="back to rung 1: + viscous friction in elbow").click()
     page.wait_for_function("() => document.title")
     page.get_by_text("− coulomb:elbow", exact=True).wait_for(state="detached")
     settled(page)
@@ -191,7 +195,7 @@ def test_long_names_on_a_phone(serve, visit, tmp_path):
     page.wait_for_function("() => document.querySelectorAll('.ladder tbody tr').length > 1")
     settled(page)
     page.evaluate("scrollTo(0, 500)")
-    done = page.get_by_text("+ coulomb in", exact=False).first
+    done = page.get_by_text("+ dry friction in", exact=False).first
     assert 0 <= done.bounding_box()["y"] < 200  # in view, wherever one scrolls
     for view in page.locator("#views button").all():
         view.click()
