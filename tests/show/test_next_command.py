@@ -53,6 +53,19 @@ def test_no_command_where_the_verb_does_not_take_the_options(given):
     assert next_command("monitor").endswith("--lock wrist")
 
 
+def test_what_an_incomplete_model_lacks_grows_where_it_is_unknown(given, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("fit.json", "identified/mechanism.toml"):
+        file = tmp_path / "fit" / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    token = inputs.set(Inputs("fit/identified", ("new.csv",), (), ()))
+    try:
+        assert next_command("grow") == "ident grow fit new.csv --out grown"
+    finally:
+        inputs.reset(token)
+
+
 def test_the_cause_of_a_change_is_looked_for_with_known_bodies(given, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given(logs=("new.csv",))

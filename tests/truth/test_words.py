@@ -12,6 +12,7 @@ import ident
 from helpers import ROBOTS
 from ident import Health
 from ident.diagnosis.unobservable import Invisible, Unsupported
+from ident.fit.files import Saved
 from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
@@ -21,6 +22,7 @@ from ident.show.effect_names import named
 from ident.show.html import Bar, Card
 from ident.show.ladder import head, history_card, rung
 from ident.show.laws import numbers
+from ident.show.verdict import verdict_line
 from ident.text import WIDTH, listed, percent, some
 
 
@@ -104,6 +106,36 @@ def test_effects_that_the_data_do_not_support():
     assert "To leave out drift:yaw and spring:elbow" in text
     assert "`mechanism.without('drift:yaw')`" in text
     assert "spring in elbow cannot be as it is: it is negative" in text
+
+
+def test_an_earlier_model_that_was_incomplete_is_no_change_of_the_machine():
+    d = lacking()
+    then = dict(d.fit.held_out or d.fit.train)
+    saved = Saved("fit.json", d.fit.mechanism, d.fit.point, errors={"held out": then})
+    d = replace(d, verdict="unexplained", laws=(), fit=d.fit.since(saved))
+    assert verdict_line(d).startswith("nothing has changed, but the earlier model was incomplete")
+    assert "elbow (" in verdict_line(d)
+    less = {j: replace(e, rms=e.rms / 9, relative=(e.relative or 0) / 9) for j, e in then.items()}
+    worse = replace(d, fit=d.fit.since(replace(saved, errors={"held out": less})))
+    assert verdict_line(worse).startswith("unexplained: ")
+
+
+def test_the_reason_why_an_effect_is_not_named_is_said():
+    d = clean()
+    first, second, *_ = d.every
+    both = [
+        replace(each, evidence=replace(each.evidence, p=0.0, sensible=sensible, size=0.0))
+        for each, sensible in ((first, True), (second, False))
+    ]
+    text = certainty(replace_every(d, both))
+    assert f"too small to matter away from reversals: {named([first.effect])}" in text
+    assert f"with a value that no machine has: {named([second.effect])}" in text
+
+
+def replace_every(d, found):
+    other = replace(d)
+    vars(other)["every"] = tuple(found)  # a cached property
+    return other
 
 
 def test_the_next_experiment_comes_last():

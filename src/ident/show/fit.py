@@ -263,7 +263,7 @@ def card(fit: Fit) -> Card:
     doubts = fit.health.findings
     good = good_enough(judged, floor, away, logs=[*fit.validation], doubts=doubts)
     fine = enough(judged, floor, doubts)
-    following = "monitor" if fit.validation else "compare"
+    following = "compare" if len(fit.columns) and not fit.validation else "monitor"
     command = next_command(following if fine else "diagnose")
     wrong = [f"The data look wrong: {each}." for each in fit.health.faults]
     wrong += [f"The size looks wrong of {each}." for each in scale_doubts(doubts)]
