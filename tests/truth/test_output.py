@@ -175,8 +175,9 @@ def test_errors_with_a_law_are_in_the_file_as_in_the_card():
 def test_the_card_of_a_grown_model_has_its_law_and_its_rivals():
     d, history = lawful(), grown()
     top = history_card(replace(history, diagnosis=d))
-    assert top.bars[0].joint == d.laws[0].felt
-    assert top.bars[0].after == d.laws[0].after[d.laws[0].felt]
+    (law,) = d.laws
+    assert top.first == law.felt
+    assert {bar.joint: bar.after for bar in top.bars}[law.felt] == law.after[law.felt]
     added = named(history.added[:1])
     assert history_card(history).sure.startswith(f"Added: {added}")
     rivals = history.mechanism.with_effect("cable:wrist").effects[-1:]

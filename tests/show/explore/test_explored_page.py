@@ -74,18 +74,18 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     assert percent(rungs(page)[2][3]) < 1
 
     page.get_by_role("button", name="remove coulomb:elbow", exact=True).click()
-    page.get_by_text("− coulomb:elbow", exact=True).wait_for()
+    page.get_by_text("− dry friction in elbow (coulomb)", exact=True).wait_for()
     settled(page)
     page.get_by_role("button", name="back to rung 1: + viscous friction in elbow").click()
     page.wait_for_function("() => document.title")
-    page.get_by_text("− coulomb:elbow", exact=True).wait_for(state="detached")
+    page.get_by_text("− dry friction in elbow (coulomb)", exact=True).wait_for(state="detached")
     settled(page)
     assert len(rungs(page)) == 2
     page.get_by_role("button", name="Undo").click()
-    page.get_by_text("− coulomb:elbow", exact=True).wait_for()
+    page.get_by_text("− dry friction in elbow (coulomb)", exact=True).wait_for()
 
     page.reload()  # goes on where it was
-    page.get_by_text("− coulomb:elbow", exact=True).wait_for()
+    page.get_by_text("− dry friction in elbow (coulomb)", exact=True).wait_for()
     settled(page)
 
     page.get_by_label("Save into").fill("mine")
