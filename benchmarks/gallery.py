@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import re
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -88,7 +89,7 @@ def with_hidden(robot: Simulated, hidden: Hidden) -> Simulated:
 
 
 def shown(hidden: Hidden, folder: Path) -> tuple[str, bytes]:
-    """Diagnose a robot; return its section of the page, and its picture (none: b"")."""
+    """Diagnose a robot; return its section of the page, and its picture."""
     path = next(p for p in urdfs() if p.name == hidden.file)
     robot = by_pinocchio(path)
     log = with_hidden(robot, hidden)
@@ -99,15 +100,18 @@ def shown(hidden: Hidden, folder: Path) -> tuple[str, bytes]:
     d = ident.diagnose(ident.identify(mechanism, motion, estimator="least-squares"))
     short = d.short.replace(str(path), path.name)
     planted = f"{hidden.words} in {robot.joints[hidden.joint]} (`{hidden.kind}`)"
-    lines = [f"## {hidden.robot}", "", f"Hidden: {planted}.", "", "```", *short.splitlines()[:10]]
+    above = re.split(r"\n\n(?:  ident |Next|--verbose)", short)[0]
+    lines = [f"## {hidden.robot}", "", f"Hidden: {planted}.", "", "```", above]
     lines += ["```", "", "```sh", f"ident diagnose {path.name} {name}", "```", ""]
     first = next((x for x in d.candidates if d.best is not None and x.fit is not None), None)
-    if first is None:
-        return "\n".join(lines), b""
-    after = ident.residual_of(first.fit)
-    chart = replace(
-        plot_before_after(d.fit.residual, after, first.joint, first.effect.label), width=INCHES
-    )
+    if first is None:  # the torque of the joint in which it is hidden
+        u = motion.independent.index(robot.joints[hidden.joint])
+        words = f"Measured and predicted torque of {motion.independent[u]} over time"
+        chart = replace(d.fit.plot(), rows=d.fit.plot().rows[2 * u : 2 * u + 2], words=words)
+    else:
+        after = ident.residual_of(first.fit)
+        chart = plot_before_after(d.fit.residual, after, first.joint, first.effect.label)
+    chart = replace(chart, width=INCHES)
     picture = io.BytesIO()
     chart.savefig(picture, format="png", dpi=DOTS)
     lines += [f"![{chart.words}](pictures/gallery_{path.stem}.png)", ""]
@@ -135,8 +139,7 @@ def main() -> None:
     if given.write and not given.only:
         (DOCS / "gallery.md").write_text("\n".join([head, "", *sections]))
         for name, picture in pictures.items():
-            if picture:
-                (DOCS / "pictures" / name).write_bytes(picture)
+            (DOCS / "pictures" / name).write_bytes(picture)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Makes pictures anew: the README's, the report of a diagnosis as a browser shows it, and charts.
+"""Makes pictures anew: the report of a diagnosis and the page of `ident monitor` as a browser shows
+them, and charts.
 
     python docs/pictures/make.py
 
@@ -10,11 +11,15 @@ from __future__ import annotations
 
 import io
 import os
+import signal
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 
 import ident
 from ident.cli.demo import make_puzzle
@@ -32,6 +37,8 @@ OFFLINE = (
     "--no-sandbox", "--disable-gpu", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--no-first-run",
 )  # fmt: skip
+PERIODS, REPEATED = 10.0, 5  # s of whole periods of the shipped log, and how often it is repeated
+FRICTION, CHANGED, NOISE = 0.3, 20.0, 0.015  # N m in the elbow, s from which on; of the torques
 LESS = "#where-it-fails, nav { display: none } body { grid-template-columns: 1fr }"
 
 
@@ -44,9 +51,11 @@ def main() -> None:
             page = browser.new_page(viewport={"width": WIDTH, "height": 900}, color_scheme="light")
             page.goto(report.as_uri())
             png = shot(page)
+            watched = monitored(browser, Path(folder))
             browser.close()
     picture = Image.open(io.BytesIO(png)).convert("RGB")
     save(picture, PICTURE)
+    save(Image.open(io.BytesIO(watched)).convert("RGB"), PICTURE.with_name("monitor.png"))
     for name, chart in {"law": law(), "motion": motion()}.items():
         still = Image.open(io.BytesIO(chart.image("png"))).convert("RGB")
         save(still, PICTURE.with_name(f"{name}.png"))
@@ -84,6 +93,34 @@ def diagnosed(folder: Path) -> Path:
     fit = ident.identify(mechanism, ident.complete(mechanism, puzzle.log))
     ident.diagnose(fit).write(folder / "diagnosis")
     return folder / "diagnosis" / "report.html"
+
+
+def monitored(browser: Browser, folder: Path) -> bytes:
+    """The page of a monitor of the arm, whose elbow has more dry friction from 20 s on."""
+    log, random = ident.read_log(ROBOTS / "arm" / "run.csv"), np.random.default_rng(SEED)
+    t = np.concatenate([log.t + i * PERIODS for i in range(REPEATED)])
+    for name, more in {"normal.csv": 0.0, "today.csv": FRICTION}.items():
+        columns = {x: np.tile(values, REPEATED) for x, values in log.columns.items()}
+        speed = np.gradient(columns["q.elbow"], t)
+        columns["tau.elbow"] = columns["tau.elbow"] + more * np.sign(speed) * (t > CHANGED)
+        for x in filter(lambda x: x.startswith("tau."), columns):
+            columns[x] = columns[x] + NOISE * np.std(columns[x]) * random.standard_normal(len(t))
+        ident.Log.from_arrays(name, t, columns).write(folder / name)
+    friction = ("--with", "viscous", "--with", "coulomb", "--like", str(folder / "normal.csv"))
+    command = ("monitor", str(ROBOTS / "arm"), str(folder / "today.csv"), *friction, "--page")
+    running = subprocess.Popen(
+        (sys.executable, "-u", "-m", "ident", *command), stdout=subprocess.PIPE, text=True
+    )
+    assert running.stdout is not None
+    address = next(x for x in running.stdout if "http://" in x).split()[-1]
+    page = browser.new_page(viewport={"width": WIDTH, "height": 1000}, color_scheme="light")
+    page.goto(address)
+    page.get_by_text("1 alarm").first.wait_for()
+    page.wait_for_timeout(5000)  # charts are drawn
+    png = page.screenshot()
+    running.send_signal(signal.SIGINT)
+    running.wait()
+    return png
 
 
 def shot(page: Page) -> bytes:
