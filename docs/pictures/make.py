@@ -9,6 +9,7 @@ playwright and chromium.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import signal
@@ -31,7 +32,7 @@ PICTURE = Path(__file__).resolve().with_name("diagnosis.png")
 ROBOTS = PICTURE.parents[2] / "robots"
 SEED = 1
 WIDTH = 1280  # px
-COLOURS = 96
+COLOURS = 256
 CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 OFFLINE = (
     "--no-sandbox", "--disable-gpu", "--disable-background-networking",
@@ -39,7 +40,7 @@ OFFLINE = (
 )  # fmt: skip
 PERIODS, REPEATED = 10.0, 5  # s of whole periods of the shipped log, and how often it is repeated
 FRICTION, CHANGED, NOISE = 0.3, 20.0, 0.015  # N m in the elbow, s from which on; of the torques
-LESS = "#where-it-fails, nav { display: none } body { grid-template-columns: 1fr }"
+LESS = "#where-it-fails, .scene, .tools { display: none !important }"
 
 
 def main() -> None:
@@ -48,7 +49,7 @@ def main() -> None:
         report = diagnosed(Path(folder))
         with sync_playwright() as p:
             browser = p.chromium.launch(executable_path=CHROMIUM, args=list(OFFLINE))
-            page = browser.new_page(viewport={"width": WIDTH, "height": 900}, color_scheme="light")
+            page = browser.new_page(viewport={"width": WIDTH, "height": 3000}, color_scheme="light")
             page.goto(report.as_uri())
             png = shot(page)
             watched = monitored(browser, Path(folder))
@@ -88,10 +89,11 @@ def motion() -> Chart:
 
 def diagnosed(folder: Path) -> Path:
     """The report of a diagnosis of a machine that hides something."""
-    puzzle = make_puzzle(folder / "picker", seed=SEED)
-    mechanism = puzzle.mechanism
-    fit = ident.identify(mechanism, ident.complete(mechanism, puzzle.log))
-    ident.diagnose(fit).write(folder / "diagnosis")
+    with contextlib.chdir(folder):  # the command in it names no folder of this machine
+        puzzle = make_puzzle(Path("picker"), seed=SEED)
+        mechanism = puzzle.mechanism
+        fit = ident.identify(mechanism, ident.complete(mechanism, puzzle.log))
+        ident.diagnose(fit).write("diagnosis")
     return folder / "diagnosis" / "report.html"
 
 
@@ -126,6 +128,7 @@ def monitored(browser: Browser, folder: Path) -> bytes:
 def shot(page: Page) -> bytes:
     """From the title to the residual's maps before and after."""
     page.add_style_tag(content=LESS)
+    page.locator("#what-is-missing > summary").click()
     page.wait_for_timeout(3000)  # charts are drawn
     bottom = page.evaluate(
         "[...document.querySelectorAll('#what-is-missing figcaption')]"

@@ -256,10 +256,10 @@ def card(fit: Fit) -> Card:
     larger = [] if earlier or fit.validation else [bar.joint for bar in bars if bar.rises]
     words = ""
     if worse := [j for j in larger if fit.train[j].rms > before[j].rms]:
-        words = f"The error of the identified ones is larger in {listed(worse)}."
+        words = f"The error of the identified numbers is larger in {listed(worse)}."
     elif larger:  # in its own rows the fit is better
         own = listed(f"{j} ({percent(fit.train[j].relative)} in the fit)" for j in larger)
-        words = f"Held out, the error of the identified ones is larger in {own}."
+        words = f"Held out, the error of the identified numbers is larger in {own}."
     doubts = fit.health.findings
     good = good_enough(judged, floor, away, logs=[*fit.validation], doubts=doubts)
     fine = enough(judged, floor, doubts)

@@ -256,21 +256,18 @@ class Card:
         )
         return before or 0.0, after or 0.0, noise
 
-    def key(
-        self, bars: Sequence[Bar], same: str, change: str, rise: str, noise: str, cut: str
-    ) -> str:  # fmt: skip
-        """Return what before and after are, and the words for what the bars that are shown have: no
-        change, a change, a rise, the mark of noise, a cut.
+    def key(self, bars: Sequence[Bar], *words: str) -> str:
+        """Return the words for what the bars that are shown have, of those for: no change, a
+        change, a rise, the mark of noise, a cut.
         """
-        has = {
-            same: not any(bar.after for bar in bars),
-            change: any(bar.after for bar in bars),
-            rise: any(bar.rises for bar in bars),
-            noise: any(bar.sizes[2] is not None for bar in bars),
-            cut: any(map(self.cut, bars)),
-        }
-        words = [text for text, there in has.items() if there]
-        return f"{' ' * bool(self.change)}{self.change}: {', '.join(words)}"
+        has = (
+            not any(bar.after for bar in bars),
+            any(bar.after for bar in bars),
+            any(bar.rises for bar in bars),
+            any(bar.sizes[2] is not None for bar in bars),
+            any(map(self.cut, bars)),
+        )
+        return ": " + ", ".join(text for text, there in zip(words, has, strict=True) if there)
 
     def text(self) -> list[str]:
         """Return the lines for a terminal."""
@@ -278,7 +275,8 @@ class Card:
         if bars := self.shown:
             marks = "█_as it is", "█_stays, ░_goes", "▒_comes", "|_noise", "//_cut"
             key = self.key(bars, *(mark.replace("_", "\u00a0") for mark in marks))
-            lines += ["", *(x.replace("\u00a0", " ") for x in wrapped(f"error{key}", "  "))]
+            legend = wrapped(f"error {self.change}".rstrip() + key, "  ")
+            lines += ["", *(line.replace("\u00a0", " ") for line in legend)]
             wide = max(len(bar.joint) for bar in bars)
             left = width() - wide - max(len(bar.words) for bar in bars) - 7
             strip = max(STRIP // 8, min(STRIP, left))
