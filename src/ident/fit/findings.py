@@ -34,7 +34,8 @@ SHORT, USUAL = 10.0, 30.0  # the same: below the first a log is called short; wh
 POOR = 1e3  # condition number above which the motion excites some base parameter poorly
 CERTAIN = 3.0  # standard errors below zero at which a negative coefficient is no accident
 LEAST_MASS = 1e-9  # kg below which a body with first moments cannot be written in a URDF
-FREELY = 0.1  # torque over its terms: an error of 5 % in one of them is half the torque or more
+FREELY = 0.1  # torque over its terms: an error of 5 % in one of them is half the torque or more; and
+# the relative error of a torque from which its unit is in doubt
 LITTLE = 0.1  # of the farthest joint's way: one that moves less is named
 POSSIBLE = -1e-6  # of a body's largest eigenvalue: what rounding may leave below zero
 
@@ -232,13 +233,16 @@ def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
 def _swinging(
     problem: Problem, estimate: Estimate, errors: Mapping[str, Error]
 ) -> Iterator[Finding]:
-    """Report driven joints whose torque is the small remainder of large terms that cancel."""
+    """Report driven joints whose torque is the small remainder of large terms that cancel, and is
+    not explained.
+    """
     shares: dict[str, float] = {}
     sizes = term_sizes(problem.information.totals, estimate.x)
     for (joint, error), size in zip(errors.items(), sizes, strict=True):
         if not (error.relative and size > 0) or joint not in problem.mechanism.driven:
             continue
-        if (share := error.rms / error.relative / float(size)) < FREELY:
+        share = error.rms / error.relative / float(size)
+        if share < FREELY < error.relative:
             shares[joint] = share
     if shares:
         where, joints = tuple(f"tau.{joint}" for joint in shares), ", ".join(shares)
