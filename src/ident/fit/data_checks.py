@@ -374,9 +374,13 @@ class DataChecks:
             some, tau = self.use[:, u], table.tau[self.use[:, u], u]
             A, known = table.A[some, u], tau - table.b[some, u]  # of known bodies
             then, now = (A[:, rigid] @ x[rigid] + known for x in (columns.prior, self.estimate.x))
-            like, sizes = _cosine(now, then), [float(np.linalg.norm(x)) for x in (now, then)]
-            X = columns_of(table, ~rigid, beside, u)[some]  # friction and rotors
-            own, logged = (x - X @ np.linalg.lstsq(X, x, rcond=None)[0] for x in (then, tau))
+            sizes = [float(np.linalg.norm(x)) for x in (now, then)]
+            # friction and rotors, which the bodies may stand in for
+            X = columns_of(table, ~rigid, beside, u)[some]
+            fitted, own, logged = (
+                x - X @ np.linalg.lstsq(X, x, rcond=None)[0] for x in (now, then, tau)
+            )
+            like = _cosine(fitted, own)
             if np.linalg.norm(own) > SMALL * sizes[1] and _cosine(own, logged) > LIKE:
                 gains[name] = float(own @ logged / (own @ own))
             many = self.estimate.triangle.rows > MANY * self.estimate.base.rank
