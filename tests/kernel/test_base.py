@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from ident.information.estimate import rank_revealing, solve
+from ident.information.chance import prior_covariance
+from ident.information.estimate import estimate, rank_revealing, solve
 from ident.information.linear import Triangle
 
 
@@ -93,3 +94,18 @@ def test_nothing_to_find():
         assert base.condition_number == 1.0
         assert base.K.shape == (0, k)
         assert solve(factor, base, np.arange(k)).x.tolist() == list(range(k))
+
+
+def test_what_is_held_adds_the_errors_that_a_prior_row_gives():
+    """Solved together with rows δ = prior ± plausible, as far as the data contradict that or not."""
+    random = np.random.default_rng(5)
+    A = random.standard_normal((60, 5)) * [1.0, 1.0, 1.0, 0.5, 1e-3]
+    plausible = np.array([np.inf, np.inf, np.inf, 1e4, 0.3])
+    held = np.isfinite(plausible)
+    found = estimate(
+        [Triangle.of(A, A.sum(axis=1))], np.ones(5), np.ones(1), None, np.ones(1), held
+    )
+    together = np.linalg.inv(A.T @ A + np.diag(plausible**-2.0))[:3, :3]
+    np.testing.assert_allclose(
+        found.solution.C + prior_covariance(found, plausible), together, rtol=1e-6
+    )

@@ -74,15 +74,22 @@ def covariance(information: Information, estimate: Estimate) -> Array:
 def prior_covariance(estimate: Estimate, plausible: Array) -> Array:
     """Return what the priors of held unknowns add to the covariance (n_ind, n_ind).
 
-    An unknown δ that is held may be off its prior by its plausible (k,) distance, and then moves
-    the base parameters by −(A_IᵀA_I)⁻¹ A_Iᵀ A_held δ.
+    An unknown δ that is held may be off its prior by its plausible (k,) distance, as far as the
+    rows do not contradict that, and then moves the base parameters:
+
+        Cov(δ) = (L² + P⁻²)⁻¹        L = A_held − A_I K, K = (A_IᵀA_I)⁻¹ A_Iᵀ A_held, P = plausible
+        K Cov(δ) Kᵀ
+
+    Of a shape that is held because its linear step leaves its bounds the rows know more than P.
     """
-    R, held = estimate.triangle.R, estimate.held
+    R, held, own = estimate.triangle.R, estimate.held, estimate.base.independent
     if not held.any():
         return np.zeros((estimate.base.rank,) * 2)
-    moved = linear.lstsq(R[:, estimate.base.independent], R[:, held], rcond=None)[0]
-    moved = moved * plausible[held]
-    return np.asarray(moved @ moved.T)
+    columns = R[:, held] * plausible[held]
+    moved = linear.lstsq(R[:, own], columns, rcond=None)[0]
+    left = columns - R[:, own] @ moved
+    known = np.linalg.inv(np.eye(left.shape[1]) + left.T @ left)
+    return np.asarray(moved @ known @ moved.T)
 
 
 def scores(
