@@ -97,7 +97,7 @@ def test_nothing_to_find():
 
 
 def test_what_is_held_adds_the_errors_that_a_prior_row_gives():
-    """Solved together with rows δ = prior ± plausible, as far as the data contradict that or not."""
+    """Solved together with rows δ = prior ± plausible, whether the data contradict that or not."""
     random = np.random.default_rng(5)
     A = random.standard_normal((60, 5)) * [1.0, 1.0, 1.0, 0.5, 1e-3]
     plausible = np.array([np.inf, np.inf, np.inf, 1e4, 0.3])

@@ -19,7 +19,7 @@ from ident.diagnosis.null import noise, path_shares
 from ident.diagnosis.refitted import by_rivals, least_error
 from ident.diagnosis.search import NEAR
 from ident.diagnosis.selection import Decision, Weigh, rank
-from ident.effects import Effect, ReversalPulses, Signals
+from ident.effects import Effect, ReversalPulses, Signals, Unknown
 from ident.fit.problem import Table
 from ident.fit.small_errors import GUARD, away_from_reversals
 from identification import Planted, motion_log, plant, robot
@@ -292,6 +292,30 @@ def test_a_law_of_the_wrong_form_is_no_name():
     assert d.best is None
     assert d.rivals == ()
     assert any(curve.joints[0] == "elbow" for curve, _ in d.selection.first.curves)
+
+
+class Late(Effect):
+    """Viscous friction of a film that builds up in 0.4 s: a torque that lags behind the speed."""
+
+    kind = "late"
+    unknowns = (Unknown("F", ("N m s/rad", "N s/m"), "friction", acts="linear"),)
+    equation, signature, source = "F x, 0.4 s ẋ = v − x", "a lag", "a test"
+    memory = True
+
+    def columns(self, s: Signals) -> np.ndarray:
+        share = -np.expm1(-np.diff(s.t, append=s.t[-1:]) / 0.4)[:, None]
+        x = s.v.copy()
+        for k in range(len(x) - 1):
+            x[k + 1] = x[k] + share[k] * (s.v[k] - x[k])
+        return x[:, :, None]
+
+
+@pytest.mark.parametrize(("joint", "value"), [("elbow", 0.6), ("elbow", 0.2), ("yaw", 1.0)])
+def test_a_torque_that_lags_behind_the_speed_is_no_friction_without_memory(joint, value):
+    """0.2 N m s/rad in the elbow look like friction of the shoulder."""
+    d = diagnosed(planted([Late((joint,))], {f"late.{joint}.F": value}))
+    assert d.verdict == "unexplained"
+    assert any(m.curve is not None and m.curve.signal == "past v" for m in d.selection.members)
 
 
 def test_three_effects_at_one_joint_are_found_one_by_one():

@@ -23,7 +23,7 @@ from ident.diagnosis.effect_set import EffectSet, Member, leading, on_all_rows, 
 from ident.diagnosis.null import noise
 from ident.diagnosis.refitted import started
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
-from ident.diagnosis.search import Search, led_at_reversals
+from ident.diagnosis.search import Search
 from ident.diagnosis.selection import Ranking
 from ident.display import Displayed, part, render
 from ident.effects import Effect
@@ -290,6 +290,19 @@ def grow(
     last = concluded(contest, draws, decision, seed, part(rest, 0.4, 0.8))
     here = part(rest, 0.8, 1.0)
     return History(tuple(steps), at_reversals(contest, last, decision, seed, here, turning))
+
+
+def led_at_reversals(search: Search, found: EffectSet) -> EffectSet | None:
+    """The set of effects that act at reversals, if one of them explains most of what is new; else
+    None: rows at reversals are those at which friction is least exact, and name nothing else.
+    """
+    new = search.new(found)
+    if not new or not max(new, key=lambda m: search.first.gains[m.label][0]).effect.at_reversals:
+        return None
+    for each in new:
+        if not each.effect.at_reversals:
+            found = found.minus(each)
+    return found
 
 
 def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest
 from ident.diagnosis.effect_set import Member
+from ident.diagnosis.form import Responses
 from ident.diagnosis.grammar import PLAIN_WAVE, PROBE
 from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress, at_most
 from ident.diagnosis.search import Selection
@@ -21,7 +22,7 @@ from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import ROUNDING, largest_transmission
 from ident.information.chance import paired
-from ident.information.hypotheses import Array, Index, PartialRegression
+from ident.information.hypotheses import EXACT, Array, Index, PartialRegression
 
 LOUD = 1.25  # times the rms of noise, from which more than noise is left
 OTHERS = 1  # joint whose signals are tried beside the own ones
@@ -289,6 +290,11 @@ def _law(
         return None
     whole, new = replace(last.contest, regression=regression).added(law.C)
     richer = whole.regression.extended(new)
+    gain = regression.gain(law.refit)
+    lags = Responses.of(replace(last, contest=whole, regression=richer)).credible
+    ratio = gain / max(1 - gain, EXACT)
+    if any(e.joints == (joint,) and more > PARSIMONY * (ratio + more) for e, _, more in lags):
+        return None  # what follows the past of the speed is no function of the present
     for m in selection.members:
         if not names_stay and joint in m.effect.joints[:1] and m.effect.common:
             bare = richer.without(m.columns)
@@ -298,7 +304,7 @@ def _law(
     return FoundLaw(
         found=law,
         joint=joint,
-        gain=regression.gain(law.refit),
+        gain=gain,
         explained=float(np.clip(explained, 0.0, 1.0)),
         limit=limit,
         nearest=nearest,

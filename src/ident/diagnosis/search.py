@@ -20,7 +20,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
 from ident.diagnosis.effect_set import EffectSet, Member
-from ident.diagnosis.form import doubted
+from ident.diagnosis.form import Responses, doubted
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging, path_shares
 from ident.diagnosis.selection import (
     HIDDEN,
@@ -408,19 +408,6 @@ class Search:
         return None
 
 
-def led_at_reversals(search: Search, found: EffectSet) -> EffectSet | None:
-    """The set of effects that act at reversals, if one of them explains most of what is new; else
-    None: rows at reversals are those at which friction is least exact, and name nothing else.
-    """
-    new = search.new(found)
-    if not new or not max(new, key=lambda m: search.first.gains[m.label][0]).effect.at_reversals:
-        return None
-    for each in new:
-        if not each.effect.at_reversals:
-            found = found.minus(each)
-    return found
-
-
 # --- the set of a diagnosis ----------------------------------------------------------------------
 
 
@@ -455,7 +442,8 @@ def select(
         return Selection(first, (), first)
     found = found.polished()
     last = rank(found.contest, found.regression, noise, decision, seed, found.labels)
-    judged = [_judged(each, found, last) for each in found.members]
+    responses = Responses.of(last)
+    judged = [_judged(each, found, last, responses) for each in found.members]
     # of what came together only what is more than chance beside the others is a name
     members = [m for m in judged if m.path is not None or m.evidence is None or m.evidence.credible]
     if any(m.effect.loaded_link and not m.rejected for m in members):
@@ -500,7 +488,7 @@ def _alone(member: Member, first: Ranking, decision: Decision) -> Member:
     return replace(member, effect=own.effect, evidence=own, rivals=rivals(own, first, decision))
 
 
-def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
+def _judged(member: Member, found: EffectSet, last: Ranking, responses: Responses) -> Member:
     """The member with its gain and with what speaks against it."""
     bare, e = found.minus(member), member.evidence
     gain = found.rise(bare)
@@ -514,4 +502,4 @@ def _judged(member: Member, found: EffectSet, last: Ranking) -> Member:
         e = replace(
             e, refit=refit, gain=share, limit=limit, p=p, credible=share > limit and e.sensible
         )
-    return doubted(replace(member, evidence=e, gain=gain), bare.regression, last)
+    return doubted(replace(member, evidence=e, gain=gain), bare.regression, last, responses)

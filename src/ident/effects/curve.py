@@ -1,6 +1,7 @@
 """Curves of signals: torques without a law, which every law of the same signals is a case of.
 
 τ_j = Σ_k c_k B_k(x) w        B_k: cubic B-splines of a signal x; w: 1, or another signal
+τ_j = Σ_k c_k x_k             T_k ẋ_k = v − x_k: a linear response to the past of the speed
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ DEGREE = 3
 PRODUCTS = (  # the curve's signal, what it multiplies
     "q*sign", "t*sign", "load*sign", "temperature*sign", "q*v", "t*v", "temperature*v", "t*load",
 )  # fmt: skip
+LAGS = 5  # time constants of a response, each twice the one before
 OF_TWO = "q*q"  # a curve of the second joint's position, times the first joint's
 
 
@@ -169,6 +171,35 @@ class Curve(Effect):
             low, high = float(x.min()), float(x.max())
             knots = np.linspace(low, high if high > low else low + 1.0, len(knots))
         return [{f"x{i}": float(each) for i, each in enumerate(knots)}]
+
+
+@dataclass(frozen=True)
+class PastSpeed(Effect):
+    """A linear response to the past of a joint's speed, with a spectrum of time constants.
+
+    With inertia, viscous friction and a spring it spans all torques whose ratio to the speed is a
+    smooth function of frequency, of which each of these laws has a constant one. A diagnosis judges
+    the form of laws by it; it is no effect to be added.
+    """
+
+    kind = "curve"
+    tried = NOWHERE
+    signals = ("past v",)
+    settings: ClassVar = {"T": 1.0}  # the shortest time constant [s]
+    unknowns = tuple(Unknown(f"c{i}", ("N m s/rad", "N s/m"), "coefficient") for i in range(LAGS))
+    equation = "Σ c_k x_k, T_k ẋ_k = v − x_k, T_k = 2ᵏ T"
+    signature = "the residual follows the speed of a while ago"
+    source = "Ferry, Viscoelastic Properties of Polymers, 1980, ch. 3"
+    memory = True
+    fades = True
+
+    def columns(self, s: Signals) -> np.ndarray:
+        from scipy.signal import lfilter  # takes 0.2 s to import
+
+        v, step = s.v[:, 0], float(np.median(np.diff(s.t))) if len(s.t) > 1 else 1.0
+        shares = -np.expm1(-step / (self.setting("T") * 2.0 ** np.arange(LAGS)))
+        found = [lfilter([k], [1.0, k - 1.0], v, zi=[(1.0 - k) * v[0]])[0] for k in shares]
+        return np.stack(found, axis=1)[:, None, :]
 
 
 def basis(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
