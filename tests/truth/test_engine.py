@@ -315,6 +315,7 @@ def test_a_torque_that_lags_behind_the_speed_is_no_friction_without_memory(joint
     """0.2 N m s/rad in the elbow look like friction of the shoulder."""
     d = diagnosed(planted([Late((joint,))], {f"late.{joint}.F": value}))
     assert d.verdict == "unexplained"
+    assert not d.laws
     assert any(m.curve is not None and m.curve.signal == "past v" for m in d.selection.members)
 
 
