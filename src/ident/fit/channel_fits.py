@@ -1,17 +1,17 @@
-"""Hypotheses on torque channels, held against the rows of a fit: another right-hand side each.
+"""The rows of a fit with other right-hand sides, in which torque channels are judged.
 
     X_u x = known_u + g τ_i(t + l)     row u of the joint that channel i, times g, is taken for
 
 X are the model's columns and the library's linear effects at every driven joint, so that a missing
 effect is no fault of the data. Rows are reduced to Gram matrices of blocks of time once; each
-hypothesis is then a least-squares problem in which nothing impossible is allowed (negative inertia,
-negative friction): only that tells a torque of the wrong sign from one of the right.
-
+hypothesis, and each choice of effects beside the model, is then a least-squares problem in which
+nothing impossible is allowed (negative inertia, negative friction): only that tells a torque of the
+wrong sign from one of the right.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -22,32 +22,24 @@ import pinocchio as pin
 from scipy.linalg import lapack
 
 from ident.effects import Effect
-from ident.fit.faults import CredibleFault, Fault, torque_faults
+from ident.fit.faults import Fault
 from ident.fit.problem import Table
-from ident.information.chance import zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import regressor
 from ident.motion.state import State
 
-FACTORS = np.geomspace(1e-4, 1e4, 17)  # between two of which the best factor of a torque is sought
-LARGEST_FACTOR = 3e3  # beyond units and gears: the torque is only taken out of the equations
-LEAST_FACTOR = 1.5  # a smaller one is an effect's: a gain, a load-dependent friction
 LEAVES = 0.3  # error of a torque at which nothing is explained: a cause that leaves it is none
 FAR = 7  # shifts round the log by so many parts of it: torques of another time
-SEVERAL = 3  # joints from which on torques of another run are told from a missing effect
-AS_WELL = 1.5  # times the error that all effects of the library leave: a fault leaves no more
-AS_GOOD = 0.8  # of the best error at another time, with which a torque is not of this motion
 IN_MEMORY = 30_000_000  # numbers of all Gram matrices, a quarter of a gigabyte
 LONGEST = 0.1  # s; a torque that is later still is another log's
 NODES = 12  # shifts on either side, from one sample up to LONGEST
 HALF = 0.5  # of the relative error: what explains less of it is an effect, no fault
 SMALL = 0.01  # relative error below which no channel is blamed, and none is better than another
 DOUBT = 2.5 * SMALL  # relative error of some torque from which a fit is doubted
-POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
+SEVERAL = 3  # joints from which on torques of another run are told from a missing effect
+AS_GOOD = 0.8  # of the best error at another time, with which a torque is not of this motion
 ALPHA = 0.01  # chance that a channel is blamed where nothing is wrong
-RIVAL = 2.0  # standard errors of the paired difference within which two causes are rivals
-CLOSEST = 6  # hypotheses that are looked at in detail
 ROUNDS = 3  # in which weights settle
 ROUNDING = 1e-12  # of the largest torque's squares: a smaller torque is none
 RIDGE = 1e-10  # of unit columns' squares: settles what no row determines
@@ -66,6 +58,7 @@ class ChannelEquations:
             other drives.
         gram: (d, k + r, k + r) of each block, k columns X and r right-hand sides; where all would
             not be held in memory, the rows (d, rows, k + r) of each, of which they are products.
+        effects: by label, the columns of the effects that the model does not have, the last of X.
         rows: (blocks, d); lags: (1 + L,) [s], first 0; near: how many of them can be a delay, the
             others turn the log round.
         limits: G (m, k), g (m,) with G x + g ≥ 0 for a machine that can exist.
@@ -75,32 +68,18 @@ class ChannelEquations:
     own: tuple[int, ...]
     gram: Sequence[Array]
     k: int
+    effects: Mapping[str, Array]
     rows: Array
     lags: Array
     near: int
     limits: tuple[Array, Array]
     memo: dict[Any, Any] = field(default_factory=dict)
 
-    @cached_property
-    def total(self) -> Array:
-        """Gram matrices (d, …) of all blocks."""
-        return np.asarray(sum(self.gram_of(block) for block in range(len(self.gram))))
-
-    def gram_of(self, block: int) -> Array:
-        """Gram matrices (d, …) of one block."""
-        x = self.gram[block]
-        return x if x.shape[1] == x.shape[2] else x.transpose(0, 2, 1) @ x
-
     @classmethod
     def of(
-        cls,
-        estimate: Estimate,
-        table: Table,
-        use: np.ndarray,
-        effects: Sequence[Effect],
-        shifts: bool = False,
-        blocks: Array | None = None,
-    ) -> ChannelEquations:
+        cls, estimate: Estimate, table: Table, use: np.ndarray, effects: Sequence[Effect],
+        shifts: bool = False, blocks: Array | None = None,
+    ) -> ChannelEquations:  # fmt: skip
         """Reduce the rows `use` (N, d) of a table; what an estimate holds stays at its value.
 
         With further linear effects; `blocks` (N,) number stretches of time, by default the table's.
@@ -115,11 +94,12 @@ class ChannelEquations:
         columns = [table.effect_columns(each, [{}]) for each in effects]
         steps, near = _steps(table) if shifts and own else (np.zeros(1, dtype=int), 1)
         torques = _own_torques(table, own, steps) if own else _spread_torques(table, driven)
-        k = int((~held).sum()) + sum(C.shape[2] for C, _ in columns)
-        shape, edges = (len(numbers), len(names)), np.searchsorted(block, range(len(numbers) + 1))
-        width, most = k + 1 + torques.shape[2], int(np.diff(edges).max())
-        short = most < width and np.prod(shape) * width**2 > IN_MEMORY
-        gram = np.zeros((*shape, most if short else width, width))
+        ends = np.cumsum([int((~held).sum()), *(C.shape[2] for C, _ in columns)])
+        places = {e.label: np.arange(*x) for e, x in zip(effects, pairwise(ends), strict=True)}
+        k, edges = int(ends[-1]), np.searchsorted(block, range(len(numbers) + 1))
+        shape, width, most = (len(numbers), len(names)), k + 1 + torques.shape[2], np.diff(edges)
+        short = most.max() < width and np.prod(shape) * width**2 > IN_MEMORY
+        gram = np.zeros((*shape, int(most.max()) if short else width, width))
         rows = np.zeros(shape)
         for u in range(len(names)):
             X = columns_of(table, ~held, columns, u)
@@ -134,7 +114,33 @@ class ChannelEquations:
                 rows[n, u] = use[some, u][i:j].sum()
         lags = steps / table.scenes[0].e.rate
         limits = limits_of_machines(estimate, table, effects, k)
-        return cls(driven, own, list(gram), k, rows, lags, near, limits)
+        return cls(driven, own, list(gram), k, places, rows, lags, near, limits)
+
+    def beside(self, effects: Collection[str]) -> ChannelEquations:
+        """Return the same rows with only these effects beside the model, by label."""
+        kept = [at for label, at in self.effects.items() if label in effects]
+        model = np.arange(self.k - sum(map(len, self.effects.values())))
+        columns = np.concatenate([model, *kept])
+        ends = np.cumsum([len(model), *map(len, kept)])
+        labels = [label for label in self.effects if label in effects]
+        G, g = self.limits
+        real = G[:, columns].any(axis=1) | ~G.any(axis=1)  # others are of effects that are gone
+        every = np.append(columns, np.arange(self.k, self.gram[0].shape[2]))
+        gram = [x[:, every][:, :, every] if _square(x) else x[:, :, every] for x in self.gram]
+        return replace(
+            self, gram=gram, k=len(columns), limits=(G[np.ix_(real, columns)], g[real]), memo={},
+            effects={n: np.arange(*x) for n, x in zip(labels, pairwise(ends), strict=True)},
+        )  # fmt: skip
+
+    @cached_property
+    def total(self) -> Array:
+        """Gram matrices (d, …) of all blocks."""
+        return np.asarray(sum(self.gram_of(block) for block in range(len(self.gram))))
+
+    def gram_of(self, block: int) -> Array:
+        """Gram matrices (d, …) of one block."""
+        x = self.gram[block]
+        return x if _square(x) else x.transpose(0, 2, 1) @ x
 
     @cached_property
     def torque(self) -> Array:
@@ -150,8 +156,6 @@ class ChannelEquations:
     def as_logged(self) -> Fault:
         """The log as it is."""
         return Fault.none(self.driven)
-
-    # --- one hypothesis -------------------------------------------------------------------------
 
     def squares_of(self, cause: Fault) -> tuple[Array, Array]:
         """Combinations (d, r) of the right-hand sides, and squares (d,) of their torques."""
@@ -210,10 +214,9 @@ class ChannelEquations:
         return np.asarray(x / scale)
 
     def rows_of(self, cause: Fault) -> Array:
-        """Which coordinates (d,) feel the joints of a cause."""
-        return np.array(
-            [self.driven[j] in cause.joints for j in self.own] or [True] * len(self.total)
-        )
+        """Which coordinates (d,) feel a cause: those of its torques, or all."""
+        every = not self.own or cause.state is not None
+        return np.array([every or self.driven[j] in cause.joints for j in self.own or self.rows[0]])
 
     def noise(self, cause: Fault, start: Array | None = None) -> Array:
         """Relative errors (d,), each coordinate weighted by its own: a joint with a missing effect
@@ -240,32 +243,6 @@ class ChannelEquations:
         """Log density (blocks, d) of left-out squares (blocks, d), as shares of all the torque."""
         sigma2 = error.sum(axis=0) + SMALL**2
         return -0.5 * (self.rows * np.log(sigma2) + self.rows.sum(axis=0) * error / sigma2)
-
-    # --- all hypotheses -------------------------------------------------------------------------
-
-    def scaled(self, now: Fault, noise: Array) -> Iterator[Fault]:
-        """Yield, of each poor joint, the factor of its torque that explains the log best, and its
-        neighbours, which explain as much where the data determine no factor.
-        """
-        from scipy.optimize import minimize_scalar  # takes 0.2 s to import
-
-        for j in range(len(self.driven)):
-
-            def at(factor: float, j: int = j) -> Fault:
-                return now.with_("scale", float(factor), gain={j: float(factor) * now.gain[j]})
-
-            if not (noise > POOR)[self.rows_of(at(1.0))].any():
-                continue
-            scores = [self.score(at(factor), noise) for factor in FACTORS]
-            i = int(np.clip(np.argmax(scores), 1, len(FACTORS) - 2))
-            low, high = np.log(FACTORS[[i - 1, i + 1]])
-            found = minimize_scalar(
-                lambda x, at=at: -self.score(at(np.exp(x)), noise),
-                bounds=(low, high), method="bounded", options={"xatol": 0.01},
-            )  # fmt: skip
-            best = float(np.exp(found.x))
-            if LEAST_FACTOR < max(best, 1 / best) < LARGEST_FACTOR:
-                yield from (at(best), at(2.5 * best), at(0.4 * best))
 
     def strangers(self, noise: Array) -> list[str]:
         """Driven joints of which the torque is explained no better than at another time of the log:
@@ -295,71 +272,9 @@ class ChannelEquations:
         bend, slope, _ = np.polyfit(self.lags[near] - lag, scores, 2)
         return float(lag - slope / (2 * bend)) if bend < 0 else lag
 
-    def credible(
-        self, reference: Array, explained: Array | None = None
-    ) -> tuple[list[CredibleFault], Array]:
-        """Return the causes that explain the log, one after the other, best first, and the relative
-        errors (d,) that they leave: together no more than `reference`, what all effects of the
-        library leave.
 
-        `explained` are left-out squares (blocks, d) [(N m)² | N²] of the log as it is, with effects
-        that a diagnosis found: a cause must do better than these.
-        """
-        now, found = self.as_logged, list[CredibleFault]()
-        noise = self.noise(now)
-        first = noise
-        while len(found) < len(self.driven):
-            poor = noise > POOR
-            tried = [
-                (self.score(each, noise), each)
-                for each in (*torque_faults(now, self.lags[: self.near]), *self.scaled(now, noise))
-                if poor[self.rows_of(each)].any()
-            ]
-            if not tried:
-                break
-            limit = credible_t(len(tried), len(self.rows))
-            tried = sorted(tried, key=lambda each: -each[0])[:CLOSEST]
-            base = self.left_out(now, noise)
-            if explained is not None:
-                rival = self.density(explained / self.torque)
-                base = base if base.sum() > rival.sum() else rival
-            after = [self.noise(each, noise) for _, each in tried]
-            left = [self.left_out(each, x) for (_, each), x in zip(tried, after, strict=True)]
-            cause = tried[0][1]
-            mine = self.rows_of(cause)
-            D = left[0] - base
-            t = min(zscore(D.sum(axis=1)), zscore(D[:, mine].sum(axis=1)))
-            longest = np.abs(self.lags[: self.near]).max()  # a later torque would be better still
-            if not t > limit or (cause.kind == "delay" and abs(cause.number[0]) == longest):
-                break
-            rivals = tuple(
-                each
-                for (_, each), x in zip(tried[1:], left[1:], strict=True)
-                if zscore((left[0] - x).sum(axis=1)) < RIVAL
-                and (cause.kind != "delay" or each.kind != "delay" or each.joints != cause.joints)
-            )
-            same = [
-                r for r in rivals if cause.kind == r.kind == "scale" and cause.joints == r.joints
-            ]
-            if any(abs(np.log(r.number[0] / cause.number[0])) > np.log(2) for r in same):
-                break  # no factor is determined: a large one only takes the joint out
-            was, now_ = (float(np.sqrt(np.mean(x[mine] ** 2))) for x in (noise, after[0]))
-            most = min(self.most, max(HALF * was, DOUBT))
-            if now_ > (DOUBT if any(each.kind != cause.kind for each in rivals) else most):
-                break  # nothing is explained, or nobody can tell by which of two faults
-            if cause.kind == "delay":
-                cause = replace(cause, number=(self.refined_delay(cause),))
-            found.append(CredibleFault(cause, was, now_, rivals))
-            now, noise = cause, after[0]
-        enough = np.log(noise).mean() < np.log(AS_WELL * reference).mean()
-        return (found, noise) if enough else ([], first)
-
-
-def credible_t(hypotheses: int, blocks: int) -> float:
-    """The standard errors by which the best of some hypotheses must do better (Bonferroni)."""
-    from scipy.special import stdtrit  # scipy.stats takes half a second to import
-
-    return -float(stdtrit(blocks - 1, ALPHA / hypotheses))
+def _square(x: Array) -> bool:
+    return x.shape[1] == x.shape[2]
 
 
 def squares(gram: Array, z: Array) -> Array:

@@ -1,76 +1,43 @@
 """What may be wrong with the data behind a fit, before any missing effect is named.
 
-Channels are judged by their own samples (`channel_checks`), torques as right-hand sides of the
-rows of the fit (`channel_fits`), positions, time and gravity by the state in which the mechanism
-would be, on few samples; `faults` has the hypotheses.
+Channels are judged by their own samples (`channel_checks`), torques and motions as hypotheses in
+the rows of the fit (`fault_search`); beside these, hints on units and on small errors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from itertools import groupby
-from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
 
 from ident.display import Displayed
-from ident.effects import Effect
 from ident.equations.motion_noise import noise_floor
-from ident.errors import IdentError
 from ident.fit.channel_checks import log_findings
-from ident.fit.channel_fits import (
-    AS_WELL,
-    CLOSEST,
-    DOUBT,
-    HALF,
-    LEAVES,
-    RIVAL,
-    SMALL,
-    ChannelEquations,
-    columns_of,
-    credible_t,
-    limits_of_machines,
-)  # fmt: skip
-from ident.fit.faults import (
-    CredibleFault,
-    Fault,
-    exact_factor,
-    fault_finding,
-    log_entry,
-    motion_faults,
-    refined_time,
-    scale_of_time,
-)  # fmt: skip
+from ident.fit.channel_fits import DOUBT, HALF, LEAVES, SMALL, columns_of
+from ident.fit.fault_search import FaultSearch
+from ident.fit.faults import exact_factor, fault_finding, log_entry
 from ident.fit.findings import Finding
 from ident.fit.problem import Problem, Table
 from ident.fit.small_errors import (
     WORSE,
-    away_from_reversals,
     common_delay,
     delay_shows,
     misfit_at_reversals,
     moved_by_reversals,
 )
-from ident.information.chance import zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
-from ident.mechanism.mechanism import Mechanism
-from ident.motion import State
 from ident.text import percent, some, two_digits
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
     "position swapped", "joints swapped", "time", "gravity", "another run", "units",
 }  # fmt: skip
-FEW = 300  # samples that tell a right motion from a wrong one
-BAD = 0.05  # relative error from which positions are doubted, of which there are many wrong ones
 BEYOND = 3.0  # times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
 ABSENT = 1e-9  # of the largest column, below which an unknown has no effect on any torque
-CALM = 0.5  # of a fall of errors, which a delay must bring away from reversals, too
-NEARLY = 1.2  # times the error of a fault that its rival leaves: a missing effect, another scale
 LIKE = 0.9  # correlation from which the URDF's torque is like the identified one, …
 MANY = 3.0  # equations a parameter, of which fewer say nothing of bodies
 UNLIKE = 0.5**0.5  # … and below which less than half of its squares is of the same shape
@@ -101,23 +68,8 @@ class Health(Displayed):
         return [asdict(finding) for finding in self.findings]
 
 
-@dataclass(frozen=True, eq=False)
-class DataChecks:
-    """The questions to one fit's data.
-
-    Attributes:
-        problem, estimate: of the fit; errors: relative, by joint, fitted or held out, the larger.
-        table, use: its rows, and which of them count (N, d).
-        explained: left-out squares (blocks, d) with the effects that a diagnosis found: a fault of
-            the data must explain more.
-    """
-
-    problem: Problem
-    estimate: Estimate
-    errors: Mapping[str, float]
-    table: Table
-    use: np.ndarray
-    explained: Array | None = None
+class DataChecks(FaultSearch):
+    """The questions to one fit's data."""
 
     @classmethod
     def of(cls, problem: Problem, estimate: Estimate, errors: Mapping[str, float]) -> DataChecks:
@@ -126,99 +78,11 @@ class DataChecks:
         table = Table.of(problem.mechanism, problem.columns, problem.motion, point)
         return cls(problem, estimate, errors, table, table.informed)
 
-    @property
-    def mechanism(self) -> Mechanism:
-        """The fitted mechanism."""
-        return self.problem.mechanism
-
-    @cached_property
-    def effects(self) -> list[Effect]:
-        """The library's linear effects at every drive that the model lacks, or has with known
-        values, which may have changed.
-        """
-        driven = set(self.mechanism.driven)
-        changed = [each.freed for each in self.mechanism.effects if each.known]
-        return [
-            each
-            for each in (*self.mechanism.candidates(), *changed)
-            if each.local
-            and each.linear
-            and not each.shapes
-            and len(each.joints) == 1
-            and set(each.joints) <= driven
-        ]
-
-    @cached_property
-    def common(self) -> list[Effect]:
-        """Those of them that every machine has."""
-        return [each for each in self.effects if each.common]
-
-    @cached_property
-    def equations(self) -> ChannelEquations:
-        """The fit's rows, with what every machine has."""
-        return ChannelEquations.of(self.estimate, self.table, self.use, self.common, shifts=True)
-
-    @cached_property
-    def possible(self) -> bool:
-        """Whether the fit is of a machine that can exist: a torque of another sign is not."""
-        free = ~self.estimate.held
-        G, g = limits_of_machines(self.estimate, self.table, [], int(free.sum()))
-        return bool((G @ self.estimate.x[free] + g >= 0).all())
-
-    @cached_property
-    def reference(self) -> Array:
-        """Relative errors (d,) of the log as it is with all linear effects of the library."""
-        reference = self._errors(self.table, self.use, self.effects)
-        if self.explained is None:
-            return reference
-        found = np.sqrt(self._unexplained + SMALL**2)
-        return found if np.log(found).sum() < np.log(reference).sum() else reference
-
-    @property
-    def _unexplained(self) -> Array:
-        """Squares (d,) over those of the torque that the effects of a diagnosis leave; infinite
-        without a diagnosis.
-        """
-        if self.explained is None:
-            return np.full(len(self.errors), np.inf)
-        return self.explained.sum(axis=0) / self.equations.torque
-
-    def _errors(self, table: Table, use: np.ndarray, effects: Sequence[Effect]) -> Array:
-        """Relative errors (d,) of the log as it is with some effects."""
-        equations = ChannelEquations.of(self.estimate, table, use, effects)
-        return equations.noise(equations.as_logged)
-
-    def _rivalled(self, after: Array, table: Table, use: np.ndarray) -> bool:
-        """Whether one kind of effect, missing at the drives, explains as much as a fault that
-        leaves relative errors `after` (d,): then nobody can tell which it is.
-        """
-        kinds = sorted({each.kind for each in self.effects if not each.common})
-        return any(
-            _rms(self._errors(table, use, [e for e in self.effects if e.common or e.kind == kind]))
-            < NEARLY * _rms(after)
-            for kind in kinds
-        )
-
-    def _of_reversals(self, found: Sequence[CredibleFault]) -> bool:
-        """Whether a delay explains rows at reversals more than the others: friction that builds up
-        over some speed, or is early, looks like torques that are early.
-        """
-        delays = [each.fault for each in found if each.fault.kind == "delay"]
-        use = self.use & self.away
-        if not delays or np.array_equal(use, self.use):
-            return False
-        calm = ChannelEquations.of(self.estimate, self.table, use, self.common, shifts=True)
-        mine = self.equations.rows_of(delays[-1])
-
-        def fall(equations: ChannelEquations) -> float:
-            before, after = (equations.noise(x) for x in (equations.as_logged, delays[-1]))
-            return float(np.log(before[mine] / after[mine]).mean())
-
-        return fall(calm) < CALM * fall(self.equations)
-
     def health(self) -> Health:
         """Judge the data, gravest first."""
-        found = [*self.faults[0]]
+        held = "; standard errors hold what it does to parameters"
+        named = [fault_finding(self.mechanism, each) for each in self.faults[0]]
+        found = [replace(each, meaning=each.meaning + held) for each in named]
         if self.mechanism.driven:
             if all(each.code == "delay" and len(each.where) == 1 for each in found):
                 found += self._late()  # in one joint alone it is that joint's friction
@@ -252,13 +116,6 @@ class DataChecks:
         """(d,) squared residual of a row at reversals over that of a row elsewhere, or 0."""
         return misfit_at_reversals(self.table, self.away, self.estimate.x)
 
-    @cached_property
-    def away(self) -> np.ndarray:
-        """(N, d) rows away from reversals; all, where the model has no dry friction."""
-        effects = self.mechanism.effects
-        dry = any(u.acts in ("level", "dry") for each in effects for u in each.unknowns)
-        return away_from_reversals(self.table) if dry else np.ones_like(self.table.informed)
-
     def reversals(self) -> Iterator[Finding]:
         """Report joints whose dry friction is not its sign at reversals."""
         names = zip(self.problem.motion.independent, self.misfit, strict=True)
@@ -275,27 +132,6 @@ class DataChecks:
             )
             yield Finding("reversals", text, remedy, worse, float(self.misfit.max()), WORSE)
 
-    @cached_property
-    def faults(self) -> tuple[list[Finding], tuple[ChannelEquations, Fault] | None, Array]:
-        """The faults that are named, the model's own equations with the torques as they would be,
-        and the relative errors (d,) that wrong torques leave.
-        """
-        good = max(self.errors.values(), default=0.0) < SMALL and self.possible
-        if good or not len(self.equations.total):
-            return [], None, np.zeros(len(self.errors))
-        found, noise = self.equations.credible(self.reference, self.explained)
-        if found and (self._of_reversals(found) or self._rivalled(noise, self.table, self.use)):
-            found, noise = [], self.equations.noise(self.equations.as_logged)
-        own = None
-        if moved := self._motion(noise):
-            found, own = [moved[0]], moved[1]
-        elif found:
-            own = ChannelEquations.of(self.estimate, self.table, self.use, [], shifts=True)
-        held = "; standard errors hold what it does to parameters"
-        findings = [fault_finding(self.mechanism, each) for each in found]
-        named = [replace(each, meaning=each.meaning + held) for each in findings]
-        return named, None if own is None else (own, found[-1].fault), noise
-
     def _late(self) -> Iterator[Finding]:
         """Report a delay of some milliseconds that all torques have in common, unless the effects
         that a diagnosis found explain more, or another cause leaves most of the error of a bad fit.
@@ -306,7 +142,7 @@ class DataChecks:
         late = common_delay(self.estimate, self.table, self.use, self.common)
         if late is None or (not good and late.after > HALF * late.before):
             return
-        if 2 * np.log(late.after) < np.log(self._unexplained).mean():
+        if 2 * np.log(late.after) < np.log(self.unexplained).mean():
             names = self.mechanism.driven
             text = (
                 f"all torques are {abs(1e3 * late.delay):.3g} ± {1e3 * late.stderr:.2g} ms "
@@ -334,7 +170,7 @@ class DataChecks:
         """
         problem, x, names = self.problem, self.estimate.x, self.problem.motion.independent
         errors = np.array([self.errors[name] for name in names])
-        if errors.max(initial=0.0) < DOUBT or not len(self.equations.total):
+        if errors.max(initial=0.0) < DOUBT or not self.use.any():
             return
         left = [t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in problem.information.totals]
         states, cutoff = problem.motion.experiments, problem.motion.band.cutoff
@@ -458,91 +294,6 @@ class DataChecks:
         remedy += ", all alike" if len(where) > 1 else ""
         return Finding("magnitude", text, remedy, where, gain, least)
 
-    # --- positions, time and gravity --------------------------------------------------------------
-
-    def _motion(self, noise: Array) -> tuple[CredibleFault, ChannelEquations] | None:
-        """Return the hypothesis on the motion that explains the log by far best, if any does better
-        than what wrong torques leave, the relative errors `noise` (d,); and the model's equations
-        in that motion. Where those are small, or what a diagnosis found leaves little, none does.
-        """
-        if min(noise.max(), np.sqrt(self._unexplained.max())) < DOUBT:
-            return None
-        motion, mechanism = self.problem.motion, self.mechanism
-        every = -(-sum(int(e.usable.sum()) for e in motion.experiments) // FEW)
-        thin = [e.at_samples(np.flatnonzero(e.usable)[::every]) for e in motion.experiments]
-        table = self._table(mechanism, thin)
-        logged = ChannelEquations.of(self.estimate, table, table.informed, self.common)
-        none = logged.as_logged
-        before = logged.noise(none)
-        base = logged.left_out(none, before).sum(axis=1)
-        names = zip(motion.independent, noise, strict=True)
-        every_fault = motion_faults(none, mechanism, thin, {name for name, x in names if x > BAD})
-        tried: list[tuple[float, Fault, ChannelEquations, Array]] = []
-        for _, alike in groupby(every_fault, attrgetter("state")):  # an axis, say, and a sign
-            faults = [*alike]
-            try:
-                equations = self._moved(faults[0], thin, table, self.common)
-            except (IdentError, np.linalg.LinAlgError):  # a motion that does not close
-                continue
-            for each in faults if len(equations.rows) == len(base) else ():
-                after = equations.noise(each)
-                tried.append((float(np.log(after).mean()), each, equations, after))
-                tried = sorted(tried, key=itemgetter(0))[:CLOSEST]  # others take memory
-        enough = float(np.log(AS_WELL * self.reference).mean())
-        best = [
-            (each, after, own.left_out(each, after).sum(axis=1))
-            for score, each, own, after in tried
-            if score < enough
-        ]
-        if not best:
-            return None
-        (fault, after, left), *others = best
-        if (
-            _rms(after) > HALF * min(_rms(before), _rms(noise))
-            or after.max() > logged.most
-            or zscore(left - base) <= credible_t(len(every_fault), len(base))
-            or self._rivalled(after, table, table.informed)
-        ):
-            return None
-        near = [each for each, _, other in others if zscore(left - other) < RIVAL]
-        if fault.kind == "time":
-
-            def error(each: Fault) -> float:
-                moved = self._moved(each, thin, table, self.common)
-                return float(np.log(moved.noise(each)).mean())
-
-            fault = refined_time(fault, none, error)
-            scales = (scale_of_time(none, factor * fault.number[0]) for factor in (0.5, 2.0))
-            if min(map(error, scales)) < error(fault) + np.log(NEARLY):  # no scale is determined
-                return None
-            near = [each for each in near if each.kind != "time"]
-        found = CredibleFault(fault, _rms(before), _rms(after), tuple(near[:3]))
-        return found, self._moved(fault, thin, table, [])
-
-    def _moved(
-        self, fault: Fault, thin: Sequence[State], logged: Table, effects: Sequence[Effect]
-    ) -> ChannelEquations:
-        """The equations of a fault, in the rows that count as logged and in which it closes."""
-        assert fault.state is not None
-        moved = [fault.state(self.mechanism, e) for e in thin]
-        table = self._table(moved[0][0], [e for _, e in moved])
-        first = np.cumsum([0, *map(len, thin)])
-        there, here = (first[each.experiment] + each.sample for each in (logged, table))
-        some = np.minimum(np.searchsorted(there, here), len(there) - 1)
-        use = logged.informed[some] & (there[some] == here)[:, None]
-        blocks = logged.blocks[some]
-        return ChannelEquations.of(self.estimate, table, use, effects, blocks=blocks)
-
-    def _table(self, mechanism: Mechanism, states: Sequence[State]) -> Table:
-        """The rows of other states, unfiltered."""
-        band = replace(self.problem.motion.band, cutoff=None)
-        motion = replace(self.problem.motion, experiments=tuple(states), band=band)
-        return Table.of(mechanism, self.problem.columns, motion, self.table.point)
-
 
 def _cosine(x: Array, y: Array) -> float:
     return float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x**2)))

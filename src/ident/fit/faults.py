@@ -28,6 +28,7 @@ PARALLEL = 0.999  # cosine of two axes that are one, up to rounding in a URDF
 DEGREES = 10.0  # smallest range of a position that may be in degrees
 EARTH = 9.81  # m/s²
 CLOCKS = (1 / 60, 0.1, 0.3, 0.7, 0.9, 1.1, 1.5, 3.0, 10.0, 60.0)  # true over logged time
+FACTORS = np.geomspace(1e-4, 1e4, 17)  # between two of which the best factor of a torque is sought
 UNITS = {  # by which factors units of torque differ, or their inverses
     1e3: "mN m for N m",
     100.0: "N cm for N m",
@@ -54,6 +55,7 @@ class Fault:
         number: the factor, those of several positions, the delay [s] (positive: the torque is
             late), the scale of time, or the three components of gravity [m/s²].
         state: the mechanism and the state as they would be, from those as they are; None: these.
+        at: the same fault with another factor or scale; None where it has none.
     """
 
     driven: tuple[str, ...]
@@ -64,6 +66,7 @@ class Fault:
     joints: tuple[str, ...] = ()
     number: tuple[float, ...] = ()
     state: Moved | None = None
+    at: Callable[[float], Fault] | None = None
 
     @classmethod
     def none(cls, driven: tuple[str, ...]) -> Fault:
@@ -86,7 +89,7 @@ class Fault:
         }
         changed = sorted({j for values in torques.values() for j in values})
         joints = joints or tuple(self.driven[j] for j in changed)
-        return replace(self, kind=kind, joints=joints, number=number, state=state, **rows)
+        return replace(self, kind=kind, joints=joints, number=number, state=state, at=None, **rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +130,12 @@ def torque_faults(now: Fault, lags: Array) -> Iterator[Fault]:
                     yield now.with_("delay", float(lag), shift=dict.fromkeys(some, shift))
 
 
+def scale_of_torque(now: Fault, j: int, factor: float) -> Fault:
+    """Return a fault with another factor of the torque of a driven joint."""
+    scaled = now.with_("scale", factor, gain={j: factor * now.gain[j]})
+    return replace(scaled, at=lambda x: scale_of_torque(now, j, x))
+
+
 def exact_factor(factor: float) -> float:
     """Return the factor of a unit that a large factor is near, which masses that are unlike the
     URDF's spoil; else the factor itself, which may be a gear ratio.
@@ -164,20 +173,7 @@ def scale_of_time(none: Fault, s: float) -> Fault:
             e, t=s * e.t, v=e.v / s, a=e.a / s**2, yd=e.yd / s, ydd=e.ydd / s**2, still=e.still / s
         )
 
-    return none.with_("time", s, state=state)
-
-
-def refined_time(fault: Fault, none: Fault, error: Callable[[Fault], float]) -> Fault:
-    """Return the scale of time of least error between those that were tried beside a fault's."""
-    from scipy.optimize import minimize_scalar  # takes 0.2 s to import
-
-    at, logs = CLOCKS.index(fault.number[0]), np.log(CLOCKS)
-    ends = logs[max(at - 1, 0)], logs[min(at + 1, len(CLOCKS) - 1)]
-    found = minimize_scalar(
-        lambda x: error(scale_of_time(none, float(np.exp(x)))),
-        bounds=ends, method="bounded", options={"xatol": 0.003, "maxiter": 12},
-    )  # fmt: skip
-    return scale_of_time(none, float(np.exp(found.x)))
+    return replace(none.with_("time", s, state=state), at=lambda x: scale_of_time(none, x))
 
 
 def _gravities(none: Fault, mechanism: Mechanism) -> Iterator[Fault]:

@@ -18,7 +18,7 @@ import numpy as np
 from ident.display import Displayed, Plotted, render
 from ident.equations.motion_noise import noise_floor
 from ident.errors import FitError
-from ident.fit.channel_fits import credible_t
+from ident.fit.channel_fits import ALPHA
 from ident.fit.prediction import Trace, trace_of
 from ident.fit.problem import block_edges, too_short
 from ident.fit.residual_maps import (
@@ -35,7 +35,7 @@ from ident.fit.residual_maps import (
 )
 from ident.fit.values import Model
 from ident.information.blocks import Error, Squares
-from ident.information.chance import paired
+from ident.information.chance import credible_t, paired
 from ident.motion import Motion
 from ident.motion.signals import runs
 from ident.text import stamp
@@ -212,7 +212,7 @@ class Residual(Displayed):
             least = max(old.rms, (old.relative or 0.0) * torque, sigma)
             allowed = ANOTHER * sigma**2 + MISFIT * (least**2 - sigma**2)
             usual = np.full(len(squares), allowed)
-            if paired(np.array(squares), usual) > credible_t(len(then), len(squares)):
+            if paired(np.array(squares), usual) > credible_t(len(then), len(squares), ALPHA):
                 found[joint] = self.errors[joint].rms / max(old.rms, 1e-300)
         return sorted(found, key=lambda joint: -found[joint])
 

@@ -25,11 +25,11 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.equations.rows import largest_transmission, of_joints
-from ident.fit.channel_fits import HALF, RIVAL, ROUNDING, ROUNDS, SMALL, columns_of, credible_t
+from ident.fit.channel_fits import ALPHA, HALF, ROUNDING, ROUNDS, SMALL, columns_of
 from ident.fit.problem import Table
 from ident.information import linear
 from ident.information.blocks import Part
-from ident.information.chance import zscore
+from ident.information.chance import credible_t, zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import RANK, Array, PartialRegression
 
@@ -37,6 +37,7 @@ SLOW = 0.03  # share of a joint's top speed below which it counts as reversing
 GUARD = 0.06  # s on either side that are left out; 0.3 periods of the motion, where that is less
 ENOUGH = 0.5  # share of a coordinate's rows that must stay
 FEWEST = 30  # rows at reversals that tell how well they fit
+RIVAL = 2.0  # standard errors by which a common delay must do better without any one joint
 FAINT = 0.01  # weight of a row there, by which what only such rows determine stays as it is
 WORSE = 4.0  # squared residual of a row there over that of the others, from which they fit worse
 MATTERS = 0.003  # rms of the residual there over that of the torque, as `material` of a diagnosis
@@ -151,7 +152,7 @@ def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
     products = products[np.unique(table.blocks[use.any(axis=1)])]
     delay = abs(products.sum()) / max(float(column @ column), 1e-300)
     shares = delay * np.sqrt((late**2).sum(axis=0) / np.maximum(squares, 1e-300))
-    chance = credible_t(1, len(products)) if len(products) > 1 else np.inf
+    chance = credible_t(1, len(products), ALPHA) if len(products) > 1 else np.inf
     return bool(shares.max() > HALF * SMALL and abs(zscore(products)) > chance)
 
 
@@ -193,7 +194,7 @@ def common_delay(
 
     late = column(table.A[:, :, :rigid] @ x[:rigid] + known)
     found = model.refit_with(late)
-    if zscore(found.D) <= credible_t(1, model.blocks):
+    if zscore(found.D) <= credible_t(1, model.blocks, ALPHA):
         return None
     unit = np.eye(d)
     others = [model.refit_with([x * (1 - e[u]) for u, x in enumerate(late)]) for e in unit]

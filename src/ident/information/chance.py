@@ -426,3 +426,12 @@ def zscore(D: Array) -> float:
     """Mean over standard error of differences (blocks,); 0 where nothing differs."""
     spread = float(D.std(ddof=1)) / np.sqrt(len(D)) if len(D) > 1 else 0.0
     return float(D.mean()) / spread if spread > 0 else 0.0
+
+
+def credible_t(hypotheses: int, blocks: int, alpha: float) -> float:
+    """Standard errors over blocks that the best of some hypotheses exceeds with a chance alpha
+    where none is true (Bonferroni).
+    """
+    from scipy.special import stdtrit  # scipy.stats takes half a second to import
+
+    return -float(stdtrit(blocks - 1, alpha / hypotheses))

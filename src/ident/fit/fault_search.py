@@ -1,0 +1,380 @@
+"""The search for faults of the data: of torques one after the other, then of the motion.
+
+Each hypothesis is tried in the rows of the motion as it would be without the fault (`Trial`). One
+is credible if it predicts blocks of time that were left out better than the log as it is, by more
+than the best of so many hypotheses would by chance, if it explains half of the error, and if no
+missing effect of the library explains as much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from heapq import nlargest
+from operator import attrgetter
+
+import numpy as np
+
+from ident.effects import Effect
+from ident.errors import IdentError
+from ident.fit.channel_fits import ALPHA, DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
+from ident.fit.faults import (
+    CLOCKS,
+    FACTORS,
+    CredibleFault,
+    Fault,
+    Moved,
+    motion_faults,
+    scale_of_torque,
+    torque_faults,
+)
+from ident.fit.problem import Problem, Table
+from ident.fit.small_errors import away_from_reversals
+from ident.information.chance import credible_t, zscore
+from ident.information.estimate import Estimate
+from ident.information.hypotheses import Array
+from ident.mechanism.mechanism import Mechanism
+
+LARGEST_FACTOR = 3e3  # beyond units and gears: the torque is only taken out of the equations
+LEAST_FACTOR = 1.5  # a smaller one is an effect's: a gain, a load-dependent friction
+AS_WELL = 1.5  # times the error that all effects of the library leave: a fault leaves no more
+POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
+RIVAL = 2.0  # standard errors of the paired difference within which two causes are rivals
+CLOSEST = 6  # hypotheses that are looked at in detail
+FEW = 300  # samples that tell a right motion from a wrong one
+BAD = 0.05  # relative error from which positions are doubted, of which there are many wrong ones
+CALM = 0.5  # of a fall of errors, which a delay must bring away from reversals, too
+NEARLY = 1.2  # times the error of a fault that its rival leaves: a missing effect, another number
+NUMBERED = ("scale", "delay", "time")  # faults of which a number is sought, not one of several
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A fault, in the equations of the motion as it would be.
+
+    Attributes:
+        before: relative errors (d,) without it.
+    """
+
+    fault: Fault
+    equations: ChannelEquations
+    before: Array
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """Coordinates (d,) that feel the fault."""
+        return self.equations.rows_of(self.fault)
+
+    @cached_property
+    def score(self) -> float:
+        """Log density of the torques, if the fault is all that is wrong where it is felt."""
+        return self.equations.score(self.fault, self.before)
+
+    @cached_property
+    def noise(self) -> Array:
+        """Relative errors (d,) without the fault."""
+        return self.equations.noise(self.fault, self.before)
+
+    @property
+    def error(self) -> float:
+        """Their mean where the fault is felt."""
+        return rms(self.noise[self.rows])
+
+    @cached_property
+    def left(self) -> Array:
+        """Log density (blocks, d) of the torques of each block, fitted to the others."""
+        return self.equations.left_out(self.fault, self.noise)
+
+
+@dataclass(frozen=True, eq=False)
+class FaultSearch:
+    """The rows of a fit, in which faults of the data are sought.
+
+    Attributes:
+        problem, estimate: of the fit; errors: relative, by joint, fitted or held out, the larger.
+        table, use: its rows, and which of them count (N, d).
+        explained: left-out squares (blocks, d) with the effects that a diagnosis found: a fault of
+            the data must explain more.
+    """
+
+    problem: Problem
+    estimate: Estimate
+    errors: Mapping[str, float]
+    table: Table
+    use: np.ndarray
+    explained: Array | None = None
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The fitted mechanism."""
+        return self.problem.mechanism
+
+    @cached_property
+    def effects(self) -> list[Effect]:
+        """The library's linear effects at every drive that the model lacks, or has with known
+        values, which may have changed.
+        """
+        driven = set(self.mechanism.driven)
+        changed = [each.freed for each in self.mechanism.effects if each.known]
+        return [
+            each
+            for each in (*self.mechanism.candidates(), *changed)
+            if each.local
+            and each.linear
+            and not each.shapes
+            and len(each.joints) == 1
+            and set(each.joints) <= driven
+        ]
+
+    @cached_property
+    def common(self) -> list[Effect]:
+        """Those of them that every machine has."""
+        return [each for each in self.effects if each.common]
+
+    @cached_property
+    def equations(self) -> ChannelEquations:
+        """The fit's rows, with what every machine has."""
+        return self._with_common(self.every)
+
+    @cached_property
+    def every(self) -> ChannelEquations:
+        """The fit's rows, with all linear effects."""
+        return ChannelEquations.of(self.estimate, self.table, self.use, self.effects, shifts=True)
+
+    def _with_common(self, every: ChannelEquations, kind: str = "") -> ChannelEquations:
+        """Return equations with the effects that every machine has, and those of one kind."""
+        return every.beside({e.label for e in self.effects if e.common or e.kind == kind})
+
+    @cached_property
+    def possible(self) -> bool:
+        """Whether the fit is of a machine that can exist: a torque of another sign is not."""
+        free = ~self.estimate.held
+        G, g = limits_of_machines(self.estimate, self.table, [], int(free.sum()))
+        return bool((G @ self.estimate.x[free] + g >= 0).all())
+
+    @cached_property
+    def reference(self) -> Array:
+        """Relative errors (d,) of the log as it is with all linear effects of the library."""
+        reference = self.every.noise(self.every.as_logged)
+        if self.explained is None:
+            return reference
+        found = np.sqrt(self.unexplained + SMALL**2)
+        return found if np.log(found).sum() < np.log(reference).sum() else reference
+
+    @property
+    def unexplained(self) -> Array:
+        """Squares (d,) over those of the torque that the effects of a diagnosis leave; infinite
+        without a diagnosis.
+        """
+        if self.explained is None:
+            return np.full(len(self.errors), np.inf)
+        return self.explained.sum(axis=0) / self.equations.torque
+
+    @cached_property
+    def away(self) -> np.ndarray:
+        """(N, d) rows away from reversals; all, where the model has no dry friction."""
+        effects = self.mechanism.effects
+        dry = any(u.acts in ("level", "dry") for each in effects for u in each.unknowns)
+        return away_from_reversals(self.table) if dry else np.ones_like(self.table.informed)
+
+    # --- the search -------------------------------------------------------------------------------
+
+    @cached_property
+    def faults(self) -> tuple[list[CredibleFault], tuple[ChannelEquations, Fault] | None, Array]:
+        """The faults, the model's own equations with the torques as they would be, and the relative
+        errors (d,) that wrong torques leave.
+        """
+        good = max(self.errors.values(), default=0.0) < SMALL and self.possible
+        if good or not self.use.any():
+            return [], None, np.zeros(len(self.errors))
+        found, last = self._torques()
+        if found and not (self._explains(last, self.every) and self._away_too(last.fault)):
+            found, last = [], self._logged(self.equations)
+        if moved := self._motion(last.noise):
+            return [moved[0]], (moved[1].equations.beside(()), moved[0].fault), last.noise
+        own = (self.every.beside(()), found[-1].fault) if found else None
+        return found, own, last.noise
+
+    def _logged(self, equations: ChannelEquations) -> Trial:
+        return Trial(equations.as_logged, equations, np.ones(len(equations.total)))
+
+    def _torques(self) -> tuple[list[CredibleFault], Trial]:
+        """Return the faults of torques, one after the other, and the last of them."""
+        equations, found = self.equations, list[CredibleFault]()
+        now = self._logged(equations)
+        while len(found) < len(equations.driven):
+            poor, lags = now.noise > POOR, equations.lags[: equations.near]
+
+            def trial(fault: Fault, before: Array = now.noise) -> Trial:
+                return Trial(fault, equations, before)
+
+            faults = [*torque_faults(now.fault, lags), *self._scaled(now, trial)]
+            faults = [each for each in faults if poor[equations.rows_of(each)].any()]
+            base = now.left
+            if self.explained is not None:
+                rival = equations.density(self.explained / equations.torque)
+                base = base if base.sum() > rival.sum() else rival
+            if (best := self._best(faults, trial, base, now.noise)) is None:
+                break
+            found.append(best[0])
+            now = best[1]
+        return found, now
+
+    def _scaled(self, now: Trial, trial: Callable[[Fault], Trial]) -> Iterator[Fault]:
+        """Yield, of each poor joint, the factor of its torque that explains the log best."""
+        for j in range(len(now.equations.driven)):
+            scaled = scale_of_torque(now.fault, j, 1.0)
+            if (now.noise > POOR)[now.equations.rows_of(scaled)].any():
+                scores = [trial(scale_of_torque(now.fault, j, f)).score for f in FACTORS]
+                i = int(np.clip(np.argmax(scores), 1, len(FACTORS) - 2))
+                best = refined(scaled, FACTORS[i - 1 : i + 2 : 2], trial)
+                if LEAST_FACTOR < max(best.number[0], 1 / best.number[0]) < LARGEST_FACTOR:
+                    yield best
+
+    def _motion(self, noise: Array) -> tuple[CredibleFault, Trial] | None:
+        """Return the fault of the motion that explains the log by far best, if any does better than
+        what wrong torques leave, the relative errors `noise` (d,). Where those are small, or what a
+        diagnosis found leaves little, none does.
+        """
+        if min(noise.max(), np.sqrt(self.unexplained.max())) < DOUBT:
+            return None
+        motion, mechanism = self.problem.motion, self.mechanism
+        step = -(-sum(int(e.usable.sum()) for e in motion.experiments) // FEW)
+        thin = [e.at_samples(np.flatnonzero(e.usable)[::step]) for e in motion.experiments]
+        band = replace(motion.band, cutoff=None)
+
+        def table_of(mechanism: Mechanism, states: Sequence) -> Table:
+            unfiltered = replace(motion, experiments=tuple(states), band=band)
+            return Table.of(mechanism, self.problem.columns, unfiltered, self.table.point)
+
+        logged = table_of(mechanism, thin)
+        first = np.cumsum([0, *map(len, thin)])
+        there = first[logged.experiment] + logged.sample
+
+        @lru_cache(maxsize=1)  # an axis and a sign have the same state
+        def moved(state: Moved) -> ChannelEquations:
+            """Return the equations in the rows that count as logged and in which it closes."""
+            states = [state(mechanism, e) for e in thin]
+            table = table_of(states[0][0], [e for _, e in states])
+            here = first[table.experiment] + table.sample
+            some = np.minimum(np.searchsorted(there, here), len(there) - 1)
+            use = logged.informed[some] & (there[some] == here)[:, None]
+            blocks = logged.blocks[some]
+            return ChannelEquations.of(self.estimate, table, use, self.common, blocks=blocks)
+
+        every = ChannelEquations.of(self.estimate, logged, logged.informed, self.effects)
+        now = self._logged(self._with_common(every))
+        names = zip(motion.independent, noise, strict=True)
+        faults = motion_faults(now.fault, mechanism, thin, {name for name, x in names if x > BAD})
+
+        def trial(fault: Fault) -> Trial:
+            assert fault.state is not None
+            return Trial(fault, moved(fault.state), now.noise)
+
+        best = self._best(faults, trial, now.left, min(now.noise, noise, key=rms))
+        return best if best and self._explains(best[1], every) else None
+
+    def _best(
+        self, faults: Sequence[Fault], trial: Callable[[Fault], Trial], base: Array, was: Array
+    ) -> tuple[CredibleFault, Trial] | None:
+        """Return the best of some faults, if it is credible.
+
+        Args:
+            trial: makes the trial of a fault.
+            base: (blocks, d) log density of blocks that are left out, without a fault.
+            was: (d,) relative errors without a fault.
+        """
+
+        def tried() -> Iterator[Trial]:
+            for each in faults:
+                with suppress(IdentError, np.linalg.LinAlgError):  # a motion that does not close
+                    found = trial(each)
+                    if len(found.equations.rows) == len(base) and np.isfinite(found.score):
+                        yield found
+
+        closest = nlargest(CLOSEST, tried(), key=attrgetter("score"))
+        if not closest:
+            return None
+        best, *others = closest
+        if best.fault.kind == "time":
+            at = CLOCKS.index(best.fault.number[0])
+            ends = CLOCKS[max(at - 1, 0)], CLOCKS[min(at + 1, len(CLOCKS) - 1)]
+            best = trial(refined(best.fault, ends, trial))
+        mine, D = best.rows, best.left - base
+        t = min(zscore(D.sum(axis=1)), zscore(D[:, mine].sum(axis=1)))
+        own = best.fault.kind, best.fault.joints
+        rivals = tuple(
+            each.fault
+            for each in others
+            if zscore((best.left - each.left).sum(axis=1)) < RIVAL
+            and not (own[0] in NUMBERED and own == (each.fault.kind, each.fault.joints))
+        )
+        before = rms(was[mine])
+        most = min(best.equations.most, max(HALF * before, DOUBT))
+        if any(each.kind != best.fault.kind for each in rivals):
+            most = DOUBT  # nobody can tell by which of two faults
+        fault = _determined(best, trial)
+        if fault is None or t <= credible_t(len(faults), len(base), ALPHA) or best.error > most:
+            return None
+        return CredibleFault(fault, before, best.error, rivals), best
+
+    def _explains(self, last: Trial, every: ChannelEquations) -> bool:
+        """Whether faults leave not much more than all effects of the library together, and less
+        than one kind of effect, missing at the drives: else nobody can tell which it is.
+        """
+        kinds = {each.kind for each in self.effects if not each.common}
+        beside = (self._with_common(every, kind) for kind in sorted(kinds))
+        return bool(
+            np.log(last.noise).mean() < np.log(AS_WELL * self.reference).mean()
+        ) and not any(rms(each.noise(each.as_logged)) < NEARLY * rms(last.noise) for each in beside)
+
+    def _away_too(self, fault: Fault) -> bool:
+        """Whether a delay explains rows away from reversals, too: friction that builds up over some
+        speed, or is early, looks like torques that are early.
+        """
+        use = self.use & self.away
+        if fault.kind != "delay" or np.array_equal(use, self.use):
+            return True
+        calm = ChannelEquations.of(self.estimate, self.table, use, self.common, shifts=True)
+        mine = self.equations.rows_of(fault)
+
+        def fall(equations: ChannelEquations) -> float:
+            before, after = (equations.noise(x) for x in (equations.as_logged, fault))
+            return float(np.log(before[mine] / after[mine]).mean())
+
+        return fall(calm) >= CALM * fall(self.equations)
+
+
+def refined(fault: Fault, ends: Sequence[float] | Array, trial: Callable[[Fault], Trial]) -> Fault:
+    """Return a fault with the number between two ends that explains the log best."""
+    from scipy.optimize import minimize_scalar  # takes 0.2 s to import
+
+    assert fault.at is not None
+    at = fault.at
+    found = minimize_scalar(
+        lambda x: float(np.log(trial(at(float(np.exp(x)))).noise).mean()),
+        bounds=np.log(ends), method="bounded", options={"xatol": 0.003, "maxiter": 12},
+    )  # fmt: skip
+    return at(float(np.exp(found.x)))
+
+
+def _determined(best: Trial, trial: Callable[[Fault], Trial]) -> Fault | None:
+    """Return a fault with its number, if it has one; None where the log does not determine it."""
+    fault, equations = best.fault, best.equations
+    if fault.kind == "delay":
+        longest = np.abs(equations.lags[: equations.near]).max()
+        if abs(fault.number[0]) == longest:  # a later torque would be better still
+            return None
+        return replace(fault, number=(equations.refined_delay(fault),))
+    if fault.at is not None:  # a large factor only takes a joint out
+        others = (trial(fault.at(f * fault.number[0])) for f in (0.5, 2.0))
+        if min(each.error for each in others) < NEARLY * best.error:
+            return None
+    return fault
+
+
+def rms(x: Array) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(x**2)))
