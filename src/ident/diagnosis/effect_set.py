@@ -14,7 +14,8 @@ from ident.diagnosis.selection import Evidence, sensible
 from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.information import linear
-from ident.information.hypotheses import EXACT, Index, PartialRegression
+from ident.information.hypotheses import Index, PartialRegression
+from ident.information.projection import EXACT
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from ident.errors import IdentError
 from ident.fit.problem import Table
 from ident.fit.small_errors import away_from_reversals
 from ident.information import linear
-from ident.information.hypotheses import RANK
+from ident.information.projection import RANK
 from ident.motion import Motion, State, complete
 from ident.motion.motion import left_out
 

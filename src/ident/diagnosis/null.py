@@ -26,7 +26,8 @@ from ident.fit.problem import Table
 from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.chance import remaining_power, surrogates
-from ident.information.hypotheses import RANK, Array, Index, PartialRegression
+from ident.information.hypotheses import Array, Index, PartialRegression
+from ident.information.projection import RANK
 from ident.mechanism.parameters import Covariance
 from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
@@ -70,7 +71,7 @@ def noise(contest: Contest, seed: int) -> NoiseDraws:
         [rows[contest.use[:, p.coordinate], p.coordinate] for p in regression.parts]
     )
     losses = np.zeros((DRAWS, regression.d))
-    for part, x in zip(regression.parts, judged._left_out(judged.residual), strict=True):
+    for part, x in zip(regression.parts, judged.errors, strict=True):
         losses[:, part.coordinate] += (x**2).sum(axis=0)
     rms = np.sqrt(losses / np.maximum(regression.rows, 1)) / regression.weight
     return NoiseDraws(rows, np.median(rms, axis=0), rms.max(axis=0))

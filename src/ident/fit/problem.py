@@ -430,7 +430,9 @@ class Table:
             grown, point = scene.mechanism + effect, self.point.with_values(others)
             bare = replace(self.thin[number], mechanism=grown, point=point)
             h, moved = beside(bare, effect, name, cutoff, effect)
-            S, t = (residual(corrected(bare, cutoff, effect)) - residual(moved)) / h, scene.e.t
+            still = not effect.unknowns and not any(shape.values())  # it corrects nothing yet
+            at = self.thin[number] if still else corrected(bare, cutoff, effect)
+            S, t = (residual(at) - residual(moved)) / h, scene.e.t
             if len(S) != len(t):
                 from scipy.interpolate import CubicSpline  # takes 0.2 s to import
 

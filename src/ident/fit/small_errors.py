@@ -31,7 +31,8 @@ from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.chance import credible_t, zscore
 from ident.information.estimate import Estimate
-from ident.information.hypotheses import RANK, Array, PartialRegression
+from ident.information.hypotheses import Array, PartialRegression
+from ident.information.projection import RANK
 
 SLOW = 0.03  # share of a joint's top speed below which it counts as reversing
 GUARD = 0.06  # s on either side that are left out; 0.3 periods of the motion, where that is less

@@ -1,16 +1,12 @@
 """Which columns explain what a model leaves, everything else refitted, by blocks of time left out.
 
-Rows (or triangles) of blocks of time and coordinates hold X = [A | C] and Y = [b | r_1 … r_B]:
-columns of the model and of all candidates, measured torques, and residuals that would be seen if
-nothing were missing. With the rows divided by the coordinates' σ,
+Beside a model that is projected out (`projection`, x̃ and L_k as there), columns C change the errors
+of blocks that are left out, without a single refit (partial regression: Frisch, Waugh, Lovell):
 
-    Q: orthonormal, spans A          x̃ = x − Q Qᵀx          L_k = (I − Q_k Q_kᵀ)⁻¹ of block k
     S₋k(x, y) = x̃ᵀỹ − x̃_kᵀ L_k ỹ_k          θ₋k = S₋k(C, C)⁻¹ S₋k(C, b)
     e_k = L_k b̃_k − L_k C̃_k θ₋k              D_k = |L_k b̃_k|² − |e_k|²          G = Σ_k D_k
 
-are the errors of blocks that were left out of all refits, without a single refit: partial
-regression (Frisch, Waugh, Lovell) with block downdating (Belsley, Kuh, Welsch, Regression
-Diagnostics, 1980). Coordinates have noise of their own: with left-out squares L_u of n_u rows
+Coordinates have noise of their own: with left-out squares L_u of n_u rows
 before and L'_u after, N rows in all, the likelihood ratio of normal errors gives the share
 
     g = 1 − Π_u (L'_u / L_u)^(n_u / N)
@@ -22,20 +18,17 @@ The largest g over all candidates on r_1 … r_B is the null distribution of the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from ident.information import linear
-from ident.information.blocks import Information, Part, columns_at, places
+from ident.information.blocks import Part, columns_at, places
 from ident.information.linear import Array, Index
+from ident.information.projection import VISIBLE, Projection
 
-RANK = 1e-8  # of the largest singular value of unit columns: below, a direction is rounding
-VISIBLE = 1e-4  # share of a column that must be new; squares of less are rounding
 TOGETHER = 64  # columns that are projected at once
-EXACT = 1e-6  # of the squares that a coordinate's weight expects: what is below is explained
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,223 +80,8 @@ class Refit:
         return float(self.D.sum())
 
 
-@dataclass(frozen=True, eq=False)
-class PartialRegression:
-    """Blocks of rows with a model projected out.
-
-    Attributes:
-        parts: one a coordinate, or several.
-        model: (k,) columns of the model.
-        weight: (d,) 1/σ of each coordinate.
-        count: number of all columns, where the last ones may be zero in all parts.
-    """
-
-    parts: tuple[Part, ...]
-    model: Index
-    weight: Array
-    count: int = 0
-
-    @classmethod
-    def of(
-        cls, information: Information, weight: Array, model: Index, reference: Array | None = None
-    ) -> PartialRegression:
-        """The question which columns explain some information beside the model's.
-
-        Args:
-            information: in all columns, the model's and the candidates'.
-            weight: (d,) 1/σ of each coordinate.
-            model: columns that are refitted whatever is asked; the others are candidates.
-            reference: (k,) values of all columns that are taken off first, as a reference that is
-                known: what is left is b − X reference.
-        """
-        parts = []
-        times = information.times
-        for u in range(information.d):
-            mine = {(b.log, b.block): b for b in information if b.coordinate == u}
-            if not mine:
-                continue
-            support = next(iter(mine.values())).support
-            known = np.zeros(information.k) if reference is None else reference
-            rows = [
-                mine[t].triangle.stack() if t in mine else np.zeros((0, len(support) + 1))
-                for t in times
-            ]
-            edges = np.cumsum([0, *map(len, rows)])
-            both = np.concatenate(rows)
-            y = both[:, -1] - both[:, :-1] @ known[support]
-            parts.append(Part(u, support, both[:, :-1], y[:, None], edges))
-        model, weight = np.asarray(model, dtype=np.intp), np.asarray(weight, dtype=float)
-        return cls(tuple(parts), model, weight, information.k)
-
-    @property
-    def d(self) -> int:
-        """Coordinates."""
-        return len(self.weight)
-
-    def place(self, columns: Index) -> int:
-        """The coordinate in which some columns are; d if they are in several."""
-        squares = self.squares[columns].sum(axis=0) * self.weight**2
-        mine = np.flatnonzero(squares > VISIBLE * squares.sum())
-        return int(mine[0]) if len(mine) == 1 else self.d
-
-    @property
-    def blocks(self) -> int:
-        """Blocks of time."""
-        return len(self.parts[0].edges) - 1
-
-    @cached_property
-    def columns(self) -> int:
-        """All columns, the model's and the candidates'."""
-        return max(self.count, *(1 + int(part.columns.max(initial=-1)) for part in self.parts))
-
-    @cached_property
-    def squares(self) -> Array:
-        """(columns, d) squares of each column in each coordinate, unweighted."""
-        found = np.zeros((self.columns, self.d))
-        for part in self.parts:
-            found[part.columns, part.coordinate] += np.einsum("ij,ij->j", part.X, part.X)
-        return found
-
-    @cached_property
-    def size(self) -> Array:
-        """(columns,) weighted norms; 1 where a column is zero."""
-        size = np.sqrt(self.squares @ self.weight**2)
-        return np.where(size > 0, size, 1.0)
-
-    @cached_property
-    def Q(self) -> tuple[Array, ...]:
-        """Q (m, rank) of every part."""
-        k, mine, triangles = len(self.model), [], [np.zeros((0, len(self.model)))]
-        for part in self.parts:  # in a tree a coordinate has the columns of few bodies
-            own = np.flatnonzero(np.isin(self.model, part.columns))
-            A = self._taken(part, self.model[own])
-            mine.append((A, own))
-            triangles.append(np.zeros((min(A.shape), k)))
-            triangles[-1][:, own] = np.linalg.qr(A, mode="r")
-        R = np.concatenate(triangles)
-        if not k or not R.any():
-            return tuple(np.zeros((len(part.X), 0)) for part in self.parts)
-        _, s, Vt = linear.svd(np.asarray(np.linalg.qr(R, mode="r")), full_matrices=False)
-        good = s > RANK * s[0]
-        T = Vt[good].T / s[good]
-        Q = [A @ T[own] for A, own in mine]
-        for _ in range(2):  # what rounding leaves of QᵀQ − I goes
-            T = np.linalg.inv(np.linalg.cholesky(sum(q.T @ q for q in Q))).T
-            Q = [q @ T for q in Q]
-        return tuple(Q)
-
-    def _factor(self, part: Part) -> Array:
-        return self.weight[part.coordinate] / self.size
-
-    def _taken(self, part: Part, columns: Index) -> Array:
-        return part.taken(columns) * self._factor(part)[columns]
-
-    @property
-    def rank(self) -> int:
-        """Rank of the model."""
-        return self.Q[0].shape[1]
-
-    @cached_property
-    def residual(self) -> tuple[Array, ...]:
-        """Ỹ (m, 1 + B) of every part, weighted."""
-        Y = [part.Y * self.weight[part.coordinate] for part in self.parts]
-        for _ in range(2):
-            total = sum(q.T @ y for q, y in zip(self.Q, Y, strict=True))
-            Y = [y - q @ total for q, y in zip(self.Q, Y, strict=True)]
-        return tuple(Y)
-
-    @cached_property
-    def _block(self) -> tuple[Array, ...]:
-        """By block G = QᵀQ, M = (I − G)⁻¹ (blocks, rank, rank) and QᵀỸ (blocks, rank, 1 + B)."""
-        n, rank = self.blocks, self.rank
-        G = np.zeros((n, rank, rank))
-        q = np.zeros((n, rank, self.residual[0].shape[1]))
-        for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
-            for k in range(n):
-                rows = part.block(k)
-                G[k] += Q[rows].T @ Q[rows]
-                q[k] += Q[rows].T @ Y[rows]
-        M: Array = linear.pinv(np.eye(rank) - G, rcond=1e-10, hermitian=True)
-        return G, M, q
-
-    @cached_property
-    def null_losses(self) -> Array:
-        """(d, B) left-out squares of r_1 … r_B in each coordinate, all blocks together."""
-        _, M, q = self._block
-        found = np.zeros((self.d, q.shape[2] - 1))
-        for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
-            for k in range(self.blocks):
-                rows = part.block(k)
-                e = Y[rows, 1:] + Q[rows] @ (M[k] @ q[k, :, 1:])
-                found[part.coordinate] += np.einsum("ij,ij->j", e, e)
-        return found
-
-    def explained(self, fall: Array, before: Array | None = None) -> Array:
-        """Return the shares g that falls (…, d) of left-out squares explain.
-
-        Args:
-            before: (…, d) squares that fall; without it, those of b.
-        """
-        before = self.losses.sum(axis=0) if before is None else before
-        n, least = self.rows, EXACT * np.maximum(self.rows, 1.0)
-        after = np.maximum(before - fall, 0.0)
-        return np.asarray(-np.expm1(np.log((after + least) / (before + least)) @ n / n.sum()))
-
-    @cached_property
-    def left_out(self) -> Array:
-        """L b̃ (rows,), part after part: the errors of blocks that were left out."""
-        return np.concatenate(self._left_out([y[:, :1] for y in self.residual]))[:, 0]
-
-    def _left_out(self, X: Sequence[Array]) -> list[Array]:
-        """L x̃ of projected columns."""
-        M, out = self._block[1], [x.copy() for x in X]
-        for k in range(self.blocks):
-            rows = [part.block(k) for part in self.parts]
-            q = sum(Q[i].T @ x[i] for Q, x, i in zip(self.Q, X, rows, strict=True))
-            for Q, x, i in zip(self.Q, out, rows, strict=True):
-                x[i] += Q[i] @ (M[k] @ q)
-        return out
-
-    @cached_property
-    def cells(self) -> Index:
-        """(parts, blocks, 2) first and last of the rows of each block, part after part."""
-        first = np.cumsum([0, *(len(part.X) for part in self.parts)])
-        edges = np.stack([part.edges + a for part, a in zip(self.parts, first, strict=False)])
-        return np.stack([edges[:, :-1], edges[:, 1:]], axis=2)
-
-    def by_block(self, x: Array, y: Array) -> Array:
-        """Return xᵀy (blocks, u, v) of each block; x, y (rows, …)."""
-        found = np.zeros((self.blocks, x.shape[1], y.shape[1]))
-        for part in self.cells.tolist():
-            for k, (a, b) in enumerate(part):
-                found[k] += x[a:b].T @ y[a:b]
-        return found
-
-    def by_coordinate(self, x: Array) -> Array:
-        """(blocks, d) sums of x (rows,)."""
-        first, last = self.cells.reshape(-1, 2).T
-        sums = np.add.reduceat(np.append(x, 0.0), first) * (last > first)
-        found = np.zeros((self.blocks, self.d))
-        for part, own in zip(self.parts, sums.reshape(-1, self.blocks), strict=True):
-            found[:, part.coordinate] += own
-        return found
-
-    @cached_property
-    def rows(self) -> Array:
-        """(d,) rows of each coordinate."""
-        return self.by_coordinate(np.ones(int(self.cells.max()))).sum(axis=0)
-
-    @cached_property
-    def losses(self) -> Array:
-        """(blocks, d) left-out squares with the model as it is."""
-        return self.by_coordinate(self.left_out**2)
-
-    @property
-    def loss(self) -> Array:
-        """(blocks,) left-out squares of b with the model as it is."""
-        return self.losses.sum(axis=1)
-
-    # --- candidates ----------------------------------------------------------------------------
+class PartialRegression(Projection):
+    """Blocks of rows with a model projected out, and what candidates explain beside it."""
 
     def gains(self, groups: Sequence[Index]) -> Gains:
         """Return what each group of columns does by itself, everything refitted."""
@@ -322,16 +100,14 @@ class PartialRegression:
     def _gains(self, groups: Index) -> Gains:
         """Gains of groups (n, u) of equal size, those of r_1 … r_B in single precision."""
         n, u = groups.shape
-        G, M, q = self._block
+        (G, M), q = self._downdated, self.by_block(self._Q, self._residual)
         blocks, rank, B = self.blocks, self.rank, q.shape[2] - 1
+        columns = [self._columns_of(part, groups) for part in self.parts]
         p = np.zeros((blocks, rank, n * u))
         cc = np.zeros((blocks, n, u, u))
         cy = np.zeros((blocks, n * u, 1))
         cn = np.zeros((blocks, n * u, B), dtype=np.float32)
-        for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
-            mine, X = self._columns_of(part, groups)
-            if not len(mine):
-                continue
+        for part, Q, Y, (mine, X) in zip(self.parts, self.Q, self.residual, columns, strict=True):
             place = (mine[:, None] * u + np.arange(u)).ravel()
             r = Y[:, 1:].astype(np.float32)
             where = slice(None) if len(place) == n * u else place  # a view, where it can be
@@ -376,12 +152,10 @@ class PartialRegression:
             Z[k] = P - Mp
         D, by = np.zeros((n, blocks)), np.zeros((n, self.d))
         null = np.zeros((n, self.d, B), dtype=np.float32)
-        for part, Q, Y in zip(self.parts, self.Q, self.residual, strict=True):
-            mine, X = self._columns_of(part, groups)
+        for part, Q, E, (mine, X) in zip(self.parts, self.Q, self.errors, columns, strict=True):
             for k in range(blocks):
                 rows = part.block(k)
-                e = Y[rows] + Q[rows] @ (M[k] @ q[k])
-                x = _turned(V[mine], X[rows])
+                x, e = _turned(V[mine], X[rows]), E[rows]
                 GZ = (Q[rows].T @ Q[rows]) @ Z[k]
                 a = _inner(Z[k], GZ, u)
                 own = Z[k].reshape(rank, n, u)[:, mine].reshape(rank, len(mine) * u)
@@ -417,24 +191,22 @@ class PartialRegression:
             if not len(some):
                 continue
             flat = np.concatenate([groups[i] for i in some])
-            C = [self._taken(p, flat) for p in self.parts]
+            C = np.concatenate([self._taken(p, flat) for p in self.parts])
             found += self._refits(C, self.size[flat], [numbers[i] for i in some])
         return found
 
     def refit_with(self, C: Sequence[Array]) -> Refit:
         """Columns C (m, u), one array a part, that are not among the candidates'."""
-        C = [c * self.weight[p.coordinate] for p, c in zip(self.parts, C, strict=True)]
-        size = np.sqrt(sum((c**2).sum(axis=0) for c in C))
+        X = [c * self.weight[p.coordinate] for p, c in zip(self.parts, C, strict=True)]
+        size = np.linalg.norm(both := np.concatenate(X), axis=0)
         size = np.where(size > 0, size, 1.0)
-        return self._refits([c / size for c in C], size, [len(size)])[0]
+        return self._refits(both / size, size, [len(size)])[0]
 
-    def _refits(self, C: list[Array], size: Array, numbers: Sequence[int]) -> list[Refit]:
-        """Columns C side by side, in groups of so many."""
-        squares = sum(np.einsum("ij,ij->j", c, c) for c in C)
-        for _ in range(2):  # twice: what is left may be tiny
-            P = sum(q.T @ c for q, c in zip(self.Q, C, strict=True))
-            C = [c - q @ P for q, c in zip(self.Q, C, strict=True)]
-        X, LX = np.concatenate(C), np.concatenate(self._left_out(C))
+    def _refits(self, C: Array, size: Array, numbers: Sequence[int]) -> list[Refit]:
+        """Columns C (rows, …) side by side, in groups of so many."""
+        squares = np.einsum("ij,ij->j", C, C)
+        X = self._projected(C)
+        LX = self._left_out(X)
         return [
             self._refit(X[:, a:b], LX[:, a:b], size[a:b], float(squares[a:b].sum()))
             for a, b in pairwise(np.cumsum([0, *numbers]))
@@ -446,17 +218,14 @@ class PartialRegression:
         new = values > VISIBLE**2
         V = V[:, new] / np.sqrt(values[new])
         C, LC = C @ V, LC @ V
-        r, u = np.concatenate([y[:, 0] for y in self.residual]), V.shape[1]
+        r, u = self._residual[:, 0], V.shape[1]
         alpha = C.T @ r
         part_of = C @ alpha
         by = self.by_coordinate(2 * r * part_of - part_of**2)
         inside = self.by_block(C, np.column_stack([LC, self.left_out]))
         inverse = linear.inverse(np.eye(u) - inside[:, :, :u])
         theta = inverse @ (alpha[:, None] - inside[:, :, u:])  # (blocks, u, 1)
-        errors = self.left_out.copy()
-        for part in self.cells.tolist():
-            for k, (a, b) in enumerate(part):
-                errors[a:b] -= LC[a:b] @ theta[k, :, 0]
+        errors = self._plus(self._errors[:, :1], LC, -theta)[:, 0]
         loss = self.by_coordinate(errors**2)
         return Refit(
             (self.losses - loss).sum(axis=1),
@@ -467,32 +236,6 @@ class PartialRegression:
             float(np.sqrt(max(values.sum(), 0.0) / max(squares, 1e-300))),
             part_of / max(float(np.linalg.norm(part_of)), 1e-300),
         )
-
-    def extended(self, columns: Index) -> PartialRegression:
-        """The same rows with further columns in the model."""
-        return replace(self, model=np.append(self.model, columns))
-
-    def without(self, columns: Index) -> PartialRegression:
-        """The same rows without some of the model's columns."""
-        return replace(self, model=self.model[~np.isin(self.model, columns)])
-
-    def weighted(self, weight: Array) -> PartialRegression:
-        """The same rows with other weights."""
-        return replace(self, weight=np.asarray(weight, dtype=float))
-
-    def judging(self, Y: Sequence[Array]) -> PartialRegression:
-        """The same rows with other right-hand sides Y (m, 1 + B), one a part."""
-        parts = zip(self.parts, Y, strict=True)
-        return replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))
-
-    @property
-    def solved(self) -> tuple[Array, Array]:
-        """θ (k,) of the model's columns and (XᵀX)⁻¹ (k, k), weighted; of the smallest norm."""
-        A = np.concatenate([self._taken(p, self.model) for p in self.parts])
-        b = np.concatenate([p.Y[:, 0] * self.weight[p.coordinate] for p in self.parts])
-        inverse = linear.pinv(A.T @ A, rcond=RANK, hermitian=True)
-        size = self.size[self.model]
-        return (inverse @ (A.T @ b)) / size, inverse / size[:, None] / size
 
 
 def _inner(a: np.ndarray, b: np.ndarray, u: int) -> np.ndarray:
@@ -505,7 +248,7 @@ def _turned(V: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Columns x (…, n u) of n groups times V (n, u, u)."""
     n, u = V.shape[:2]
     three = x.reshape(*x.shape[:-1], n, u)
-    return np.ascontiguousarray(np.einsum("...ni,nij->...nj", three, V)).reshape(x.shape)
+    return np.asarray(sum(three[..., i, None] * V[:, i] for i in range(u))).reshape(x.shape)
 
 
 def _theta(

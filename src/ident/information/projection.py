@@ -1,0 +1,287 @@
+"""Rows of blocks of time and coordinates with a model projected out, and errors of blocks left out.
+
+X are the columns of the model and of all candidates, Y = [b | r_1 … r_B] measured torques, and
+residuals that would be seen if nothing were missing. With the rows divided by the coordinates' σ,
+
+    Q: orthonormal, spans the model's columns         Ỹ = Y − Q QᵀY
+    L_k = (I − Q_k Q_kᵀ)⁻¹ of block k                   e_k = L_k Ỹ_k
+
+e are the errors of blocks that were left out of all refits, without a single refit (block
+downdating: Belsley, Kuh, Welsch, Regression Diagnostics, 1980).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from ident.information import linear
+from ident.information.blocks import Information, Part
+from ident.information.linear import Array, Index
+
+RANK = 1e-8  # of the largest singular value of unit columns: below, a direction is rounding
+VISIBLE = 1e-4  # share of a column that must be new; squares of less are rounding
+EXACT = 1e-6  # of the squares that a coordinate's weight expects: what is below is explained
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """Blocks of rows with a model projected out.
+
+    Attributes:
+        parts: one a coordinate, or several.
+        model: (k,) columns of the model.
+        weight: (d,) 1/σ of each coordinate.
+        count: number of all columns, where the last ones may be zero in all parts.
+    """
+
+    parts: tuple[Part, ...]
+    model: Index
+    weight: Array
+    count: int = 0
+
+    @classmethod
+    def of(
+        cls, information: Information, weight: Array, model: Index, reference: Array | None = None
+    ) -> Self:
+        """Return the rows of some information, with a model projected out.
+
+        Args:
+            information: in all columns, the model's and the candidates'.
+            weight: (d,) 1/σ of each coordinate.
+            model: columns that are refitted whatever is asked; the others are candidates.
+            reference: (k,) values of all columns that are taken off first, as a reference that is
+                known: what is left is b − X reference.
+        """
+        parts = []
+        times = information.times
+        for u in range(information.d):
+            mine = {(b.log, b.block): b for b in information if b.coordinate == u}
+            if not mine:
+                continue
+            support = next(iter(mine.values())).support
+            known = np.zeros(information.k) if reference is None else reference
+            rows = [
+                mine[t].triangle.stack() if t in mine else np.zeros((0, len(support) + 1))
+                for t in times
+            ]
+            edges = np.cumsum([0, *map(len, rows)])
+            both = np.concatenate(rows)
+            y = both[:, -1] - both[:, :-1] @ known[support]
+            parts.append(Part(u, support, both[:, :-1], y[:, None], edges))
+        model, weight = np.asarray(model, dtype=np.intp), np.asarray(weight, dtype=float)
+        return cls(tuple(parts), model, weight, information.k)
+
+    @property
+    def d(self) -> int:
+        """Coordinates."""
+        return len(self.weight)
+
+    def place(self, columns: Index) -> int:
+        """The coordinate in which some columns are; d if they are in several."""
+        squares = self.squares[columns].sum(axis=0) * self.weight**2
+        mine = np.flatnonzero(squares > VISIBLE * squares.sum())
+        return int(mine[0]) if len(mine) == 1 else self.d
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of time."""
+        return len(self.parts[0].edges) - 1
+
+    @cached_property
+    def columns(self) -> int:
+        """All columns, the model's and the candidates'."""
+        return max(self.count, *(1 + int(part.columns.max(initial=-1)) for part in self.parts))
+
+    @cached_property
+    def squares(self) -> Array:
+        """(columns, d) squares of each column in each coordinate, unweighted."""
+        found = np.zeros((self.columns, self.d))
+        for part in self.parts:
+            found[part.columns, part.coordinate] += np.einsum("ij,ij->j", part.X, part.X)
+        return found
+
+    @cached_property
+    def size(self) -> Array:
+        """(columns,) weighted norms; 1 where a column is zero."""
+        size = np.sqrt(self.squares @ self.weight**2)
+        return np.where(size > 0, size, 1.0)
+
+    @cached_property
+    def _Q(self) -> Array:
+        """Q (rows, rank), part after part."""
+        k, mine, triangles = len(self.model), [], [np.zeros((0, len(self.model)))]
+        for part in self.parts:  # in a tree a coordinate has the columns of few bodies
+            own = np.flatnonzero(np.isin(self.model, part.columns))
+            A = self._taken(part, self.model[own])
+            mine.append((A, own))
+            triangles.append(np.zeros((min(A.shape), k)))
+            triangles[-1][:, own] = np.linalg.qr(A, mode="r")
+        R = np.concatenate(triangles)
+        if not k or not R.any():
+            return np.zeros((int(self.cells.max()), 0))
+        _, s, Vt = linear.svd(np.asarray(np.linalg.qr(R, mode="r")), full_matrices=False)
+        good = s > RANK * s[0]
+        T = Vt[good].T / s[good]
+        Q = np.concatenate([A @ T[own] for A, own in mine])
+        for _ in range(2):  # what rounding leaves of QᵀQ − I goes
+            Q = Q @ np.linalg.inv(np.linalg.cholesky(Q.T @ Q)).T
+        return Q
+
+    @property
+    def Q(self) -> tuple[Array, ...]:
+        """Q (m, rank) of every part."""
+        return self._parted(self._Q)
+
+    def _parted(self, x: Array) -> tuple[Array, ...]:
+        return tuple(np.split(x, self.cells[1:, 0, 0]))
+
+    def _factor(self, part: Part) -> Array:
+        return self.weight[part.coordinate] / self.size
+
+    def _taken(self, part: Part, columns: Index) -> Array:
+        return part.taken(columns) * self._factor(part)[columns]
+
+    @property
+    def rank(self) -> int:
+        """Rank of the model."""
+        return self._Q.shape[1]
+
+    def _projected(self, x: Array) -> Array:
+        for _ in range(2):  # twice: what is left may be tiny
+            x = x - self._Q @ (self._Q.T @ x)
+        return x
+
+    @cached_property
+    def _residual(self) -> Array:
+        """Ỹ (rows, 1 + B), weighted, part after part."""
+        Y = [part.Y * self.weight[part.coordinate] for part in self.parts]
+        return self._projected(np.concatenate(Y))
+
+    @property
+    def residual(self) -> tuple[Array, ...]:
+        """Ỹ (m, 1 + B) of every part, weighted."""
+        return self._parted(self._residual)
+
+    @cached_property
+    def _downdated(self) -> tuple[Array, Array]:
+        """By block G = QᵀQ and M = (I − G)⁻¹ (blocks, rank, rank)."""
+        G = self.by_block(self._Q, self._Q)
+        return G, linear.pinv(np.eye(self.rank) - G, rcond=1e-10, hermitian=True)
+
+    @cached_property
+    def _errors(self) -> Array:
+        """L Ỹ (rows, 1 + B): the errors of blocks that were left out."""
+        return self._left_out(self._residual)
+
+    @property
+    def errors(self) -> tuple[Array, ...]:
+        """L Ỹ (m, 1 + B) of every part."""
+        return self._parted(self._errors)
+
+    @property
+    def left_out(self) -> Array:
+        """L b̃ (rows,), part after part."""
+        return self._errors[:, 0]
+
+    def _left_out(self, x: Array) -> Array:
+        """L x̃ (rows, …) of projected columns."""
+        return self._plus(x, self._Q, self._downdated[1] @ self.by_block(self._Q, x))
+
+    def _plus(self, x: Array, A: Array, w: Array) -> Array:
+        """x + A w (rows, …), with w (blocks, …) of each block."""
+        out = x.copy()
+        for part in self.cells.tolist():
+            for k, (a, b) in enumerate(part):
+                out[a:b] += A[a:b] @ w[k]
+        return out
+
+    @cached_property
+    def null_losses(self) -> Array:
+        """(d, B) left-out squares of r_1 … r_B in each coordinate, all blocks together."""
+        found = np.zeros((self.d, self._errors.shape[1] - 1))
+        for part, e in zip(self.parts, self.errors, strict=True):
+            found[part.coordinate] += np.einsum("ij,ij->j", e[:, 1:], e[:, 1:])
+        return found
+
+    def explained(self, fall: Array, before: Array | None = None) -> Array:
+        """Return the shares g that falls (…, d) of left-out squares explain.
+
+        Args:
+            before: (…, d) squares that fall; without it, those of b.
+        """
+        before = self.losses.sum(axis=0) if before is None else before
+        n, least = self.rows, EXACT * np.maximum(self.rows, 1.0)
+        after = np.maximum(before - fall, 0.0)
+        return np.asarray(-np.expm1(np.log((after + least) / (before + least)) @ n / n.sum()))
+
+    @cached_property
+    def cells(self) -> Index:
+        """(parts, blocks, 2) first and last of the rows of each block, part after part."""
+        first = np.cumsum([0, *(len(part.X) for part in self.parts)])
+        edges = np.stack([part.edges + a for part, a in zip(self.parts, first, strict=False)])
+        return np.stack([edges[:, :-1], edges[:, 1:]], axis=2)
+
+    def by_block(self, x: Array, y: Array) -> Array:
+        """Return xᵀy (blocks, u, v) of each block; x, y (rows, …)."""
+        found = np.zeros((self.blocks, x.shape[1], y.shape[1]))
+        for part in self.cells.tolist():
+            for k, (a, b) in enumerate(part):
+                found[k] += x[a:b].T @ y[a:b]
+        return found
+
+    def by_coordinate(self, x: Array) -> Array:
+        """(blocks, d) sums of x (rows,)."""
+        first, last = self.cells.reshape(-1, 2).T
+        sums = np.add.reduceat(np.append(x, 0.0), first) * (last > first)
+        found = np.zeros((self.blocks, self.d))
+        for part, own in zip(self.parts, sums.reshape(-1, self.blocks), strict=True):
+            found[:, part.coordinate] += own
+        return found
+
+    @cached_property
+    def rows(self) -> Array:
+        """(d,) rows of each coordinate."""
+        return self.by_coordinate(np.ones(int(self.cells.max()))).sum(axis=0)
+
+    @cached_property
+    def losses(self) -> Array:
+        """(blocks, d) left-out squares with the model as it is."""
+        return self.by_coordinate(self.left_out**2)
+
+    @property
+    def loss(self) -> Array:
+        """(blocks,) left-out squares of b with the model as it is."""
+        return self.losses.sum(axis=1)
+
+    def extended(self, columns: Index) -> Self:
+        """The same rows with further columns in the model."""
+        return replace(self, model=np.append(self.model, columns))
+
+    def without(self, columns: Index) -> Self:
+        """The same rows without some of the model's columns."""
+        return replace(self, model=self.model[~np.isin(self.model, columns)])
+
+    def weighted(self, weight: Array) -> Self:
+        """The same rows with other weights."""
+        return replace(self, weight=np.asarray(weight, dtype=float))
+
+    def judging(self, Y: Sequence[Array]) -> Self:
+        """The same rows with other right-hand sides Y (m, 1 + B), one a part."""
+        parts = zip(self.parts, Y, strict=True)
+        found = replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))
+        vars(found).update(_Q=self._Q, _downdated=self._downdated, squares=self.squares)  # of X
+        return found
+
+    @property
+    def solved(self) -> tuple[Array, Array]:
+        """θ (k,) of the model's columns and (XᵀX)⁻¹ (k, k), weighted; of the smallest norm."""
+        A = np.concatenate([self._taken(p, self.model) for p in self.parts])
+        b = np.concatenate([p.Y[:, 0] * self.weight[p.coordinate] for p in self.parts])
+        inverse = linear.pinv(A.T @ A, rcond=RANK, hermitian=True)
+        size = self.size[self.model]
+        return (inverse @ (A.T @ b)) / size, inverse / size[:, None] / size
