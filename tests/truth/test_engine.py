@@ -18,10 +18,11 @@ from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import noise, path_shares
 from ident.diagnosis.refitted import by_rivals, least_error
 from ident.diagnosis.search import NEAR
-from ident.diagnosis.selection import Decision, Weigh, rank
+from ident.diagnosis.selection import Decision, Ranking, rank
 from ident.effects import Effect, ReversalPulses, Signals, Unknown
 from ident.fit.problem import Table
 from ident.fit.small_errors import GUARD, away_from_reversals
+from ident.information.chance import Chance
 from identification import Planted, motion_log, plant, robot
 
 NOISE = (Noise("tau", 0.01, relative=True), Noise("q", 1e-5))
@@ -389,12 +390,14 @@ def test_a_searched_shape_is_refined_from_several_starts():
     contest = Contest.of(fit, candidates_of(fit), lambda what, share: None, curved=False)
     regression = contest.regression
     wave = next(e for e in contest.candidates if e.effect.label == "ripple:elbow")
-    weigh = Weigh(contest, regression, Decision(), float(regression.loss.sum()))
+    none = Chance({}, {}, 0.01)
+    gains = {wave.effect.label: (1.0, 1.0, 0)}
+    ranking = Ranking(contest, regression, (), gains, none, none, (), ())
     falls = regression.explained(regression.gains(wave.groups).by)
     order = np.argsort(-falls).tolist()
     worst, best = order[-1], order[0]
     lost = refined(contest, regression, wave.effect, wave.shapes[worst])
-    found = weigh(wave, [worst, best], 1.0, 0.0, 0.0)
+    (found,) = ranking.looked_at([wave], [[worst, best]], Decision())
     assert found.shape["N"] == pytest.approx(9.0, rel=0.01)
     assert found.gain > regression.gain(lost[2])
 

@@ -280,6 +280,17 @@ def test_a_position_counted_from_another_link_is_found(opposite):
     assert f"q.elbow {'+' if opposite else '-'} q.shoulder" in str(judgement)
 
 
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_a_scale_of_time_between_those_that_are_tried_is_found(scale):
+    arm, log = robot("arm"), ident.read_log(ROBOTS / "arm" / "run.csv")
+    rates = {"v": scale, "a": scale**2}
+    columns = {name: x * rates.get(name[0], 1.0) for name, x in log.columns.items()}
+    fitted = arm.with_effect("viscous").with_effect("coulomb")
+    (fault,) = judged(fitted, Log.from_arrays("run.csv", log.t / scale, columns)).faults
+    assert fault.code == "time"
+    assert float(fault.meaning.split("clock ")[1].split()[0]) == pytest.approx(scale, rel=0.02)
+
+
 def test_it_prints_and_is_json():
     p = planted("arm", seed=22)
     judgement = judged(p.mechanism, changed(p.log, tau__elbow=-p.log.columns["tau.elbow"]))

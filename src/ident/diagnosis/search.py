@@ -22,6 +22,7 @@ from ident.diagnosis.candidates import CandidateColumns, Contest
 from ident.diagnosis.effect_set import EffectSet, Member
 from ident.diagnosis.form import Responses, doubted
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging, path_shares
+from ident.diagnosis.screening import null_shares
 from ident.diagnosis.selection import (
     HIDDEN,
     Decision,
@@ -31,7 +32,6 @@ from ident.diagnosis.selection import (
     alike,
     behind,
     by_chance,
-    null_shares,
     rank,
     rivals,
     simplest,

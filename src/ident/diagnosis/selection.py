@@ -16,9 +16,8 @@ difference and by more than chance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from numbers import Real
 
 import numpy as np
@@ -26,17 +25,17 @@ import numpy as np
 from ident.diagnosis.candidates import CandidateColumns, Contest, Shape
 from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
+from ident.diagnosis.screening import Screened
 from ident.effects import Effect
 from ident.errors import FitError
 from ident.information.chance import Chance, paired, zscore
-from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
+from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 
 MOST = 0.5  # of a joint's squares: what explains less of them is no law, and not its main cause
 PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
 ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
 NEGATIVE = 2.0  # standard errors from zero at which a value has a sign
 PASSED = 1 / 3  # of the samples, at least, at which the filter must pass waves of position
-STARTS = 4  # of a searched shape, from which it is refined
 HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
 CLOSEST = 12  # candidates that are looked at in detail though they are not credible
 MINE = 0.1  # share of a fall that makes a coordinate one that it mends
@@ -160,7 +159,7 @@ class Ranking:
         gains: by label, share g of the left-out squares, visible share, and which start has
             that gain, of all.
         chance: the largest gains of all laws where nothing is missing; with_curves: of the curves
-            as well. total: the left-out squared error.
+            as well.
         curves: credible curves, best first.
         hints: by joint its best curve, where the gain exceeds the quantile of the largest gain of
             this joint's curves; with both.
@@ -172,7 +171,6 @@ class Ranking:
     gains: Mapping[str, tuple[float, float, int]]
     chance: Chance
     with_curves: Chance
-    total: float
     curves: tuple[tuple[Effect, float], ...]
     hints: tuple[tuple[Effect, float, float], ...]
 
@@ -194,90 +192,27 @@ class Ranking:
 
     def every(self, decision: Decision) -> list[Evidence]:
         """The evidence for all laws, those that were not looked at in detail last."""
-        weigh = Weigh(self.contest, self.regression, decision, self.total)
         done = {each.effect.label for each in self.evidence}
-        laws = [each for each in self.contest.laws if each.effect.label in self.gains]
-        rest = [(e, *self.gains[e.effect.label]) for e in laws if e.effect.label not in done]
-        refits = self.regression.refits([each.groups[start] for each, *_, start in rest])
-        found = list(self.evidence)
-        for (each, gain, _, start), refit in zip(rest, refits, strict=True):
-            p = self.chance.p(gain, self.regression.place(each.groups[0]))
-            found.append(weigh(each, [start], gain, self.limit_of(each), p, refit))
-        return found
+        laws = [e for e in self.contest.laws if e.effect.label in {*self.gains} - done]
+        starts = [[self.gains[each.effect.label][2]] for each in laws]
+        return [*self.evidence, *self.looked_at(laws, starts, decision)]
+
+    def looked_at(
+        self, laws: Sequence[CandidateColumns], starts: Sequence[Sequence[int]], decision: Decision
+    ) -> list[Evidence]:
+        """The evidence for some laws, each from its starts, the best of them first."""
+        refits = self.regression.refits(
+            [law.groups[own[0]] for law, own in zip(laws, starts, strict=True)]
+        )
+        return [
+            weigh(self, law, own, decision, refit)
+            for law, own, refit in zip(laws, starts, refits, strict=True)
+        ]
 
     @property
     def credible(self) -> tuple[Evidence, ...]:
         """The credible ones."""
         return tuple(each for each in self.evidence if each.credible)
-
-
-def null_shares(regression: PartialRegression, found: Gains) -> Array:
-    """Return the shares (groups, draws) of random residuals that groups of columns explain: of
-    surrogates of the residual, then of draws of noise, as it is.
-    """
-    before = regression.null_losses.T.copy()  # (draws, d)
-    before[SURROGATES:] = np.maximum(before[SURROGATES:], regression.losses.sum(axis=0))
-    return regression.explained(found.null.transpose(0, 2, 1), before)
-
-
-@dataclass(frozen=True, eq=False)
-class Screened:
-    """Gains of n candidates beside a model, each from the best of its starts.
-
-    Attributes:
-        candidates: which.
-        starts: of each candidate, the best first; gain, visible, place: (n,) share g of the best
-            one, visible share, coordinate.
-        null: (groups, draws) shares of random residuals, of all starts; of: (groups,) candidate.
-    """
-
-    candidates: Sequence[CandidateColumns]
-    starts: Sequence[Sequence[int]]
-    gain: Array
-    visible: Array
-    place: Index
-    null: Array
-    of: Index
-
-    @classmethod
-    def beside(
-        cls, regression: PartialRegression, candidates: Sequence[CandidateColumns]
-    ) -> Screened:
-        """Screen candidates, with the random residuals that the regression has."""
-        found = regression.gains([group for each in candidates for group in each.groups])
-        ends = np.cumsum([0, *(len(each.groups) for each in candidates)])
-        every = regression.explained(found.by)
-        order = (np.argsort(-every[a:b], kind="stable") for a, b in pairwise(ends))
-        starts = [each[:STARTS].tolist() for each in order]
-        best = [a + own[0] for a, own in zip(ends.tolist(), starts, strict=False)]
-        visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
-        place = np.array([regression.place(each.groups[0]) for each in candidates], dtype=int)
-        null = null_shares(regression, found)
-        of = np.repeat(np.arange(len(candidates)), np.diff(ends))
-        return cls(candidates, starts, every[best], visible, place, null, of)
-
-    def chance(self, some: Sequence[int], alpha: float) -> Chance:
-        """The largest shares of some candidates, by place: of surrogates of the residual and of
-        draws of the sensors' noise.
-        """
-        mine = np.isin(self.of, some)
-        null, place = self.null[mine], self.place[self.of[mine]]
-        largest = {int(u): null[place == u].max(axis=0) for u in np.unique(place)}
-        residual, noise = (
-            {u: x[draws] for u, x in largest.items()}
-            for draws in (slice(SURROGATES), slice(SURROGATES, None))
-        )
-        return Chance(residual, noise, alpha)
-
-    def hints(self, alpha: float) -> Iterator[tuple[Effect, float, float]]:
-        """Yield by joint its best curve, the gain and the limit, where the gain is larger."""
-        curves = [i for i, each in enumerate(self.candidates) if each.curve]
-        for joint in dict.fromkeys(self.candidates[i].effect.joints[0] for i in curves):
-            own = [i for i in curves if self.candidates[i].effect.joints[0] == joint]
-            best = max(own, key=lambda i: float(self.gain[i]))
-            limit = max(self.chance(own, alpha).limit(int(self.place[best])), 0.0)
-            if self.gain[best] > limit:
-                yield self.candidates[best].effect, float(self.gain[best]), limit
 
 
 def rank(
@@ -318,105 +253,84 @@ def rank(
         hints = tuple(screened.hints(decision.alpha))
     else:
         with_curves = chance
-    gain, places = screened.gain.tolist(), screened.place.tolist()
-    limits = [
-        (with_curves if e.curve else chance).limit(u) for e, u in zip(mine, places, strict=True)
-    ]
-    order = np.argsort(-screened.gain).tolist()
-    curves = tuple(
-        (mine[i].effect, gain[i]) for i in order if mine[i].curve and gain[i] > limits[i]
+    gain, labels = screened.gain.tolist(), [each.effect.label for each in mine]
+    starts = screened.starts
+    found = Ranking(
+        contest,
+        regression,
+        (),
+        {n: (gain[i], float(screened.visible[i]), starts[i][0]) for i, n in enumerate(labels)},
+        chance,
+        with_curves,
+        (),
+        hints,
     )
-    of_laws = [i for i in order if not mine[i].curve]
-    wanted = [i for k, i in enumerate(of_laws) if gain[i] > limits[i] or k < CLOSEST]
-    total = max(float(regression.loss.sum()), 1e-300)
-    weigh = Weigh(contest, regression, decision, total)
-
-    def weighed(some: Sequence[int]) -> list[Evidence]:
-        starts = screened.starts
-        refits = regression.refits([mine[i].groups[starts[i][0]] for i in some])
-        return [
-            weigh(mine[i], starts[i], gain[i], limits[i], chance.p(gain[i], places[i]), refit)
-            for i, refit in zip(some, refits, strict=True)
-        ]
-
+    order = np.argsort(-screened.gain).tolist()
+    good = {i for i in order if gain[i] > found.limit_of(mine[i])}
+    curves = tuple((mine[i].effect, gain[i]) for i in order if mine[i].curve and i in good)
+    laws = [i for i in order if not mine[i].curve]
+    wanted = [i for k, i in enumerate(laws) if i in good or k < CLOSEST]
     evidence = list[Evidence]()
     best = 0.0  # gain of the first candidate that is credible
     while wanted and gain[wanted[0]] >= least * best:
         some = wanted if best or not least else wanted[:1]
-        evidence += weighed([i for i in some if gain[i] >= least * best])
         wanted = wanted[len(some) :]
+        some = [i for i in some if gain[i] >= least * best]
+        evidence += found.looked_at([mine[i] for i in some], [starts[i] for i in some], decision)
         best = max((each.gain for each in evidence if each.credible), default=0.0)
-    gains = {
-        each.effect.label: (gain[i], float(screened.visible[i]), int(screened.starts[i][0]))
-        for i, each in enumerate(mine)
-    }
     evidence.sort(key=lambda each: -each.gain)
-    return Ranking(
-        contest, regression, tuple(evidence), gains, chance, with_curves, total, curves, hints
+    return replace(found, evidence=tuple(evidence), curves=curves)
+
+
+def weigh(
+    ranking: Ranking, candidate: CandidateColumns, starts: Sequence[int], decision: Decision,
+    refit: Refit,
+) -> Evidence:  # fmt: skip
+    """Return the evidence for a candidate beside the model of a ranking.
+
+    Args:
+        starts: from which a shape is refined, the best first: the error of left-out blocks has many
+            minima along the number of waves, and the least may lie between two starts.
+        refit: with the best start.
+    """
+    contest, regression = ranking.contest, ranking.regression
+    gain = ranking.gains[candidate.effect.label][0]
+    limit, place = ranking.limit_of(candidate), regression.place(candidate.groups[0])
+    effect, shape = candidate.effect, dict(candidate.shapes[starts[0]])
+    passed = gain > limit
+    columns, C = candidate.groups[starts[0]], list[Array]()
+    if effect.corrects:
+        bounds = contest.table.bounds(effect)
+        for each, value in zip(effect.searched, refit.theta, strict=True):
+            shape[each.name] = float(np.clip(shape[each.name] + value, *bounds[each.name]))
+    elif passed and any(not each.discrete for each in effect.searched):
+        ends = [refined(contest, regression, effect, candidate.shapes[i]) for i in starts]
+        found, C, refit = max(ends, key=lambda end: regression.gain(end[2]))
+        shape, columns = dict(found), columns[:0]
+    torque = torque_squares(contest, regression)
+    by = np.maximum(refit.by, 0.0)
+    mends = by >= MINE * max(by.sum(), 1e-300)
+    size = float(np.sqrt(by / np.where(torque > 0, torque, np.inf))[mends].max(initial=0.0))
+    stderr = refit.stderr * np.sqrt(
+        refit.loss.sum() / max(regression.loss.sum(), 1e-300)
+    )  # by what is left with it
+    plausible = sensible(contest, effect, refit.theta, stderr)
+    massive = not effect.loaded_link or bool(abs(refit.theta[0]) > NEGATIVE * stderr[0])
+    seen = not effect.waves or contest.passed(effect.joints[0], shape[effect.waves]) > PASSED
+    credible = passed and plausible and massive and seen and size > decision.material
+    return Evidence(
+        effect,
+        shape,
+        columns,
+        tuple(C),
+        refit,
+        regression.gain(refit),
+        limit,
+        ranking.chance.p(gain, place),
+        size,
+        plausible,
+        credible and differs(contest, effect, refit.theta, stderr),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Weigh:
-    """Looks at one candidate in detail."""
-
-    contest: Contest
-    regression: PartialRegression
-    decision: Decision
-    total: float
-
-    def __call__(
-        self, candidate: CandidateColumns, starts: Sequence[int], gain: float, limit: float,
-        p: float, refit: Refit | None = None,
-    ) -> Evidence:  # fmt: skip
-        """The evidence for a candidate at the best of some starts, the first; `refit`: with it, if
-        that is known. A shape is refined from all of them: the error of left-out blocks has many
-        minima along the number of waves, and the least may lie between two starts.
-        """
-        effect, shape = candidate.effect, dict(candidate.shapes[starts[0]])
-        passed = gain > limit
-        columns, C = candidate.groups[starts[0]], list[Array]()
-        refit = refit or self.regression.refit(columns)
-        if effect.corrects:
-            bounds = self.contest.table.bounds(effect)
-            for each, value in zip(effect.searched, refit.theta, strict=True):
-                shape[each.name] = float(np.clip(shape[each.name] + value, *bounds[each.name]))
-        elif passed and any(not each.discrete for each in effect.searched):
-            ends = [
-                refined(self.contest, self.regression, effect, candidate.shapes[i]) for i in starts
-            ]
-            found, C, refit = max(ends, key=lambda end: self.regression.gain(end[2]))
-            shape, columns = dict(found), columns[:0]
-        torque = torque_squares(self.contest, self.regression)
-        by = np.maximum(refit.by, 0.0)
-        mends = by >= MINE * max(by.sum(), 1e-300)
-        size = float(np.sqrt(by / np.where(torque > 0, torque, np.inf))[mends].max(initial=0.0))
-        noise = np.sqrt(refit.loss.sum() / self.total)  # that is left with the effect
-        stderr = refit.stderr * noise
-        plausible = sensible(self.contest, effect, refit.theta, stderr)
-        massive = not effect.loaded_link or bool(abs(refit.theta[0]) > NEGATIVE * stderr[0])
-        material = size > self.decision.material
-        seen = not effect.waves or (
-            self.contest.passed(effect.joints[0], shape[effect.waves]) > PASSED
-        )
-        return Evidence(
-            effect,
-            shape,
-            columns,
-            tuple(C),
-            refit,
-            self.regression.gain(refit),
-            limit,
-            p,
-            size,
-            plausible,
-            passed
-            and plausible
-            and massive
-            and material
-            and seen
-            and differs(self.contest, effect, refit.theta, stderr),
-        )
 
 
 def torque_squares(contest: Contest, regression: PartialRegression) -> Array:

@@ -142,7 +142,7 @@ class DataChecks(FaultSearch):
         late = common_delay(self.estimate, self.table, self.use, self.common)
         if late is None or (not good and late.after > HALF * late.before):
             return
-        if 2 * np.log(late.after) < np.log(self.unexplained).mean():
+        if 2 * np.log(late.after) < np.log(self._unexplained).mean():
             names = self.mechanism.driven
             text = (
                 f"all torques are {abs(1e3 * late.delay):.3g} ± {1e3 * late.stderr:.2g} ms "

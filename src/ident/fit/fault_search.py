@@ -37,14 +37,10 @@ from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
 
-LARGEST_FACTOR = 3e3  # beyond units and gears: the torque is only taken out of the equations
-LEAST_FACTOR = 1.5  # a smaller one is an effect's: a gain, a load-dependent friction
-AS_WELL = 1.5  # times the error that all effects of the library leave: a fault leaves no more
 POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
 RIVAL = 2.0  # standard errors of the paired difference within which two causes are rivals
 CLOSEST = 6  # hypotheses that are looked at in detail
 FEW = 300  # samples that tell a right motion from a wrong one
-BAD = 0.05  # relative error from which positions are doubted, of which there are many wrong ones
 CALM = 0.5  # of a fall of errors, which a delay must bring away from reversals, too
 NEARLY = 1.2  # times the error of a fault that its rival leaves: a missing effect, another number
 NUMBERED = ("scale", "delay", "time")  # faults of which a number is sought, not one of several
@@ -160,11 +156,11 @@ class FaultSearch:
         reference = self.every.noise(self.every.as_logged)
         if self.explained is None:
             return reference
-        found = np.sqrt(self.unexplained + SMALL**2)
+        found = np.sqrt(self._unexplained + SMALL**2)
         return found if np.log(found).sum() < np.log(reference).sum() else reference
 
     @property
-    def unexplained(self) -> Array:
+    def _unexplained(self) -> Array:
         """Squares (d,) over those of the torque that the effects of a diagnosis leave; infinite
         without a diagnosis.
         """
@@ -229,16 +225,14 @@ class FaultSearch:
             if (now.noise > POOR)[now.equations.rows_of(scaled)].any():
                 scores = [trial(scale_of_torque(now.fault, j, f)).score for f in FACTORS]
                 i = int(np.clip(np.argmax(scores), 1, len(FACTORS) - 2))
-                best = refined(scaled, FACTORS[i - 1 : i + 2 : 2], trial)
-                if LEAST_FACTOR < max(best.number[0], 1 / best.number[0]) < LARGEST_FACTOR:
-                    yield best
+                yield refined(scaled, FACTORS[i - 1 : i + 2 : 2], trial)
 
     def _motion(self, noise: Array) -> tuple[CredibleFault, Trial] | None:
         """Return the fault of the motion that explains the log by far best, if any does better than
         what wrong torques leave, the relative errors `noise` (d,). Where those are small, or what a
         diagnosis found leaves little, none does.
         """
-        if min(noise.max(), np.sqrt(self.unexplained.max())) < DOUBT:
+        if min(noise.max(), np.sqrt(self._unexplained.max())) < DOUBT:
             return None
         motion, mechanism = self.problem.motion, self.mechanism
         step = -(-sum(int(e.usable.sum()) for e in motion.experiments) // FEW)
@@ -267,7 +261,7 @@ class FaultSearch:
         every = ChannelEquations.of(self.estimate, logged, logged.informed, self.effects)
         now = self._logged(self._with_common(every))
         names = zip(motion.independent, noise, strict=True)
-        faults = motion_faults(now.fault, mechanism, thin, {name for name, x in names if x > BAD})
+        faults = motion_faults(now.fault, mechanism, thin, {name for name, x in names if x > DOUBT})
 
         def trial(fault: Fault) -> Trial:
             assert fault.state is not None
@@ -321,14 +315,12 @@ class FaultSearch:
         return CredibleFault(fault, before, best.error, rivals), best
 
     def _explains(self, last: Trial, every: ChannelEquations) -> bool:
-        """Whether faults leave not much more than all effects of the library together, and less
-        than one kind of effect, missing at the drives: else nobody can tell which it is.
+        """Whether faults leave less than one kind of effect would, missing at all drives: else
+        nobody can tell which it is.
         """
         kinds = {each.kind for each in self.effects if not each.common}
         beside = (self._with_common(every, kind) for kind in sorted(kinds))
-        return bool(
-            np.log(last.noise).mean() < np.log(AS_WELL * self.reference).mean()
-        ) and not any(rms(each.noise(each.as_logged)) < NEARLY * rms(last.noise) for each in beside)
+        return not any(rms(x.noise(x.as_logged)) < NEARLY * rms(last.noise) for x in beside)
 
     def _away_too(self, fault: Fault) -> bool:
         """Whether a delay explains rows away from reversals, too: friction that builds up over some

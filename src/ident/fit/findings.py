@@ -34,8 +34,9 @@ SHORT, USUAL = 10.0, 30.0  # the same: below the first a log is called short; wh
 POOR = 1e3  # condition number above which the motion excites some base parameter poorly
 CERTAIN = 3.0  # standard errors below zero at which a negative coefficient is no accident
 LEAST_MASS = 1e-9  # kg below which a body with first moments cannot be written in a URDF
-FREELY = 0.1  # torque over its terms: an error of 5 % in one of them is half the torque or more; and
-# the relative error of a torque from which its unit is in doubt
+# torque over its terms: an error of 5 % in one of them is half the torque or more; and the relative
+# error of a torque from which its unit is in doubt
+FREELY = 0.1
 LITTLE = 0.1  # of the farthest joint's way: one that moves less is named
 POSSIBLE = -1e-6  # of a body's largest eigenvalue: what rounding may leave below zero
 
