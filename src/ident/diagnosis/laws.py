@@ -22,7 +22,8 @@ from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import ROUNDING, largest_transmission
 from ident.information.chance import paired
-from ident.information.hypotheses import EXACT, Array, Index, PartialRegression
+from ident.information.hypotheses import Array, Index, PartialRegression
+from ident.information.projection import EXACT
 
 LOUD = 1.25  # times the rms of noise, from which more than noise is left
 OTHERS = 1  # joint whose signals are tried beside the own ones
