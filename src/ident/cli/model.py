@@ -117,7 +117,7 @@ def view(
     from ident.fit.prediction import predict
     from ident.fit.residual import residual_of
     from ident.show.local import wait
-    from ident.show.view3d.view import SUFFIXES
+    from ident.show.view import SUFFIXES
 
     output_file(out, SUFFIXES, logs or ())
     if fit is not None and not logs:

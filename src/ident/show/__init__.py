@@ -17,7 +17,7 @@ MODULES = {
     "motion": ("Log", "Mechanism", "Motion"),
     "residual": ("Comparison", "Failure", "Fit", "Residual"),
     "simulate": ("Excitation", "Replay", "Run"),
-    "view3d.view": ("Mechanism",),
+    "view": ("Mechanism",),
     "streams": (
         "Alarm", "Cause", "Forces", "Gathered", "LogComparison", "Monitor", "ParameterChange",
         "Snapshot", "Verdicts",

@@ -18,8 +18,8 @@ import pytest
 from moving import view_of
 
 import ident
-from ident.show.view3d.bodies import BODIES, ENDS
-from ident.show.view3d.view import ASPECTS, LONGEST, SHADES, _ramp
+from ident.show.bodies import BODIES, ENDS
+from ident.show.view import ASPECTS, LONGEST, SHADES, _ramp
 
 STRICT = 6.0  # [deg] of hue, within which an arrow is blue and a blue body is not
 

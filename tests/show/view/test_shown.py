@@ -13,8 +13,8 @@ from moving import view_of
 import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident.display import render
-from ident.show.view3d.bodies import pivots_of
-from ident.show.view3d.view import reactions
+from ident.show.bodies import pivots_of
+from ident.show.view import reactions
 
 KINDS = ("point", "revolute", "prismatic", "cylindrical", "universal", "planar", "fixed")
 SIX = [("prismatic", axis) for axis in ("1 0 0", "0 1 0", "0 0 1")]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ident.show.view3d.view import frames, running_rms
+from ident.show.view import frames, running_rms
 
 
 def test_frames_are_even_and_keep_both_ends():

@@ -1,4 +1,4 @@
-// Draws a moving mechanism, given as the data of ident.show.view3d.scene, into a canvas: faces from
+// Draws a moving mechanism, given as the data of ident.show.view, into a canvas: faces from
 // far to near, without a graphics card. `told(log, x)`: the user has chosen that moment.
 let onPaper = false // which is white, whatever the page is
 addEventListener("beforeprint", () => { onPaper = true })

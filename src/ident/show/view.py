@@ -25,11 +25,11 @@ from ident.fit.residual import zero_of
 from ident.mechanism import Mechanism
 from ident.mechanism.closures import FrameClosure
 from ident.mechanism.tree import Placement
+from ident.show.bodies import ENDS, UNKNOWN, Shape, poses_of, shapes_of, sites, tied
 from ident.show.charts import Arrays
 from ident.show.html import Block, Page, Section
 from ident.show.local import Place, Served
 from ident.show.template import piece
-from ident.show.view3d.bodies import ENDS, UNKNOWN, Shape, poses_of, shapes_of, sites, tied
 
 MOST = 1000  # pictures of all films
 WIDTH = 0.1  # [s] over which a residual is averaged, so that colours do not flicker

@@ -1,1 +1,0 @@
-"""A mechanism moving in 3-D, drawn by `charts/scene.js`."""
