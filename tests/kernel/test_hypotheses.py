@@ -89,8 +89,8 @@ def test_last_columns_that_are_zero_everywhere_gain_nothing():
     regression = PartialRegression(parts(), np.arange(4), WEIGHT, K + 2)
     gains = regression.gains([np.array([K, K + 1]), np.array([6])])
     assert gains.visible[0] == 0
-    assert gains.G[0] == 0
-    assert gains.G[1] != 0
+    assert gains.D[0].sum() == 0
+    assert gains.D[1].sum() != 0
     assert regression.place(np.array([K + 1])) == regression.d
 
 
@@ -268,7 +268,7 @@ def credible(seed: int, size: float) -> tuple[bool, int]:
     found = judged.gains([np.array([i]) for i in range(1, 31)])
     shares = judged.explained(found.null.transpose(0, 2, 1), judged.null_losses.T).max(axis=0)
     share = judged.explained(found.by).max()
-    return share > quantile(shares, 0.01), int(found.G.argmax())
+    return share > quantile(shares, 0.01), int(found.D.sum(axis=1).argmax())
 
 
 def test_coloured_noise_makes_no_candidate_credible_and_an_effect_is_found():

@@ -39,7 +39,6 @@ SMALL = 0.01  # relative error below which no channel is blamed, and none is bet
 DOUBT = 2.5 * SMALL  # relative error of some torque from which a fit is doubted
 SEVERAL = 3  # joints from which on torques of another run are told from a missing effect
 AS_GOOD = 0.8  # of the best error at another time, with which a torque is not of this motion
-ALPHA = 0.01  # chance that a channel is blamed where nothing is wrong
 ROUNDS = 3  # in which weights settle
 ROUNDING = 1e-12  # of the largest torque's squares: a smaller torque is none
 RIDGE = 1e-10  # of unit columns' squares: settles what no row determines

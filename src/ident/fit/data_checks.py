@@ -233,66 +233,61 @@ class DataChecks(FaultSearch):
         least = OTHER if len(gains) > 1 and np.ptp(logs) < SAME else TOGETHER
         far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}
         several = 2 * len(far) >= len(self.use.T) and len({x > 1 for x in far.values()}) == 1
-        if several and len(far) > 1 and (units := self._units(gains)) is not None:
-            yield units
+        if several and len(far) > 1 and (fall := self._scaled_alike(gains)):
+            yield self._magnitude("units", gains, TOGETHER, fall)
         elif several and len(far) == len(gains):
-            yield self._magnitude(far, least)
+            yield self._magnitude("magnitude", far, least)
         else:
             alone = ({name: x} for name, x in far.items() if max(x, 1 / x) > TIMES)
-            yield from (self._magnitude(each, TIMES) for each in alone)
+            yield from (self._magnitude("magnitude", each, TIMES) for each in alone)
 
-    def _units(self, gains: Mapping[str, float]) -> Finding | None:
-        """Return a finding if torques that are `gains` times what the URDF's bodies need, by joint,
-        explain the log once each is scaled by a factor of its own.
+    def _scaled_alike(self, gains: Mapping[str, float]) -> tuple[float, float] | None:
+        """Return the errors before and after each torque is divided by its gain, by joint, if that
+        explains the log.
         """
-        equations, names = self.equations, list(gains)
+        equations = self.equations
         factors = {equations.driven.index(name): 1 / x for name, x in gains.items()}
         scaled = equations.as_logged.with_("scale", gain=factors)
         before, after = (
             float(np.exp(np.log(equations.noise(each)[equations.rows_of(scaled)]).mean()))
             for each in (equations.as_logged, scaled)
         )
-        if before < DOUBT or after > HALF * before:
-            return None
-        where, text = self._needed(gains)
-        text += (
-            ", by a factor of its own each: currents without their torque constants, or another "
-            f"unit? Scaled, the error of the predicted torque falls from {percent(before)} to "
-            f"{percent(after)}"
-        )
-        now = [self.mechanism.columns.get(each) for each in where]
-        constants = [
-            (source.scale if source else 1.0) / x
-            for source, x in zip(now, gains.values(), strict=True)
-        ]
-        about = ", ".join(f"{n} {two_digits(x)}" for n, x in zip(names, constants, strict=True))
-        entry = log_entry(self.mechanism, where[0], float(f"{1 / gains[names[0]]:.2g}"))
-        remedy = f"give each its torque constant, about {about}, as {entry}"
-        return Finding("units", text, remedy, where, min(gains.values()), TOGETHER)
+        return None if before < DOUBT or after > HALF * before else (before, after)
 
-    def _needed(self, gains: Mapping[str, float]) -> tuple[tuple[str, ...], str]:
-        """Return the channels of torques that are `gains` times what the URDF needs, and that in
-        words.
+    def _magnitude(
+        self, code: str, gains: Mapping[str, float], least: float,
+        fall: tuple[float, float] | None = None,
+    ) -> Finding:  # fmt: skip
+        """Return a finding on torques that are `gains` times, by joint, what the URDF needs: with
+        the fall of the error a fault, without it a hint.
         """
-        where = tuple(f"tau.{name}" for name in gains)
+        where, sizes = tuple(f"tau.{name}" for name in gains), [*gains.values()]
         several = len(where) == len(self.mechanism.driven) > 2
-        ends = dict.fromkeys(two_digits(x) for x in (min(gains.values()), max(gains.values())))
-        return where, (
+        ends = dict.fromkeys(two_digits(x) for x in (min(sizes), max(sizes)))
+        text = (
             f"{'all torques' if several else ', '.join(where)}: {' to '.join(ends)} times what the "
             "URDF's bodies need, and of the same shape"
         )
-
-    def _magnitude(self, gains: Mapping[str, float], least: float) -> Finding:
-        """Return a hint on torques that are `gains` times, by joint, what the URDF needs."""
-        gain = float(np.exp(np.mean(np.log([*gains.values()]))))
-        where, text = self._needed(gains)
+        if fall is None:
+            gain = float(np.exp(np.mean(np.log(sizes))))
+            text += (
+                ": a unit, a gear ratio or a torque constant, a wrong unit of time, length or "
+                "gravity, unless its masses are no real ones"
+            )
+            remedy = log_entry(self.mechanism, where[0], exact_factor(float(f"{1 / gain:.2g}")))
+            remedy += ", all alike" if len(where) > 1 else ""
+            return Finding(code, text, remedy, where, gain, least)
         text += (
-            ": a unit, a gear ratio or a torque constant, a wrong unit of time, length or gravity, "
-            "unless its masses are no real ones"
+            ", by a factor of its own each: currents without their torque constants, or another "
+            f"unit? Scaled, the error of the predicted torque falls from {percent(fall[0])} to "
+            f"{percent(fall[1])}"
         )
-        remedy = log_entry(self.mechanism, where[0], exact_factor(float(f"{1 / gain:.2g}")))
-        remedy += ", all alike" if len(where) > 1 else ""
-        return Finding("magnitude", text, remedy, where, gain, least)
+        sources = [self.mechanism.columns.get(each) for each in where]
+        constants = [(s.scale if s else 1.0) / x for s, x in zip(sources, sizes, strict=True)]
+        about = ", ".join(f"{n} {two_digits(x)}" for n, x in zip(gains, constants, strict=True))
+        entry = log_entry(self.mechanism, where[0], float(f"{1 / sizes[0]:.2g}"))
+        remedy = f"give each its torque constant, about {about}, as {entry}"
+        return Finding(code, text, remedy, where, min(sizes), least)
 
 
 def _cosine(x: Array, y: Array) -> float:

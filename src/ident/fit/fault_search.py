@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.errors import IdentError
-from ident.fit.channel_fits import ALPHA, DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
+from ident.fit.channel_fits import DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
 from ident.fit.faults import (
     CLOCKS,
     FACTORS,
@@ -310,7 +310,7 @@ class FaultSearch:
         if any(each.kind != best.fault.kind for each in rivals):
             most = DOUBT  # nobody can tell by which of two faults
         fault = _determined(best, trial)
-        if fault is None or t <= credible_t(len(faults), len(base), ALPHA) or best.error > most:
+        if fault is None or t <= credible_t(len(faults), len(base)) or best.error > most:
             return None
         return CredibleFault(fault, before, best.error, rivals), best
 

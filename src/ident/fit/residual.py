@@ -18,7 +18,6 @@ import numpy as np
 from ident.display import Displayed, Plotted, render
 from ident.equations.motion_noise import noise_floor
 from ident.errors import FitError
-from ident.fit.channel_fits import ALPHA
 from ident.fit.prediction import Trace, trace_of
 from ident.fit.problem import block_edges, too_short
 from ident.fit.residual_maps import (
@@ -212,7 +211,7 @@ class Residual(Displayed):
             least = max(old.rms, (old.relative or 0.0) * torque, sigma)
             allowed = ANOTHER * sigma**2 + MISFIT * (least**2 - sigma**2)
             usual = np.full(len(squares), allowed)
-            if paired(np.array(squares), usual) > credible_t(len(then), len(squares), ALPHA):
+            if paired(np.array(squares), usual) > credible_t(len(then), len(squares)):
                 found[joint] = self.errors[joint].rms / max(old.rms, 1e-300)
         return sorted(found, key=lambda joint: -found[joint])
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.equations.rows import largest_transmission, of_joints
-from ident.fit.channel_fits import ALPHA, HALF, ROUNDING, ROUNDS, SMALL, columns_of
+from ident.fit.channel_fits import HALF, ROUNDING, ROUNDS, SMALL, columns_of
 from ident.fit.problem import Table
 from ident.information import linear
 from ident.information.blocks import Part
@@ -153,7 +153,7 @@ def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
     products = products[np.unique(table.blocks[use.any(axis=1)])]
     delay = abs(products.sum()) / max(float(column @ column), 1e-300)
     shares = delay * np.sqrt((late**2).sum(axis=0) / np.maximum(squares, 1e-300))
-    chance = credible_t(1, len(products), ALPHA) if len(products) > 1 else np.inf
+    chance = credible_t(1, len(products)) if len(products) > 1 else np.inf
     return bool(shares.max() > HALF * SMALL and abs(zscore(products)) > chance)
 
 
@@ -195,7 +195,7 @@ def common_delay(
 
     late = column(table.A[:, :, :rigid] @ x[:rigid] + known)
     found = model.refit_with(late)
-    if zscore(found.D) <= credible_t(1, model.blocks, ALPHA):
+    if zscore(found.D) <= credible_t(1, model.blocks):
         return None
     unit = np.eye(d)
     others = [model.refit_with([x * (1 - e[u]) for u, x in enumerate(late)]) for e in unit]

@@ -44,6 +44,7 @@ from ident.information.linear import Array, Triangle
 
 ALIKE = 1.3  # standard errors of no correlation beyond which neighbouring blocks are alike
 LASTING = 0.8  # the most by which a block is believed to resemble the one before
+ALPHA = 0.01  # chance that a fault is named where nothing is wrong
 FEWEST_SQUARES = 3.0  # ν below which the t-distribution's width means nothing
 
 Times = Sequence[tuple[int, int]]  # (log, block)
@@ -428,10 +429,10 @@ def zscore(D: Array) -> float:
     return float(D.mean()) / spread if spread > 0 else 0.0
 
 
-def credible_t(hypotheses: int, blocks: int, alpha: float) -> float:
-    """Standard errors over blocks that the best of some hypotheses exceeds with a chance alpha
+def credible_t(hypotheses: int, blocks: int) -> float:
+    """Standard errors over blocks that the best of some hypotheses exceeds with a chance ALPHA
     where none is true (Bonferroni).
     """
     from scipy.special import stdtrit  # scipy.stats takes half a second to import
 
-    return -float(stdtrit(blocks - 1, alpha / hypotheses))
+    return -float(stdtrit(blocks - 1, ALPHA / hypotheses))

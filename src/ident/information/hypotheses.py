@@ -47,11 +47,6 @@ class Gains:
     null: Array
     visible: Array
 
-    @property
-    def G(self) -> Array:
-        """(groups,) total fall."""
-        return self.D.sum(axis=1)
-
 
 @dataclass(frozen=True, eq=False)
 class Refit:
