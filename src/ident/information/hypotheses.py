@@ -47,6 +47,11 @@ class Gains:
     null: Array
     visible: Array
 
+    @property
+    def G(self) -> Array:
+        """(groups,) total fall."""
+        return self.D.sum(axis=1)
+
 
 @dataclass(frozen=True, eq=False)
 class Refit:
