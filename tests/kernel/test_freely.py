@@ -13,7 +13,9 @@ def test_joints_that_swing_freely_are_one_finding(monkeypatch):
     problem = SimpleNamespace(
         information=SimpleNamespace(totals=()), mechanism=SimpleNamespace(driven=("a", "b", "c"))
     )
-    errors = {name: Error(0.1, 0.1, "N m") for name in "abc"}  # torques of 1 N m
+    errors = {name: Error(0.2, 0.2, "N m") for name in "abc"}  # torques of 1 N m
     (found,) = findings._swinging(problem, SimpleNamespace(x=None), errors)
     assert found.where == ("tau.a", "tau.c")
     assert "tau.b" not in str(found)
+    explained = {name: Error(0.01, 0.01, "N m") for name in "abc"}  # the unit is right
+    assert not [*findings._swinging(problem, SimpleNamespace(x=None), explained)]
