@@ -132,6 +132,8 @@ def shortened(name: str, most: int = 72) -> str:
     if len(name) <= most:
         return name
     cut = max(name.rfind(" + ", 0, most), name.rfind(" - ", 0, most))
+    if cut < 0:
+        return f"{name[: most - 1]}…"
     rest = name[cut:].count(" + ") + name[cut:].count(" - ")
     return f"{name[:cut]} + … ({rest} more)"
 

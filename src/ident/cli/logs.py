@@ -29,6 +29,7 @@ from ident.cli.options import (
     Lock,
     LogPaths,
     MechanismPath,
+    MeshPath,
     Paths,
     Plot,
     Scheduler,
@@ -49,6 +50,7 @@ from ident.cli.options import (
     output_folder,
     read_logs,
     setting,
+    with_packages,
 )
 from ident.display import Progress, acceptable, part
 from ident.errors import IdentError, one_of
@@ -230,6 +232,7 @@ def compare(
     absolute: Absolute = False,
     allow_code: AllowCode = False,
     lock: Lock = None,
+    mesh_path: MeshPath = None,
     plot: Plot = None,
     good_enough: GoodEnough = None,
     json: Json = False,
@@ -253,6 +256,7 @@ def compare(
     from ident.show.comparison import comparison_files, comparison_json, judged
 
     acceptable.set(None if good_enough is None else good_enough / 100)
+    with_packages(mesh_path)
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock, logs=logs)
     if window is not None and not simulated:
         raise IdentError("--window: applies to --simulate only; add that")
@@ -373,6 +377,7 @@ def diagnose(
                 fit = fit if since is None else fit.since(since)
             try:
                 found, remarks = diagnose_(fit, progress=third, **decision), fit.warnings
+                on_progress("planning the next experiment", 1.0)
             except KeyboardInterrupt:  # the fit is done
                 if out is not None:
                     from ident.fit.files import write_fit

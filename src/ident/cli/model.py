@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import operator
-import os
 import shlex
 import sys
 from dataclasses import replace
@@ -23,6 +22,7 @@ from ident.cli.options import (
     Jobs,
     Lock,
     MechanismPath,
+    MeshPath,
     ModelOptions,
     Paths,
     Plot,
@@ -44,6 +44,7 @@ from ident.cli.options import (
     share,
     value,
     with_effect,
+    with_packages,
 )
 from ident.display import part, running
 from ident.errors import IdentError, one_of
@@ -101,7 +102,7 @@ def view(
     fit: Path | None = setting("Fit whose reactions and residuals are shown.", "FIT.json"),
     port: int = setting("Port of the page, on 127.0.0.1; 0: a free one.", "N", default=0),
     out: Path | None = setting("Write the page, and no server.", "FILE.html"),
-    mesh_path: Paths = setting("Packages of package://, as ROS_PACKAGE_PATH.", "DIR"),
+    mesh_path: MeshPath = None,
     smoothing: Smoothing = "auto",
     lock: Lock = None,
     absolute: Absolute = False,
@@ -122,11 +123,7 @@ def view(
     output_file(out, SUFFIXES, logs or ())
     if fit is not None and not logs:
         raise IdentError(f"--fit {fit}: a fit can be shown with a motion only; give a LOG too")
-    for folder in reversed(mesh_path or ()):
-        if not folder.is_dir():
-            raise IdentError(f"--mesh-path {folder}: is no folder; give one that contains packages")
-        known = os.environ.get("ROS_PACKAGE_PATH", "")
-        os.environ["ROS_PACKAGE_PATH"] = f"{folder.resolve()}{os.pathsep}{known}"
+    with_packages(mesh_path)
     model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock, logs=logs)
     saved = None if fit is None else read_fit(fit, model, allow_code=allow_code)
     model = model if saved is None else saved.mechanism

@@ -99,7 +99,7 @@ def monitor(
             watch, silent = Watch(fit), ""
             notes(str(watch.monitor).splitlines()[:3])
         except FitError as error:
-            silent = f"no alarms: {error}"
+            silent = f"alarms are not possible: {error}"
             notes([silent])
         if watch is not None and len(like) == 1:
             notes(

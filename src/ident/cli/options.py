@@ -76,6 +76,7 @@ With = Annotated[
     ),
 ]
 Lock = Annotated[Texts, option("Hold a joint at rad or m, or at its start.", "JOINT[=VALUE]")]
+MeshPath = Annotated[Paths, option("Packages of package://, as ROS_PACKAGE_PATH.", "DIR")]
 AllowCode = Annotated[
     bool, option("Run Python files that mechanism.toml or --with names.", None, "--allow-code")
 ]
@@ -121,6 +122,7 @@ class ModelOptions:
     mechanism: MechanismPath
     with_: With = None
     lock: Lock = None
+    mesh_path: MeshPath = None
     allow_code: AllowCode = False
 
     def load(self, logs: Paths = None) -> Mechanism:
@@ -133,6 +135,7 @@ class ModelOptions:
             for one in (value if isinstance(value, list) else [value])
         ]
         go_on_with(self.mechanism, logs, [word for pair in words for word in pair])
+        with_packages(self.mesh_path)
         return mechanism_of(
             self.mechanism, self.with_, allow_code=self.allow_code, lock=self.lock, logs=logs
         )
@@ -264,6 +267,15 @@ def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
         )
     except IdentError:  # reading the log reports what is wrong with it
         return ()
+
+
+def with_packages(places: Paths) -> None:
+    """Add folders to those in which `package://` is looked for."""
+    for place in reversed(places or ()):
+        if not place.is_dir():
+            raise IdentError(f"--mesh-path {place}: is no folder; give one that contains packages")
+        known = os.environ.get("ROS_PACKAGE_PATH", "")
+        os.environ["ROS_PACKAGE_PATH"] = f"{place.resolve()}{os.pathsep}{known}"
 
 
 def with_effect(mechanism: Mechanism, text: str, *, allow_code: bool) -> Mechanism:

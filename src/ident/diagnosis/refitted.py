@@ -44,7 +44,7 @@ def _with_first(selection: Selection, name: Evidence, rivals: Sequence[Evidence]
 
 def least_error(selection: Selection, found: Sequence[Explanation]) -> Selection | None:
     """Return a selection with that rival of its first name in the place of that which leaves least
-    when all is refitted, of those that are as simple; None where the first name does.
+    when all is refitted, where both are one load on several links; None where the first name does.
 
     Args:
         selection: with a first name.
@@ -57,9 +57,9 @@ def least_error(selection: Selection, found: Sequence[Explanation]) -> Selection
         if e.fit is not None
     }
     own = first.evidence
-    if own is None or first.label not in left:
+    if own is None or first.label not in left or not first.effect.loaded_link:
         return None
-    alike = [e for e in (own, *first.rivals) if simplicity(e)[:3] == simplicity(own)[:3]]
+    alike = [e for e in (own, *first.rivals) if e.effect.kind == first.effect.kind]
     alike = [e for e in alike if e.effect.label in left]
     best = min(alike, key=lambda e: left[e.effect.label])
     if best is own:

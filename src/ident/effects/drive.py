@@ -41,6 +41,7 @@ class Coupling(Effect):
     """Inertia and friction at the sum of two joints' rates, felt by both joints alike."""
 
     kind = "coupling"
+    plain = "mechanical coupling"
     arity = 2
     sits = "driven"
     watched = "request"

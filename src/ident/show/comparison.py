@@ -102,7 +102,7 @@ def comparison_card(c: Comparison) -> Card:
         ways = {"falls": falls, "rises": rises}
         parts = [f"{way} in {places(names)}" for way, names in ways.items() if names]
         line += f": the error {' and '.join(parts) or 'is the same in all joints'}"
-        good = good and f"{shown[last.name]}: {good}"
+        good = good and f"Of {shown[last.name]}: {good}"
     differs = alone and bool(changed)
     verb = "diagnose" if differs or not enough(errors, floor) else "monitor"
     columns = list(_error_columns(c))

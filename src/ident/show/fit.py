@@ -156,11 +156,13 @@ def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
     }
 
     def shown(v: Value) -> str:
-        sense = f", {words[v.name]}" if v.value < 0 and words.get(v.name) else ""
-        return rounded(v.value, v.stderr) + (", at bound" if v.at_bound else "") + sense
+        return rounded(v.value, v.stderr) + (", at bound" if v.at_bound else "")
+
+    def unit(v: Value) -> str:
+        return f"{v.unit}, {words[v.name]}" if v.value < 0 and words.get(v.name) else v.unit
 
     tables = {
-        "Effects": [["effect", "value", "unit"], *([v.name, shown(v), v.unit] for v in effects)],
+        "Effects": [["effect", "value", "unit"], *([v.name, shown(v), unit(v)] for v in effects)],
         "Identified parameters": [
             ["parameter", "value", "prior", "unit"],
             *([v.name, shown(v), f"{v.prior:.5g}", v.unit] for v in own),

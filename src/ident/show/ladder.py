@@ -26,7 +26,7 @@ from ident.mechanism.write import folder_files
 from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import card, errors_with, short
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
-from ident.show.effect_names import named, plain
+from ident.show.effect_names import named
 from ident.show.html import Bar, Card, Page, Section, next_command, table
 from ident.show.sheet import Sheet
 from ident.show.verdict import noise_errors, verdict_line
@@ -148,12 +148,7 @@ def plot(history: History) -> Chart:
 
 def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
     """Draw the held-out error of every joint against models one after the other; dashed: noise."""
-    names = [
-        f"+ {plain(step.added[0])} in {len(step.added)} places"
-        if len(step.added) > 1
-        else changed(step)
-        for step in steps
-    ]  # as it fits below a chart
+    names = [_code_name(step) for step in steps]
     errors, at = [step.errors for step in steps], np.arange(len(names), dtype=float)
     lines: list[Mark] = []
     for i, joint in enumerate(errors[0]):
@@ -168,6 +163,14 @@ def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
     )  # fmt: skip
     dashed = "; dashed: what noise alone would leave" if noise else ""
     return Chart(f"Held-out error of every joint, rung by rung{dashed}", ((panel,),))
+
+
+def _code_name(step: Step) -> str:
+    """Return what a rung changes by code names, which fit below a chart."""
+    if len(step.added) > 1:
+        return f"+ {step.added[0].kind} in {len(step.added)} places"
+    parts = [*(f"− {x.label}" for x in step.removed), *(f"+ {x.label}" for x in step.added)]
+    return " ".join(parts) or changed(step)
 
 
 # --- report and files -----------------------------------------------------------------------------

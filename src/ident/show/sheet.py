@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from markupsafe import Markup
 
-from ident.show.html import Card, in_frame, paragraph, strong
+from ident.show.html import Card, folded, in_frame, paragraph, strong
 from ident.show.template import piece
 from ident.text import merged, table, wrapped
 
@@ -61,10 +61,7 @@ class Sheet:
 
     def html(self) -> str:
         """Return the description for Jupyter."""
-        plain = isinstance(self.top, str)
-        top = (
-            strong(self.line or self.top)
-            if plain
-            else piece("card", self.top) + paragraph(self.line)
-        )
-        return in_frame([top, *self.blocks()])
+        if isinstance(self.top, str):
+            return in_frame([strong(self.line or self.top), *self.blocks()])
+        rest = folded("Tables and remarks", *self.blocks())
+        return in_frame([piece("card", self.top) + paragraph(self.line), rest])

@@ -78,10 +78,10 @@ def top(e: Exploration) -> Card:
     first = next((x for x in e.candidates if x.sure and not x.present), None)
     if first is not None and first.before and first.after:
         change = Bar("", first.before, first.after).words.replace(" → ", " to ")
-        known = f"The first candidate is {first.label}, which would bring the error of "
-        known += f"{first.joints[0]} from {change}."
+        known = f"The first candidate is {named([first.effect])}, which would bring the error of "
+        known += f"{first.joints[0]} from {change}, as far as can be said before it is fitted."
     elif e.candidates:
-        known = "No effect lowers the error by more than chance would."
+        known = "No candidate lowers the error clearly."
     change = "before the last change → now" * bool(before)
     command = next_command("diagnose", _added(e))
     return Card(line, f"{known} {UNJUDGED}", tuple(bars), command, change=change)
