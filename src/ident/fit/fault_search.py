@@ -37,6 +37,8 @@ from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
 
+LEAST_FACTOR = 1.5  # a smaller one is an effect's: a gain, a load-dependent friction
+AS_WELL = 1.5  # times the error that all effects of the library leave: a fault leaves no more
 POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
 RIVAL = 2.0  # standard errors of the paired difference within which two causes are rivals
 CLOSEST = 6  # hypotheses that are looked at in detail
@@ -225,7 +227,9 @@ class FaultSearch:
             if (now.noise > POOR)[now.equations.rows_of(scaled)].any():
                 scores = [trial(scale_of_torque(now.fault, j, f)).score for f in FACTORS]
                 i = int(np.clip(np.argmax(scores), 1, len(FACTORS) - 2))
-                yield refined(scaled, FACTORS[i - 1 : i + 2 : 2], trial)
+                best = refined(scaled, FACTORS[i - 1 : i + 2 : 2], trial)
+                if max(best.number[0], 1 / best.number[0]) > LEAST_FACTOR:
+                    yield best
 
     def _motion(self, noise: Array) -> tuple[CredibleFault, Trial] | None:
         """Return the fault of the motion that explains the log by far best, if any does better than
@@ -315,9 +319,11 @@ class FaultSearch:
         return CredibleFault(fault, before, best.error, rivals), best
 
     def _explains(self, last: Trial, every: ChannelEquations) -> bool:
-        """Whether faults leave less than one kind of effect would, missing at all drives: else
-        nobody can tell which it is.
+        """Whether faults leave not much more than all effects of the library together, and less
+        than one kind of effect would, missing at all drives: else nobody can tell which it is.
         """
+        if np.log(last.noise).mean() >= np.log(AS_WELL * self.reference).mean():
+            return False
         kinds = {each.kind for each in self.effects if not each.common}
         beside = (self._with_common(every, kind) for kind in sorted(kinds))
         return not any(rms(x.noise(x.as_logged)) < NEARLY * rms(last.noise) for x in beside)
@@ -360,9 +366,10 @@ def _determined(best: Trial, trial: Callable[[Fault], Trial]) -> Fault | None:
         if abs(fault.number[0]) == longest:  # a later torque would be better still
             return None
         return replace(fault, number=(equations.refined_delay(fault),))
-    if fault.at is not None:  # a large factor only takes a joint out
-        others = (trial(fault.at(f * fault.number[0])) for f in (0.5, 2.0))
-        if min(each.error for each in others) < NEARLY * best.error:
+    for each in (trial(fault.at(f * fault.number[0])) for f in (0.5, 2.0)) if fault.at else ():
+        if zscore((best.left - each.left).sum(axis=1)) < RIVAL:  # a factor takes the joint out
+            return None
+        if fault.kind == "time" and each.error < NEARLY * best.error:
             return None
     return fault
 
