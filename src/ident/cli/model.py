@@ -76,7 +76,11 @@ def add(
     if before.toml is None:
         words = f"{mechanism} by itself stays as it is; the mechanism is now"
         notes([f"{words} {path}: ident diagnose {shlex.quote(str(path))} LOG"])
-    result(f"{path}: added {', '.join(each.label for each in new)}")
+    free = {each.label for each in before.effects}
+    own = [x.label for x in new if x.label not in free]
+    words = [f"added {', '.join(own)}"] * bool(own)
+    words += [f"unknown again: {x.label}, which had a value" for x in new if x.label in free]
+    result(f"{path}: {'; '.join(words)}")
 
 
 def effects(

@@ -113,11 +113,16 @@ def at_reversals(
     names = zip(found.fit.motion.independent, few < every / 2, strict=True)
     loud = tuple(joint for joint, most in names if most)  # most of it is around reversals
     # dry friction that is no step there is no other effect, and a finding of the fit says so; nor
-    # is it if it builds up over some speed or is late, and nothing else explains what is left
+    # is it in a joint in which it builds up over some speed or is late
     left = excess(other, draws, other.regression, decision)
-    no_step = bool(chosen.named) and all(m.effect.needs or m.effect.fault for m in chosen.named)
     more = any(m.effect.at_reversals for m in chosen.members)
-    if found.verdict == "nothing" and (more or ((left > STEP * other.dry).any() and not no_step)):
+    # what is more than chance on either rows, though too small to matter away from reversals
+    seen = {e.effect.label for e in found.selection.first.evidence if e.gain > e.limit}
+    more |= any(m.label in seen and not (m.effect.needs or m.effect.fault) for m in chosen.named)
+    no_step = {j for m in chosen.named if m.effect.needs or m.effect.fault for j in m.effect.joints}
+    large = zip(found.fit.motion.independent, left > STEP * other.dry, strict=True)
+    more |= any(much and joint not in no_step for joint, much in large)
+    if found.verdict == "nothing" and more:
         return replace(found, verdict="undecided", loud=loud, reversing=True)
     return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,7 @@ from ident.simulate.replay import Replay
 from ident.text import WIDTH, places, rounded, shortened
 
 SCHEMA = "ident.compare/1"
+COEFFICIENT = re.compile(r"(?<= )[\d.]+(?:e[+-]\d+)?(?= )")
 OTHERWISE = 0.1  # of the torque of every joint, from which a log may be of another machine
 
 
@@ -179,7 +181,11 @@ def _parameters(residuals: Models) -> tuple[Block, ...]:
     parameters, of which models may have different ones.
     """
     models, names = [each.model for each in residuals.values()], told_apart(residuals).values()
-    found = [{each.name: each for each in model.base_parameters} for model in models]
+    shown: dict[str, str] = {}  # the first name of combinations that differ by rounding
+    found = [
+        {shown.setdefault(_rounded(each.name), each.name): each for each in model.base_parameters}
+        for model in models
+    ]
     values = [dict(model.point.values) for model in models]
     rigid = set(models[0].mechanism.bodies.names)
     effects = dict.fromkeys(name for own in values for name in own if name not in rigid)
@@ -199,6 +205,11 @@ def _parameters(residuals: Models) -> tuple[Block, ...]:
         for title, own in zip(titles, (effects, bodies), strict=True)
         if own
     )
+
+
+def _rounded(name: str) -> str:
+    """Return the name of a combination with three digits of its coefficients."""
+    return COEFFICIENT.sub(lambda number: f"{float(number[0]):.3g}", name)
 
 
 def _multipliers(c: Comparison) -> tuple[Block, ...]:
