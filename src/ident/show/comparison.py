@@ -50,6 +50,7 @@ from ident.text import WIDTH, places, rounded, shortened
 
 SCHEMA = "ident.compare/1"
 COEFFICIENT = re.compile(r"(?<= )[\d.]+(?:e[+-]\d+)?(?= )")
+OWN = 0.02  # of an error: in the rows of its own log a fit may be weighed otherwise
 OTHERWISE = 0.1  # of the torque of every joint, from which a log may be of another machine
 
 
@@ -119,7 +120,7 @@ def judged(c: Comparison, residual: Residual) -> Mapping[str, Error]:
     """Return the errors that count: on the data of its own fit those that were held out of it."""
     errors, train = residual.errors, c.fitted[residual.name].get("train", {})
     same = train.keys() == errors.keys() and all(
-        math.isclose(train[j].rms, e.rms, rel_tol=SAME) for j, e in errors.items()
+        math.isclose(train[j].rms, e.rms, rel_tol=OWN) for j, e in errors.items()
     )
     return _fitted(c, residual.name) if same else errors
 

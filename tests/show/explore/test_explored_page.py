@@ -191,7 +191,7 @@ def test_long_names_on_a_phone(serve, visit, tmp_path):
         assert assert_legible(page, width) > 20
     list_ = page.locator("#effects")  # no box that scrolls by itself
     assert list_.evaluate("list => list.scrollHeight - list.clientHeight") <= 1
-    page.get_by_role("button", name="add coulomb in 4 places", exact=True).click()
+    page.get_by_role("button", name="add dry friction in 4 places", exact=True).click()
     page.wait_for_function("() => document.querySelectorAll('.ladder tbody tr').length > 1")
     settled(page)
     page.evaluate("scrollTo(0, 500)")

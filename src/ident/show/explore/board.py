@@ -34,7 +34,7 @@ from ident.motion import Motion, complete
 from ident.show.charts import Chart, pieces_of, scripts
 from ident.show.diagnosis import card, sheet
 from ident.show.diagnosis_report import plot_before_after
-from ident.show.effect_names import named
+from ident.show.effect_names import named, plain
 from ident.show.explore.exploration import Exploration, PredictedGain, fit_of
 from ident.show.fit import value_tables
 from ident.show.html import Bar, Card, items, next_command, paragraph, table
@@ -117,7 +117,7 @@ def effect_rows(e: Exploration) -> list[dict[str, Any]]:
 def _row(effect: Effect, group: int, share: float, **more: Any) -> dict[str, Any]:
     """Return what the page shows of an effect, `share` of the error being what it takes away."""
     return {
-        "label": effect.label, "set": "", "present": group == 2, "offered": group == 0,
+        "label": effect.label, "plain": plain(effect), "set": "", "present": group == 2, "offered": group == 0,
         "mark": "", "sure": True, "why": "", "share": min(max(share, 0.0), 1.0),
         "group": GROUPS[group], **more,
     }  # fmt: skip

@@ -51,7 +51,7 @@ function effects() {
     if (several) {
       const labels = alike.map((y) => y.label).join("\n"), key = `all ${x.set}`
       const judged = x.set === x.mark // what a diagnosis names together, of one kind or of several
-      const title = judged ? `${x.mark}: ${alike.length} effects` : `${x.set} in ${alike.length} places`
+      const title = judged ? `${x.mark}: ${alike.length} effects` : `${x.plain} in ${alike.length} places`
       together = make("ul", {})
       const first = x === rows.find((y) => !y.present && !y.offered) // unfolded: one effect is added before all
       const parts = folding(key, title,
