@@ -117,7 +117,8 @@ def effect_rows(e: Exploration) -> list[dict[str, Any]]:
 def _row(effect: Effect, group: int, share: float, **more: Any) -> dict[str, Any]:
     """Return what the page shows of an effect, `share` of the error being what it takes away."""
     return {
-        "label": effect.label, "plain": plain(effect), "set": "", "present": group == 2, "offered": group == 0,
+        "label": effect.label, "plain": plain(effect), "set": "", "present": group == 2,
+        "offered": group == 0,
         "mark": "", "sure": True, "why": "", "share": min(max(share, 0.0), 1.0),
         "group": GROUPS[group], **more,
     }  # fmt: skip
