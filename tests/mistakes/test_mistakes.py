@@ -65,7 +65,7 @@ def test_a_length_that_a_clock_could_be_is_said_to_be_either(arm):
     log = ident.Log.from_arrays("run.csv", columns.pop("t"), columns)
     found = ident.diagnose(ident.identify(arm.truth, ident.complete(arm.truth, log)))
     said = " ".join(found.short.split())
-    assert found.best is None or "Which of these is open" in said.partition("error:")[0]
+    assert found.best is None or "Which of these it is remains open" in said.partition("error:")[0]
     assert found.best is None or "another scale of time" in said
     assert "ident add" not in said
     assert "Add " not in said

@@ -74,7 +74,7 @@ def test_the_report_has_what_the_models_say(compared, tmp_path):
     tables = [t for t in page.iter("table") if t.findtext("caption").startswith(captions)]
     assert len(tables) == 2
     rows = [
-        [row.findtext("th"), *(cell.text for cell in row.iter("td"))]
+        [row.findtext("th"), *("".join(cell.itertext()) for cell in row.iter("td"))]
         for t in tables
         for row in t.find("tbody")
     ]

@@ -29,7 +29,7 @@ from ident.show.verdict import (
     spoilt,
     verdict_line,
 )
-from ident.text import lines_of, listed, percent, some, two_digits
+from ident.text import lines_of, listed, percent, places, some, two_digits
 
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
@@ -205,7 +205,8 @@ def candidate_rows(d: Diagnosis) -> Rows:
     for group in alike(d, shown):
         sign = mark(d, group[0])
         if len(group) > 1:
-            name = named(each.effect for each in group)
+            sites = places(",".join(each.effect.joints) for each in group)
+            name = f"{group[0].effect.kind} in {sites}"  # a code name, as in the rows below
             best = max(group, key=lambda each: each.evidence.gain)
             best = replace(best, after=d.after) if sign == "*" else best
             rows.append([f"{sign} {name}", *_cells(d, best)[:-1], ""])

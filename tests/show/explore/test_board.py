@@ -16,6 +16,7 @@ import ident
 from helpers import ROBOTS
 from ident import FitError, MechanismError
 from ident.display import Inputs
+from ident.show.effect_names import named
 from ident.show.explore import Board
 from ident.show.explore.board import JUDGED, VIEWS, top
 from ident.show.ladder import changed
@@ -216,8 +217,8 @@ def test_before_a_verdict_the_card_says_what_is_known_so_far(tmp_path, monkeypat
     assert (early.line, early.bars, early.command) == (known.line, known.bars, known.command)
     assert known.command == "ident diagnose arm run.csv"
     first = e.candidates[0]
-    assert f"first candidate is {first.label}, " in known.sure
-    ends = f"from {percent(first.before.relative)} to {percent(first.after.relative)}."
+    assert f"first candidate is {named([first.effect])}, " in known.sure
+    ends = f"from {percent(first.before.relative)} to {percent(first.after.relative)},"
     assert f"{first.joints[0]} {ends}" in known.sure
     after = top(grown("viscous:elbow"))
     assert after.command.endswith("--with viscous:elbow")
