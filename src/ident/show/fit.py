@@ -315,9 +315,11 @@ def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
         )
     count = len(x.changed)
     bodies = [c for c in x.changed if c.effect is None]
-    effects = [_change_words(c) for c in x.changed if c.effect is not None]
-    parts = ([_bodies_words(bodies)] if bodies else []) + effects[: 2 if bodies else 3]
-    more = len(effects) + bool(bodies) - len(parts)
+    by_z = [(abs(c.z), _change_words(c)) for c in x.changed if c.effect is not None]
+    if bodies:
+        by_z.append((abs(bodies[0].z), _bodies_words(bodies)))
+    words = [text for _, text in sorted(by_z, key=lambda each: -each[0])]
+    parts, more = words[: 2 if bodies else 3], max(len(words) - (2 if bodies else 3), 0)
     rest = [f"{more} more"] * bool(more)
     found = f"{listed([*parts, *rest])}: {count} of {n} parameters{apart}"
     most = f" Most have: {OTHER}" * (2 * count > n)
