@@ -19,7 +19,7 @@ from ident.diagnosis.null import NoiseDraws, noise
 from ident.diagnosis.refitted import by_rivals, explain, explanations, least_error, started
 from ident.diagnosis.result import Diagnosis, Explanation, Law, announced_with, errors_of
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import MOST, NEGATIVE, Decision, torque_squares
+from ident.diagnosis.selection import MOST, NEGATIVE, Decision, Ranking, torque_squares
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
 from ident.effects.formula import Formula
@@ -93,8 +93,9 @@ def at_reversals(
     other: Contest | None = None,
 ) -> Diagnosis:  # fmt: skip
     """The diagnosis, or where it names nothing the one on the rows at reversals too, if that names
-    an effect that acts there. What else is found there is left open: dry friction is least exact.
-    `other`: the contest on those rows, if it is made already.
+    an effect that acts there, or one that is more than chance away from them too. What else is
+    found there is left open: dry friction is least exact. `other`: the contest on those rows, if it
+    is made already.
     """
     if found.verdict == "missing":
         return found
@@ -103,9 +104,13 @@ def at_reversals(
         return found
     draws = noise(other, seed)
     chosen = select(other, draws, decision, seed, part(on_progress, 0.4, 0.7))
-    if _named_at_reversals(chosen, found.fit):
+    seen = seen_elsewhere(found.selection.first)
+    both = tuple(m for m in chosen.members if m.label in seen)
+    chosen = replace(chosen, members=both) if both else chosen
+    acts = seen | {m.label for m in chosen.members if m.effect.at_reversals}
+    if _named_at_reversals(chosen, found.fit, acts):
         again = judged(other, draws, chosen, decision, part(on_progress, 0.7, 1.0))
-        if again.best and again.best.at_reversals:
+        if again.best and again.best.label in acts:
             return again
     table = contest.table
     squares = residual_in(table, found.fit) ** 2
@@ -115,10 +120,7 @@ def at_reversals(
     # dry friction that is no step there is no other effect, and a finding of the fit says so; nor
     # is it in a joint in which it builds up over some speed or is late
     left = excess(other, draws, other.regression, decision)
-    more = any(m.effect.at_reversals for m in chosen.members)
-    # what is more than chance on either rows, though too small to matter away from reversals
-    seen = {e.effect.label for e in found.selection.first.evidence if e.gain > e.limit}
-    more |= any(m.label in seen and not (m.effect.needs or m.effect.fault) for m in chosen.named)
+    more = bool(both) or any(m.effect.at_reversals for m in chosen.members)
     no_step = {j for m in chosen.named if m.effect.needs or m.effect.fault for j in m.effect.joints}
     large = zip(found.fit.motion.independent, left > STEP * other.dry, strict=True)
     more |= any(much and joint not in no_step for joint, much in large)
@@ -127,10 +129,22 @@ def at_reversals(
     return found
 
 
-def _named_at_reversals(selection: Selection, fit: Fit) -> bool:
-    """Whether the first name is an effect that acts at reversals and explains most there."""
+def seen_elsewhere(first: Ranking) -> set[str]:
+    """Return labels of effects that are more than chance away from reversals, though too small to
+    matter there; no width of friction and no delay, which are what rows at reversals have anyway.
+    """
+    return {
+        c.effect.label
+        for c in first.contest.laws
+        if c.effect.label in first.gains and not (c.effect.needs or c.effect.fault)
+        if first.gains[c.effect.label][0] > first.limit_of(c)
+    }
+
+
+def _named_at_reversals(selection: Selection, fit: Fit, acts: Collection[str]) -> bool:
+    """Whether the first name is of an effect of which some acts there, and explains most there."""
     for first in selection.named[:1]:
-        if first.effect.at_reversals and first.evidence is not None:
+        if first.label in acts and first.evidence is not None:
             with suppress(IdentError):
                 return _explains_most(explain(fit, first.evidence), fit)
     return False

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, possible
-from ident.diagnosis.diagnosis import Decision, at_reversals, concluded
+from ident.diagnosis.diagnosis import Decision, at_reversals, concluded, seen_elsewhere
 from ident.diagnosis.effect_set import EffectSet, Member, leading, on_all_rows, reweighted
 from ident.diagnosis.null import noise
 from ident.diagnosis.refitted import started
@@ -249,34 +249,16 @@ def grow(
         draws = noise(contest, seed)
         search = Search(contest, draws, decision, seed, given, part(here, 0.4, 0.6), visited)
         found = search.run()
-        same, turns = found.labels == search.start.labels, part(here, 0.6, 0.65)
-        turning = contest.at_reversals(turns) if same else None
-        if turning:
-            turns = part(here, 0.65, 0.7)
+        here("refitting", 0.6)
+        grown, turning = refitted(fit, search, found, validate), None
+        if grown is None and (turning := contest.at_reversals(part(here, 0.6, 0.65))):
+            seen, turns = seen_elsewhere(search.first), part(here, 0.65, 0.9)
             search = Search(turning, noise(turning, seed), decision, seed, given, turns)
-            found = led_at_reversals(search, search.run()) or search.start
-        if found.labels == search.start.labels:
+            led = led_at_reversals(search, search.run(), seen)
+            grown = None if led is None else refitted(fit, search, led, validate)
+        if grown is None:
             break
-        here("refitting", 0.7)
-        model = fit.mechanism
-        removed = tuple(e for e in model.effects
-                        if e.label in search.start.labels - found.labels)  # fmt: skip
-        for effect in removed:
-            model = model.without(effect.label)
-        new = [each for each in found.members if each.evidence is not None]
-        start = started(fit.point, fit, [each.evidence for each in new if each.evidence])
-        for each in new:
-            model = model + each.effect
-        again = identify(model, motion, validate=validate, start=start, estimator="least-squares")
-        while loose := undetermined(again, [each.effect for each in new]):
-            new = [each for each in new if each.label != loose]
-            found = found.minus(next(each for each in found.members if each.label == loose))
-            model = model.without(loose)
-            again = identify(
-                model, motion, validate=validate, start=again.point, estimator="least-squares"
-            )
-        if not (new or removed) or not better(errors_of(fit), errors_of(again)):
-            break
+        found, removed, start, again = grown
         rungs = ladder(search.start, found, removed, fit, again, search.first, material)
         saved.add(rungs, start.values, visited)
         reached(rungs)
@@ -292,17 +274,55 @@ def grow(
     return History(tuple(steps), at_reversals(contest, last, decision, seed, here, turning))
 
 
-def led_at_reversals(search: Search, found: EffectSet) -> EffectSet | None:
-    """The set of effects that act at reversals, if one of them explains most of what is new; else
-    None: rows at reversals are those at which friction is least exact, and name nothing else.
+Grown = tuple[EffectSet, tuple[Effect, ...], Point, Fit]
+"""A set of effects, those that it no longer has, the start of its fit, and the fit."""
+
+
+def refitted(fit: Fit, search: Search, found: EffectSet, validate: Motion | None) -> Grown | None:
+    """Refit the set that a search found, without effects that the fit does not determine; None
+    where it is the set at the start, or predicts left-out rows no better.
+    """
+    model = fit.mechanism
+    gone = search.start.labels - found.labels
+    removed = tuple(e for e in model.effects if e.label in gone)
+    for effect in removed:
+        model = model.without(effect.label)
+    new = [each for each in found.members if each.evidence is not None]
+    if not (new or removed):
+        return None
+    start = started(fit.point, fit, [each.evidence for each in new if each.evidence])
+    for each in new:
+        model = model + each.effect
+
+    def fitted(start: Point) -> Fit:
+        least = "least-squares"
+        return identify(model, fit.motion, validate=validate, start=start, estimator=least)
+
+    again = fitted(start)
+    while loose := undetermined(again, [each.effect for each in new]):
+        new = [each for each in new if each.label != loose]
+        found = found.minus(next(each for each in found.members if each.label == loose))
+        model = model.without(loose)
+        again = fitted(again.point)
+    if not (new or removed) or not better(errors_of(fit), errors_of(again)):
+        return None
+    return found, removed, start, again
+
+
+def led_at_reversals(search: Search, found: EffectSet, seen: Collection[str]) -> EffectSet | None:
+    """The set of effects that are `seen` on other rows too, or else of those that act at reversals,
+    if one of them explains most of what is new; else None: rows at reversals are those at which
+    friction is least exact, and name nothing else.
     """
     new = search.new(found)
-    if not new or not max(new, key=lambda m: search.first.gains[m.label][0]).effect.at_reversals:
-        return None
+    first = max(new, key=lambda m: search.first.gains[m.label][0], default=None)
+    kept = [m for m in new if m.label in seen]
+    if not kept and first is not None and first.effect.at_reversals:
+        kept = [m for m in new if m.effect.at_reversals]
     for each in new:
-        if not each.effect.at_reversals:
+        if each not in kept:
             found = found.minus(each)
-    return found
+    return found if kept else None
 
 
 def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:
