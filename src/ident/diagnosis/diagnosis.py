@@ -16,7 +16,14 @@ from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import FoundCurve, curve_of
 from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import NoiseDraws, noise
-from ident.diagnosis.refitted import by_rivals, explain, explanations, least_error, started
+from ident.diagnosis.refitted import (
+    by_rivals,
+    explain,
+    explanations,
+    least_error,
+    started,
+    with_group,
+)
 from ident.diagnosis.result import Diagnosis, Explanation, Law, announced_with, errors_of
 from ident.diagnosis.search import Selection, select
 from ident.diagnosis.selection import MOST, NEGATIVE, Decision, Ranking, torque_squares
@@ -196,7 +203,7 @@ def judged(
     verdict = _verdict(selection, best, bool(loud), bool(laws), residual.periods)
     curves = found_curves(contest, selection, [law.found for law in laws], verdict, decision)
     on_progress("where it fails", 0.8)
-    return Diagnosis(
+    diagnosis = Diagnosis(
         fit=fit,
         verdict=verdict,
         decision=decision,
@@ -216,6 +223,7 @@ def judged(
         floor=fit.noise,
         loud=loud,
     )
+    return with_group(diagnosis)
 
 
 def _refitted(

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import reduce
+from operator import add
 
 import numpy as np
 
 from ident.diagnosis.effect_set import Member
-from ident.diagnosis.result import Explanation, announced, errors_of, known_of
+from ident.diagnosis.result import Diagnosis, Explanation, announced, errors_of, known_of
 from ident.diagnosis.search import Selection
 from ident.diagnosis.selection import Evidence, simplicity
 from ident.effects import Effect
@@ -99,6 +101,19 @@ def explain(fit: Fit, found: Evidence, rivals: tuple[Effect, ...] = ()) -> Expla
     effects = refit.effects_with(refit.without_faults)
     values = next(e.parameters for e in effects if e.effect.label == found.effect.label)
     return Explanation.of(fit, found, refit, errors_of(refit), values, rivals)
+
+
+def with_group(d: Diagnosis) -> Diagnosis:
+    """Return a diagnosis with the errors that a fit with all effects that it names together has."""
+    if len(d.group) < 2:
+        return d
+    fit, found = d.fit, [m.evidence for m in d.members_of_group if m.evidence]
+    model = reduce(add, d.group, fit.mechanism)
+    with suppress(IdentError):  # announced errors stay
+        start = started(fit.point, fit, found)
+        again = identify(model, fit.motion, start=start, estimator="least-squares")
+        return replace(d, with_group=errors_of(again))
+    return d
 
 
 def started(point: Point, fit: Fit, found: Collection[Evidence]) -> Point:

@@ -290,6 +290,8 @@ class Diagnosis(Concluded):
         floor: by joint, the rms that noise of the sensors alone would leave [N m | N].
         loud: joints in which more than the sensors' noise is left, without the effect named.
         reversing: whether it is left in the rows at their reversals only.
+        with_group: held-out errors by joint, refitted with the effects that are named together;
+            None where one is named, whose fit is the first candidate's, or none.
     """
 
     fit: Fit
@@ -309,6 +311,7 @@ class Diagnosis(Concluded):
     floor: dict[str, float]
     loud: tuple[str, ...]
     reversing: bool = False
+    with_group: Mapping[str, Error] | None = None
 
     @property
     def best(self) -> Effect | None:
@@ -375,10 +378,15 @@ class Diagnosis(Concluded):
 
     @cached_property
     def after(self) -> dict[str, Error]:
-        """Held-out errors with the group in the model; of several effects, announced."""
+        """Held-out errors with the group in the model, refitted; announced where it cannot be."""
         if self.best is None:
             return errors_of(self.fit)
-        return self._errors_with([m for m in self.selection.named if m.effect in self.group])
+        return dict(self.with_group or self._errors_with(self.members_of_group))
+
+    @property
+    def members_of_group(self) -> list[Member]:
+        """The members of the set that are named together."""
+        return [m for m in self.selection.named if m.effect in self.group]
 
     @cached_property
     def also(self) -> tuple[Member, ...]:
