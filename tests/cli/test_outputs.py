@@ -182,7 +182,7 @@ def test_add_frees_what_is_known(slider, done, change):
     toml = slider / "mechanism.toml"
     tables = '[[effect]]\nkind = "viscous"\njoint = "{}"\nFv = 0.8\n\n'
     change(toml, "[joints]", f"{tables.format('theta')}{tables.format('s')}[joints]")
-    assert "added viscous:theta" in done("add", slider, "viscous:theta").out
+    assert "unknown again: viscous:theta" in done("add", slider, "viscous:theta").out
     effects = {effect.label: effect.values for effect in api.load(slider).effects}
     assert effects == {"viscous:s": {"Fv": 0.8}, "viscous:theta": {}}
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from functools import cache
+from functools import cache, reduce
+from operator import add
 
 import pytest
 
@@ -11,6 +12,7 @@ import ident
 from helpers import ROBOTS
 from ident import Diagnosis, Fit, Mechanism, Motion, Noise
 from ident.diagnosis.grow import Step
+from ident.diagnosis.result import announced_with
 from ident.show.explore import Exploration
 from identification import Planted, motion_log, plant, robot
 
@@ -85,7 +87,9 @@ def test_the_ladder_announces_the_same():
 
 
 def test_diagnose_explore_and_grow_begin_with_the_same_group():
-    """Friction is missing in all joints: it is added at once, with the same error announced."""
+    """Friction is missing in all joints: it is added at once, with the same error announced, and a
+    diagnosis has the error of the fit that follows.
+    """
     mechanism = robot("arm")
     motion = ident.complete(mechanism, ROBOTS / "arm" / "run.csv")
     fit = ident.identify(mechanism, motion, estimator="least-squares")
@@ -94,8 +98,12 @@ def test_diagnose_explore_and_grow_begin_with_the_same_group():
     assert d.rivals == ()
     _, rung = first_steps(mechanism, motion)
     assert [each.label for each in rung.added] == [each.label for each in d.group]
+    announced = announced_with(fit, d.selection, d.members_of_group)
     for joint, error in rung.errors.items():
-        assert error.rms == pytest.approx(d.after[joint].rms, rel=1e-9)
+        assert error.rms == pytest.approx(announced[joint].rms, rel=1e-9)
+    model = reduce(add, d.group, mechanism)
+    for joint, error in ident.identify(model, motion).held_out.items():
+        assert error.rms == pytest.approx(d.after[joint].rms, rel=1e-6)
     offered = Exploration.of(mechanism, motion).screened().candidates
     assert offered[0].label == d.group[0].label
 
