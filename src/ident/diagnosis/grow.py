@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, possible
 from ident.diagnosis.diagnosis import Decision, at_reversals, concluded, seen_elsewhere
-from ident.diagnosis.effect_set import EffectSet, Member, leading, on_all_rows, reweighted
+from ident.diagnosis.effect_set import EffectSet, Member, on_all_rows, reweighted
 from ident.diagnosis.null import noise
 from ident.diagnosis.refitted import started
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
@@ -403,10 +403,9 @@ def ladder(
         rungs.append(Step((), removed, (), None, now))
         last = now
     new.sort(key=lambda each: first.place(each.label))
-    lead = leading(new) if new else []
-    kinds: dict[tuple[bool, str], list[Member]] = {}
+    kinds: dict[str, list[Member]] = {}
     for each in new:
-        kinds.setdefault((each in lead, each.effect.kind), []).append(each)
+        kinds.setdefault(each.effect.kind, []).append(each)
     groups = list(kinds.values())
     while groups:
         at = [np.concatenate([columns[each.label] for each in group]) for group in groups]
