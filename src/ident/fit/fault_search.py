@@ -1,6 +1,6 @@
 """The search for faults of the data: of torques one after the other, then of the motion.
 
-Each hypothesis is tried in the rows of the motion as it would be without the fault (`Trial`). One
+Each hypothesis is tried in the rows of the motion as it would be without the fault (`FaultTrial`). One
 is credible if it predicts blocks of time that were left out better than the log as it is, by more
 than the best of so many hypotheses would by chance, if it explains half of the error, and if no
 missing effect of the library explains as much.
@@ -49,7 +49,7 @@ NUMBERED = ("scale", "delay", "time")  # faults of which a number is sought, not
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class FaultTrial:
     """A fault, in the equations of the motion as it would be.
 
     Attributes:
@@ -195,18 +195,18 @@ class FaultSearch:
         own = (self.every.beside(()), found[-1].fault) if found else None
         return found, own, last.noise
 
-    def _logged(self, equations: ChannelEquations) -> Trial:
-        return Trial(equations.as_logged, equations, np.ones(len(equations.total)))
+    def _logged(self, equations: ChannelEquations) -> FaultTrial:
+        return FaultTrial(equations.as_logged, equations, np.ones(len(equations.total)))
 
-    def _torques(self) -> tuple[list[CredibleFault], Trial]:
+    def _torques(self) -> tuple[list[CredibleFault], FaultTrial]:
         """Return the faults of torques, one after the other, and the last of them."""
         equations, found = self.equations, list[CredibleFault]()
         now = self._logged(equations)
         while len(found) < len(equations.driven):
             poor, lags = now.noise > POOR, equations.lags[: equations.near]
 
-            def trial(fault: Fault, before: Array = now.noise) -> Trial:
-                return Trial(fault, equations, before)
+            def trial(fault: Fault, before: Array = now.noise) -> FaultTrial:
+                return FaultTrial(fault, equations, before)
 
             faults = [*torque_faults(now.fault, lags), *self._scaled(now, trial)]
             faults = [each for each in faults if poor[equations.rows_of(each)].any()]
@@ -220,7 +220,7 @@ class FaultSearch:
             now = best[1]
         return found, now
 
-    def _scaled(self, now: Trial, trial: Callable[[Fault], Trial]) -> Iterator[Fault]:
+    def _scaled(self, now: FaultTrial, trial: Callable[[Fault], FaultTrial]) -> Iterator[Fault]:
         """Yield, of each poor joint, the factor of its torque that explains the log best."""
         for j in range(len(now.equations.driven)):
             scaled = scale_of_torque(now.fault, j, 1.0)
@@ -231,7 +231,7 @@ class FaultSearch:
                 if max(best.number[0], 1 / best.number[0]) > LEAST_FACTOR:
                     yield best
 
-    def _motion(self, noise: Array) -> tuple[CredibleFault, Trial] | None:
+    def _motion(self, noise: Array) -> tuple[CredibleFault, FaultTrial] | None:
         """Return the fault of the motion that explains the log by far best, if any does better than
         what wrong torques leave, the relative errors `noise` (d,). Where those are small, or what a
         diagnosis found leaves little, none does.
@@ -267,16 +267,16 @@ class FaultSearch:
         names = zip(motion.independent, noise, strict=True)
         faults = motion_faults(now.fault, mechanism, thin, {name for name, x in names if x > DOUBT})
 
-        def trial(fault: Fault) -> Trial:
+        def trial(fault: Fault) -> FaultTrial:
             assert fault.state is not None
-            return Trial(fault, moved(fault.state), now.noise)
+            return FaultTrial(fault, moved(fault.state), now.noise)
 
         best = self._best(faults, trial, now.left, min(now.noise, noise, key=rms))
         return best if best and self._explains(best[1], every) else None
 
     def _best(
-        self, faults: Sequence[Fault], trial: Callable[[Fault], Trial], base: Array, was: Array
-    ) -> tuple[CredibleFault, Trial] | None:
+        self, faults: Sequence[Fault], trial: Callable[[Fault], FaultTrial], base: Array, was: Array
+    ) -> tuple[CredibleFault, FaultTrial] | None:
         """Return the best of some faults, if it is credible.
 
         Args:
@@ -285,7 +285,7 @@ class FaultSearch:
             was: (d,) relative errors without a fault.
         """
 
-        def tried() -> Iterator[Trial]:
+        def tried() -> Iterator[FaultTrial]:
             for each in faults:
                 with suppress(IdentError, np.linalg.LinAlgError):  # a motion that does not close
                     found = trial(each)
@@ -318,7 +318,7 @@ class FaultSearch:
             return None
         return CredibleFault(fault, before, best.error, rivals), best
 
-    def _explains(self, last: Trial, every: ChannelEquations) -> bool:
+    def _explains(self, last: FaultTrial, every: ChannelEquations) -> bool:
         """Whether faults leave not much more than all effects of the library together, and less
         than one kind of effect would, missing at all drives: else nobody can tell which it is.
         """
@@ -345,7 +345,9 @@ class FaultSearch:
         return fall(calm) >= CALM * fall(self.equations)
 
 
-def refined(fault: Fault, ends: Sequence[float] | Array, trial: Callable[[Fault], Trial]) -> Fault:
+def refined(
+    fault: Fault, ends: Sequence[float] | Array, trial: Callable[[Fault], FaultTrial]
+) -> Fault:
     """Return a fault with the number between two ends that explains the log best."""
     from scipy.optimize import minimize_scalar  # takes 0.2 s to import
 
@@ -358,7 +360,7 @@ def refined(fault: Fault, ends: Sequence[float] | Array, trial: Callable[[Fault]
     return at(float(np.exp(found.x)))
 
 
-def _determined(best: Trial, trial: Callable[[Fault], Trial]) -> Fault | None:
+def _determined(best: FaultTrial, trial: Callable[[Fault], FaultTrial]) -> Fault | None:
     """Return a fault with its number, if it has one; None where the log does not determine it."""
     fault, equations = best.fault, best.equations
     if fault.kind == "delay":
