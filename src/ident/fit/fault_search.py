@@ -3,7 +3,8 @@
 Each hypothesis is tried in the rows of the motion as it would be without the fault (`FaultTrial`).
 One is credible if it predicts blocks of time that were left out better than the log as it is, by
 more than the best of so many hypotheses would by chance, if it explains half of the error, and if
-no missing effect of the library explains as much. """
+no missing effect of the library explains as much.
+"""
 
 from __future__ import annotations
 
