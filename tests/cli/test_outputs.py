@@ -291,3 +291,11 @@ def test_ctrl_c_among_many_logs_loses_no_verdict(slider, tmp_path, monkeypatch, 
     assert "logs.csv" in outcome.err.splitlines()[-1]
     (row,) = (tmp_path / "out" / "logs.csv").read_text().splitlines()[1:]
     assert row.startswith("a.csv,10,nothing")
+
+
+@pytest.mark.parametrize(
+    "verb", [("identify",), ("diagnose",), ("grow",), ("compare", "--fit", "fit.json"), ("view",)]
+)
+def test_folders_of_packages_are_checked_by_every_command(verb, slider, refused):
+    words = ("--mesh-path nowhere", "contains packages")
+    refused(words, verb[0], slider, slider / "run.csv", *verb[1:], "--mesh-path", "nowhere")

@@ -17,11 +17,10 @@ from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.charts import Line
-from ident.show.comparison import comparison_card, comparison_json
+from ident.show.comparison import comparison_card, comparison_json, plot_forces
 from ident.show.diagnosis import LINES, short
 from ident.show.diagnosis import card as diagnosis_card
 from ident.show.fit import card as fit_card
-from ident.show.fit import plot_forces
 from ident.show.html import Bar, Card, Page, enough, good_enough, table
 from ident.show.laws import numbers
 from ident.show.residual import plot_maps

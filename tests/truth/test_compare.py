@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 import ident
 from ident import FitError, Noise
+from ident.show.comparison import rounded_name
 from ident.text import WIDTH, rounded, shortened
 from identification import motion_log, plant, robot
 from pages import charts, read_page, titles
@@ -110,3 +111,10 @@ def test_a_machine_that_stands_still_has_a_report(tmp_path):
     motion = ident.complete(mechanism, ident.Log.from_arrays("still.csv", case.log.t, still))
     ident.identify(mechanism, motion).write(tmp_path)
     assert "Residual maps" in titles(read_page(tmp_path / "report.html"))
+
+
+def test_combinations_that_differ_by_rounding_have_one_row():
+    names = ("a.m + 0.0364793 b.m", "a.m + 0.0364792 b.m", "a.m - 1e-07 wrist_2_link.mx")
+    one, two, small = map(rounded_name, names)
+    assert one == two == "a.m + 0.0365 b.m"
+    assert small == "a.m - 1e-07 wrist_2_link.mx"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import ident
-from ident import Diagnosis, Mechanism, Motion, Noise
+from ident import Diagnosis, Fit, Mechanism, Motion, Noise
 from ident.diagnosis.candidates import Contest, candidates_of
 from ident.diagnosis.grow import undetermined
 from ident.diagnosis.law_search import refined
@@ -437,6 +437,34 @@ def test_the_link_that_leaves_the_least_error_carries_the_load(kind, sites, exch
         assert [m.label for m in better.named] == [two.label]
         assert [e.effect.label for e in better.named[0].rivals] == [one.label]
     assert least_error(selection, [own, replace(other, after=own.before)]) is None
+
+
+@cache
+def low_speed() -> Fit:
+    """A fit without the shoulder's friction at low speed, most of which is at reversals."""
+    friction = robot("arm").with_effect("viscous").with_effect("coulomb")
+    values = {f"{kind}.{j}.{c}": 1.0 for kind, c in (("viscous", "Fv"), ("coulomb", "Fc"))
+              for j in friction.driven}  # fmt: skip
+    own = {"stribeck.shoulder.Fs": 4.0, "stribeck.shoulder.vs": 0.04}
+    noise = (Noise("tau", 0.002, relative=True), Noise("q", 1e-5))
+    case = plant(friction.with_effect("stribeck:shoulder"), motion_log("arm", 100.0, 16.0),
+                 values | own, noise=noise, seed=1)  # fmt: skip
+    return ident.identify(friction, logged(case, friction))
+
+
+def test_what_rows_away_from_reversals_and_rows_at_them_show_is_named(monkeypatch):
+    d = ident.diagnose(low_speed())
+    assert d.best is not None
+    assert d.best.label == "stribeck:shoulder"
+    assert d.after["shoulder"].rms < 0.5 * low_speed().held_out["shoulder"].rms
+    # by rows at reversals alone it is not
+    monkeypatch.setattr("ident.diagnosis.diagnosis.seen_elsewhere", lambda first: set())
+    assert ident.diagnose(low_speed()).best is None
+
+
+def test_grow_adds_what_both_kinds_of_rows_show():
+    fit = low_speed()
+    assert [e.label for e in ident.grow(fit.mechanism, fit.motion).added] == ["stribeck:shoulder"]
 
 
 def test_what_the_fit_does_not_determine_is_dropped_first():

@@ -1,5 +1,6 @@
 """What a fit says of its parameters: base combinations, priors, names, standard errors."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import Log, Noise
+from ident.fit.identify import estimate_of
 from ident.information.chance import covariance
 from ident.mechanism.parameters import regressor
 from identification import close, motion_log, plant, robot
@@ -270,3 +272,19 @@ def test_effects_alone_can_be_identified():
     fit = case.fit()
     assert fit.parameters == ()
     assert close(fit.estimate.solution.beta, case.base(fit), 1e-9)
+
+
+def test_shapes_that_leave_their_bounds_one_after_the_other_are_all_held(monkeypatch):
+    """A shape that is held may send another one out of its bounds."""
+    mechanism = robot("arm").with_effect("stribeck:elbow").with_effect("stribeck:wrist")
+    case = plant(mechanism, motion_log("arm", 100.0, 6.0), seed=1)
+    fit = case.fit()
+    first, second = (fit.columns.index[f"stribeck.{joint}.vs"] for joint in ("elbow", "wrist"))
+
+    def beyond(problem, found):
+        outside = np.zeros(len(problem.columns), dtype=bool)
+        outside[first], outside[second] = True, found.held[first]
+        return outside
+
+    monkeypatch.setattr(sys.modules["ident.fit.identify"], "beyond_bounds", beyond)
+    assert estimate_of(fit.problem).held[[first, second]].all()

@@ -449,3 +449,13 @@ def test_the_line_to_copy_keeps_the_scale_of_its_channel():
 
 def test_times_from_1970_keep_their_fractions():
     assert [stamp(1763971201.254), stamp(12.3456789)] == ["1763971201.25", "12.3457"]
+
+
+def test_a_rotor_that_bodies_stand_in_for_is_no_other_shape_of_theirs():
+    mechanism = robot("arm")
+    hidden = mechanism.with_effect("rotor_inertia:elbow")
+    noise = (Noise("tau", 0.005, relative=True), Noise("q", 1e-5))
+    case = plant(hidden, motion_log("arm", 100.0, 10.0), {"rotor_inertia.elbow.Ia": 2.0},
+                 noise=noise, seed=1)  # fmt: skip
+    fit = ident.identify(mechanism, ident.complete(mechanism, case.log))
+    assert not fit.health.findings

@@ -78,9 +78,9 @@ def add(
         notes([f"{words} {path}: ident diagnose {shlex.quote(str(path))} LOG"])
     free = {each.label for each in before.effects}
     own = [x.label for x in new if x.label not in free]
-    told = [f"added {', '.join(own)}"] * bool(own)
-    told += [f"unknown again: {x.label}, which had a value" for x in new if x.label in free]
-    result(f"{path}: {'; '.join(told)}")
+    changes = [f"added {', '.join(own)}"] * bool(own)
+    changes += [f"unknown again: {x.label}, which had a value" for x in new if x.label in free]
+    result(f"{path}: {'; '.join(changes)}")
 
 
 def effects(

@@ -137,8 +137,8 @@ def at_reversals(
 
 
 def seen_elsewhere(first: Ranking) -> set[str]:
-    """Return labels of effects that are more than chance away from reversals, though too small to
-    matter there; no width of friction and no delay, which are what rows at reversals have anyway.
+    """Return labels of effects that explain more than chance away from reversals, however little;
+    not of a width of friction and a delay, which rows at reversals show of every machine.
     """
     return {
         c.effect.label
@@ -149,7 +149,7 @@ def seen_elsewhere(first: Ranking) -> set[str]:
 
 
 def _named_at_reversals(selection: Selection, fit: Fit, acts: Collection[str]) -> bool:
-    """Whether the first name is of an effect of which some acts there, and explains most there."""
+    """Whether the first name is of an effect that `acts` has, and explains most at reversals."""
     for first in selection.named[:1]:
         if first.label in acts and first.evidence is not None:
             with suppress(IdentError):

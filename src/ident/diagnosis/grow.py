@@ -283,8 +283,8 @@ def refitted(fit: Fit, search: Search, found: EffectSet, validate: Motion | None
     where it is the set at the start, or predicts left-out rows no better.
     """
     model = fit.mechanism
-    gone = search.start.labels - found.labels
-    removed = tuple(e for e in model.effects if e.label in gone)
+    without = search.start.labels - found.labels
+    removed = tuple(e for e in model.effects if e.label in without)
     for effect in removed:
         model = model.without(effect.label)
     new = [each for each in found.members if each.evidence is not None]
@@ -316,13 +316,13 @@ def led_at_reversals(search: Search, found: EffectSet, seen: Collection[str]) ->
     """
     new = search.new(found)
     first = max(new, key=lambda m: search.first.gains[m.label][0], default=None)
-    kept = [m for m in new if m.label in seen]
-    if not kept and first is not None and first.effect.at_reversals:
-        kept = [m for m in new if m.effect.at_reversals]
+    left = [m for m in new if m.label in seen]
+    if not left and first is not None and first.effect.at_reversals:
+        left = [m for m in new if m.effect.at_reversals]
     for each in new:
-        if each not in kept:
+        if each not in left:
             found = found.minus(each)
-    return found if kept else None
+    return found if left else None
 
 
 def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:

@@ -6,7 +6,8 @@ fit has found make of the residual,
 
     δr = Σ_i Σ_k ∂r/∂u_i^(k) δu_i^(k) + δτ + A δx        u = B c, U (c − ĉ) of unit noise
 
-through the same filter; their rms is the noise floor.
+through the same filter; their rms is the noise floor. What each candidate explains by itself is
+screened beside what the largest of them explains of these.
 """
 
 from __future__ import annotations
@@ -19,14 +20,15 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from ident.diagnosis.candidates import Contest
+from ident.diagnosis.candidates import CandidateColumns, Contest
+from ident.effects import Effect
 from ident.equations.motion_noise import gain
 from ident.equations.unknowns import Columns
 from ident.fit.problem import Table
 from ident.information import linear
 from ident.information.blocks import Part
-from ident.information.chance import remaining_power, surrogates
-from ident.information.hypotheses import Array, Index, PartialRegression
+from ident.information.chance import Chance, remaining_power, surrogates
+from ident.information.hypotheses import Array, Gains, Index, PartialRegression
 from ident.information.projection import RANK
 from ident.mechanism.parameters import Covariance
 from ident.motion import State
@@ -37,6 +39,7 @@ SURROGATES = 100  # random series with the spectrum of the residual
 TRIALS = 25  # random series that show what share of its power a noise loses
 DRAWS = 24  # of noise
 CHUNK = 2048  # samples whose noise is in memory at once
+STARTS = 4  # of a searched shape, from which it is refined
 SAMPLES = 800  # of a log at which ∂r/∂motion is evaluated; between, it is interpolated
 
 
@@ -246,3 +249,75 @@ def _series(contest: Contest, regression: PartialRegression, Y: Sequence[Array])
 def _rms(x: Array) -> Array:
     """Return the rms of each column of x (m, …), at least rounding, also of no row."""
     return np.maximum(np.sqrt((x**2).sum(axis=0) / max(len(x), 1)), np.finfo(x.dtype).tiny)
+
+
+# --- candidates beside chance --------------------------------------------------------------------
+
+
+def null_shares(regression: PartialRegression, found: Gains) -> Array:
+    """Return the shares (groups, draws) of random residuals that groups of columns explain: of
+    surrogates of the residual, then of draws of noise, as it is.
+    """
+    before = regression.null_losses.T.copy()  # (draws, d)
+    before[SURROGATES:] = np.maximum(before[SURROGATES:], regression.losses.sum(axis=0))
+    return regression.explained(found.null.transpose(0, 2, 1), before)
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """Gains of n candidates beside a model, each from the best of its starts.
+
+    Attributes:
+        candidates: which.
+        starts: of each candidate, the best first; gain, visible, place: (n,) share g of the best
+            one, visible share, coordinate.
+        null: (groups, draws) shares of random residuals, of all starts; of: (groups,) candidate.
+    """
+
+    candidates: Sequence[CandidateColumns]
+    starts: Sequence[Sequence[int]]
+    gain: Array
+    visible: Array
+    place: Index
+    null: Array
+    of: Index
+
+    @classmethod
+    def beside(
+        cls, regression: PartialRegression, candidates: Sequence[CandidateColumns]
+    ) -> Screened:
+        """Screen candidates, with the random residuals that the regression has."""
+        found = regression.gains([group for each in candidates for group in each.groups])
+        ends = np.cumsum([0, *(len(each.groups) for each in candidates)])
+        every = regression.explained(found.by)
+        order = (np.argsort(-every[a:b], kind="stable") for a, b in pairwise(ends))
+        starts = [each[:STARTS].tolist() for each in order]
+        best = [a + own[0] for a, own in zip(ends.tolist(), starts, strict=False)]
+        visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
+        place = np.array([regression.place(each.groups[0]) for each in candidates], dtype=int)
+        null = null_shares(regression, found)
+        of = np.repeat(np.arange(len(candidates)), np.diff(ends))
+        return cls(candidates, starts, every[best], visible, place, null, of)
+
+    def chance(self, some: Sequence[int], alpha: float) -> Chance:
+        """The largest shares of some candidates, by place: of surrogates of the residual and of
+        draws of the sensors' noise.
+        """
+        mine = np.isin(self.of, some)
+        null, place = self.null[mine], self.place[self.of[mine]]
+        largest = {int(u): null[place == u].max(axis=0) for u in np.unique(place)}
+        residual, noise = (
+            {u: x[draws] for u, x in largest.items()}
+            for draws in (slice(SURROGATES), slice(SURROGATES, None))
+        )
+        return Chance(residual, noise, alpha)
+
+    def hints(self, alpha: float) -> Iterator[tuple[Effect, float, float]]:
+        """Yield by joint its best curve, the gain and the limit, where the gain is larger."""
+        curves = [i for i, each in enumerate(self.candidates) if each.curve]
+        for joint in dict.fromkeys(self.candidates[i].effect.joints[0] for i in curves):
+            own = [i for i in curves if self.candidates[i].effect.joints[0] == joint]
+            best = max(own, key=lambda i: float(self.gain[i]))
+            limit = max(self.chance(own, alpha).limit(int(self.place[best])), 0.0)
+            if self.gain[best] > limit:
+                yield self.candidates[best].effect, float(self.gain[best]), limit

@@ -21,8 +21,7 @@ import numpy as np
 from ident.diagnosis.candidates import CandidateColumns, Contest
 from ident.diagnosis.effect_set import EffectSet, Member
 from ident.diagnosis.form import Responses, doubted
-from ident.diagnosis.null import SURROGATES, NoiseDraws, judging, path_shares
-from ident.diagnosis.screening import null_shares
+from ident.diagnosis.null import SURROGATES, NoiseDraws, judging, null_shares, path_shares
 from ident.diagnosis.selection import (
     HIDDEN,
     Decision,

@@ -24,8 +24,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest, Shape
 from ident.diagnosis.law_search import refined
-from ident.diagnosis.null import SURROGATES, NoiseDraws, judging
-from ident.diagnosis.screening import Screened
+from ident.diagnosis.null import SURROGATES, NoiseDraws, Screened, judging
 from ident.effects import Effect
 from ident.errors import FitError
 from ident.information.chance import Chance, paired, zscore

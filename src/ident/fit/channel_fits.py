@@ -117,13 +117,13 @@ class ChannelEquations:
 
     def beside(self, effects: Collection[str]) -> ChannelEquations:
         """Return the same rows with only these effects beside the model, by label."""
-        kept = [at for label, at in self.effects.items() if label in effects]
+        some = [at for label, at in self.effects.items() if label in effects]
         model = np.arange(self.k - sum(map(len, self.effects.values())))
-        columns = np.concatenate([model, *kept])
-        ends = np.cumsum([len(model), *map(len, kept)])
+        columns = np.concatenate([model, *some])
+        ends = np.cumsum([len(model), *map(len, some)])
         labels = [label for label in self.effects if label in effects]
         G, g = self.limits
-        real = G[:, columns].any(axis=1) | ~G.any(axis=1)  # others are of effects that are gone
+        real = G[:, columns].any(axis=1) | ~G.any(axis=1)  # others are of effects left out
         every = np.append(columns, np.arange(self.k, self.gram[0].shape[2]))
         gram = [x[:, every][:, :, every] if _square(x) else x[:, :, every] for x in self.gram]
         return replace(

@@ -211,12 +211,11 @@ class DataChecks(FaultSearch):
             A, known = table.A[some, u], tau - table.b[some, u]  # of known bodies
             then, now = (A[:, rigid] @ x[rigid] + known for x in (columns.prior, self.estimate.x))
             sizes = [float(np.linalg.norm(x)) for x in (now, then)]
-            # friction and rotors, which the bodies may stand in for
-            X = columns_of(table, ~rigid, beside, u)[some]
+            X = columns_of(table, ~rigid, beside, u)[some]  # friction and rotors
             fitted, own, logged = (
                 x - X @ np.linalg.lstsq(X, x, rcond=None)[0] for x in (now, then, tau)
             )
-            like = _cosine(fitted, own)
+            like = max(_cosine(now, then), _cosine(fitted, own))  # bodies may stand in for those
             if np.linalg.norm(own) > SMALL * sizes[1] and _cosine(own, logged) > LIKE:
                 gains[name] = float(own @ logged / (own @ own))
             many = self.estimate.triangle.rows > MANY * self.estimate.base.rank

@@ -69,8 +69,8 @@ class Charted(Plotted):
 
 
 ANOTHER = 2.0  # times the squares that the same machine's noise may leave of another motion
-# the same of what a model leaves beyond noise; unchanged arms had 11 without their dry friction, 27
-# with a part of what their friction needs
+# the same of what a model leaves beyond noise: 11 of an unchanged arm whose model lacks its dry
+# friction, 27 of one with a part of it
 MISFIT = 36.0
 
 

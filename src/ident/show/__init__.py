@@ -5,7 +5,7 @@ from importlib import import_module
 from ident.display import Displayed, render, renderer, renders
 
 MODULES = {
-    "comparison": ("Comparison",),
+    "comparison": ("Changes", "Comparison"),
     "diagnosis": ("Diagnosis",),
     "diagnosis_report": ("Diagnosis", "Health"),
     "experiment": ("Diagnosis",),

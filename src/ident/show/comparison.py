@@ -1,10 +1,12 @@
-"""Models side by side: first lines, tables, report and compare.json."""
+"""Models side by side: first lines, tables, report and compare.json; what has changed since an
+earlier fit; forces of one or several models.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +16,11 @@ from ident.display import render, renders
 from ident.files import json_bytes
 from ident.fit.identify import Comparison
 from ident.fit.prediction import identifiable_multipliers
-from ident.fit.residual import Residual, floor_of
+from ident.fit.residual import Residual, floor_of, zero_of
+from ident.fit.values import Change, Changes
 from ident.information.blocks import Error
-from ident.show.charts import Chart
-from ident.show.fit import plot_forces
+from ident.show.charts import BELOW, MEASURED, Chart, Line, Panel
+from ident.show.effect_names import named
 from ident.show.html import (
     OTHER,
     SAME,
@@ -41,12 +44,14 @@ from ident.show.residual import (
     error_rows,
     errors_section,
     residual_sections,
+    short,
+    time_label,
     told_apart,
     where_lines,
 )
 from ident.show.sheet import Sheet
 from ident.simulate.replay import Replay
-from ident.text import WIDTH, places, rounded, shortened
+from ident.text import WIDTH, listed, places, rounded, shortened, two_digits
 
 SCHEMA = "ident.compare/1"
 COEFFICIENT = re.compile(r"(?<= )[\d.]+(?:e[+-]\d+)?(?= )")
@@ -184,7 +189,10 @@ def _parameters(residuals: Models) -> tuple[Block, ...]:
     models, names = [each.model for each in residuals.values()], told_apart(residuals).values()
     shown: dict[str, str] = {}  # the first name of combinations that differ by rounding
     found = [
-        {shown.setdefault(_rounded(each.name), each.name): each for each in model.base_parameters}
+        {
+            shown.setdefault(rounded_name(each.name), each.name): each
+            for each in model.base_parameters
+        }
         for model in models
     ]
     values = [dict(model.point.values) for model in models]
@@ -208,7 +216,7 @@ def _parameters(residuals: Models) -> tuple[Block, ...]:
     )
 
 
-def _rounded(name: str) -> str:
+def rounded_name(name: str) -> str:
     """Return the name of a combination with three digits of its coefficients."""
     return COEFFICIENT.sub(lambda number: f"{float(number[0]):.3g}", name)
 
@@ -259,3 +267,120 @@ def comparison_json(c: Comparison, replay: Replay | None = None) -> dict[str, An
         "models": models,
         **({"replay": render(replay, "json")} if replay else {}),
     }
+
+
+# --- since an earlier fit ------------------------------------------------------------------------
+
+
+def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
+    """Return which parameters differ from those of an earlier fit, or that none does.
+
+    Args:
+        x: the comparison.
+        worse: joints in which the model does worse than then, though it was fitted again.
+    """
+    since, n = short(x.since), len(x.compared)
+    beside = f"the model does not explain what is new in {listed(worse)}"
+    if not n:
+        return f"Nothing can be compared with {since}: no parameter is determined by both logs."
+    apart = f"; {len(x.apart)} more cannot be compared" * bool(x.apart)
+    if not x.changed and worse:
+        return f"No parameter has changed since {since} beyond the errors of both, but {beside}."
+    if not x.changed:
+        return (
+            f"Nothing has changed since {since}: none of {n} parameters differs by more than "
+            f"{x.least:.2g} standard errors, the most {two_digits(abs(x.compared[0].z))}{apart}."
+        )
+    count = len(x.changed)
+    bodies = [c for c in x.changed if c.effect is None]
+    by_z = [(abs(c.z), _change_words(c)) for c in x.changed if c.effect is not None]
+    if bodies:
+        by_z.append((abs(bodies[0].z), _bodies_words(bodies)))
+    words = [text for _, text in sorted(by_z, key=lambda each: -each[0])]
+    parts, more = words[: 2 if bodies else 3], max(len(words) - (2 if bodies else 3), 0)
+    rest = [f"{more} more"] * bool(more)
+    found = f"{listed([*parts, *rest])}: {count} of {n} parameters{apart}"
+    most = f" Most have: {OTHER}" * (2 * count > n)
+    if worse:  # what differs may stand in for a cause that the model does not have
+        cause = f"New since {since}: in {listed(worse)} an effect that the model does not contain"
+        return f"{cause}. Changed, perhaps only to make up for it: {found}.{most}"
+    return f"Changed since {since}: {found}.{most}"
+
+
+def _change_words(c: Change) -> str:
+    """Return a change in words: of an effect with its name, of a body with that of the number."""
+    name = c.after.name
+    if c.effect is not None:
+        name = f"{named([c.effect])}, {name.rpartition('.')[2]}"
+    return f"{shortened(name, 60)} ({_then_now(c)} {c.after.unit})"
+
+
+def _bodies_words(changes: Sequence[Change]) -> str:
+    """Return what has changed of the bodies: one number, or of several the link that has part in
+    all of them, for a mass there changes all.
+    """
+    first = _change_words(changes[0])
+    if not changes[1:]:
+        return first
+    links = [{name.rpartition(".")[0] for name in each.terms} for each in changes]
+    common = sorted(set.intersection(*links))
+    where = listed(common, "or") if common else places(sorted(set.union(*links)))
+    both = f"part of all {len(changes)} combinations" if common else f"{len(changes)} combinations"
+    return (
+        f"the mass of {where} or its distribution ({both} that have changed, most of all {first})"
+    )
+
+
+def _then_now(x: Change) -> str:
+    return " → ".join(rounded(each.value, each.stderr) for each in (x.before, x.after))
+
+
+@renders(Changes, "sheet")
+def changes_sheet(x: Changes) -> Sheet:
+    """Return which parameters differ from those of an earlier fit."""
+    return Sheet(changes_line(x), tables=change_tables(x))
+
+
+def change_tables(x: Changes | None, most: int = 48) -> dict[str, list[list[str]]]:
+    """Return the table of what has changed since an earlier fit, the most significant first."""
+    if x is None or not x.changed:
+        return {}
+    rows = [["parameter", "then → now", "unit", "difference / its error"]]
+    rows += [
+        [shortened(c.after.name, most), _then_now(c), c.after.unit, f"{c.z:+.3g}"]
+        for c in x.changed
+    ]
+    return {f"Changed since {short(x.since)}, beyond the errors of both": rows}
+
+
+# --- forces --------------------------------------------------------------------------------------
+
+
+def plot_forces(
+    names: Sequence[str],
+    units: Sequence[str],
+    series: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    log: str = "",
+) -> Chart:
+    """Draw λ(t) of a log, a panel a multiplier.
+
+    Args:
+        names, units: of the multipliers.
+        series: times (n,) [s] and values (n, m) [N | N m] by label; `known` is drawn in grey.
+        log: the name of the log.
+    """
+    zero = zero_of(list(series.values())[-1][0])
+    rows = []
+    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+        lines: list[Line] = []
+        for label, (t, values) in series.items():
+            y, known = values[:, i], label == "known"
+            colour, width = MEASURED if known else len(lines), BELOW if known else 1.2
+            lines.append(Line(t - zero, y, label, colour, width))
+        if np.isfinite(lines[-1].y).any():
+            label = f"{name} [{unit}]"
+            rows.append((Panel(tuple(lines), time_label(zero), label, height=1.8),))
+    if not rows:
+        rows = [(Panel((), "t [s]", title="this motion determines none of them"),)]
+    words = "Multipliers λ over time, the reaction forces of the closures"
+    return Chart(words, tuple(rows), shared_x=True, clock=log)

@@ -68,12 +68,13 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     bars = tuple(Bar(j, e, after.get(j), d.floor[j]) for j, e in errors.items())
     searched, doubts = d.verdict == "nothing", d.health.findings
     good = good_enough(errors, d.floor, d.fit.residual.away, searched, doubts=doubts)
-    known = "The earlier model lacked it too: its own log had as much. "
-    told = [*_health(d), good, known * bool(d.best and left_before(d)) + certainty(d), *beside(d)]
+    known = "The earlier model lacked it too: its own log shows as much. "
+    sure = known * bool(d.best and left_before(d)) + certainty(d)
+    parts = [*_health(d), good, sure, *beside(d)]
     if spoilt(d):
         remedies = "; ".join(each.remedy for each in d.health.findings if each.remedy)
-        told = [f"Put this right, then diagnose again: {remedies}.", good]
-    sentences = " ".join(told).strip()
+        parts = [f"Put this right, then diagnose again: {remedies}.", good]
+    sentences = " ".join(parts).strip()
     line, command = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}", planned or command
     then = "" if left_before(d) and not d.best else first_motion(d, bool(planned))
     command *= d.health.good

@@ -228,9 +228,11 @@ def check_card(
     without = [f"tau.{name}" for name in mechanism.driven if f"tau.{name}" not in channels]
     logs = some(motion.names, 2)
     if without or not rank:
-        why = f"it has no {some(without)}; with them it would determine {size}"
-        why = why if without else "its motion determines no parameter"
-        why, verb = (why, "excite") if unknowns else ("nothing is unknown in the model", "diagnose")
+        why, verb = "its motion determines no parameter", "excite"
+        if without:
+            why = f"it has no {some(without)}; with them it would determine {size}"
+        if not unknowns:
+            why, verb = "nothing is unknown in the model", "diagnose"
         return Card(f"{logs} cannot be used for identification: {why}.", command=next_command(verb))
     problems = [*map(str, wrong), *beyond_limits(mechanism, motion)]
     if (condition := found["condition_number"]) > POOR:

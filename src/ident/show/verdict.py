@@ -1,4 +1,4 @@
-"""The verdict of a diagnosis in a sentence, how sure it is, and what an earlier fit had left."""
+"""The verdict of a diagnosis in a sentence, how sure it is, and what an earlier fit left."""
 
 from __future__ import annotations
 
@@ -158,8 +158,8 @@ def certainty(d: Diagnosis) -> str:
     elif open_between(d):
         certain = f"Which of these it is remains open. Something is missing: {certain.lower()}"
     value = f"{named([d.best])}: " if len(d.group) > 1 or open_between(d) else ""
-    had = f", in the model {known_values(best)}" * bool(best.known)
-    return f"{certain}: {by_chance(best.evidence)}; {value}{numbers(best.parameters)}{had}."
+    known = f", in the model {known_values(best)}" * bool(best.known)
+    return f"{certain}: {by_chance(best.evidence)}; {value}{numbers(best.parameters)}{known}."
 
 
 def _not_named(d: Diagnosis, some: Sequence[Evidence]) -> str:
