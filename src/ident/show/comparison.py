@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.display import render, renders
+from ident.display import Plotted, render, renders
 from ident.files import json_bytes
 from ident.fit.identify import Comparison
 from ident.fit.prediction import identifiable_multipliers
@@ -50,7 +50,6 @@ from ident.show.residual import (
     where_lines,
 )
 from ident.show.sheet import Sheet
-from ident.simulate.replay import Replay
 from ident.text import WIDTH, listed, places, rounded, shortened, two_digits
 
 SCHEMA = "ident.compare/1"
@@ -162,7 +161,7 @@ def _changed(first: Residual, last: Residual) -> list[str]:
 
 
 @renders(Comparison, "files")
-def comparison_files(c: Comparison, replay: Replay | None = None) -> dict[str, bytes]:
+def comparison_files(c: Comparison, replay: Plotted | None = None) -> dict[str, bytes]:
     """Return report.html and compare.json, with the simulated motions if they are given."""
     residuals = c.residuals
     first, last = (list(residuals.values())[i] for i in (0, -1))
@@ -241,9 +240,8 @@ def _multipliers(c: Comparison) -> tuple[Block, ...]:
     return by_log(logs, draw) if np.any(known) else ()
 
 
-def comparison_json(c: Comparison, replay: Replay | None = None) -> dict[str, Any]:
+def comparison_json(c: Comparison, replay: Plotted | None = None) -> dict[str, Any]:
     """Return the content of compare.json."""
-
     first = next(iter(c.residuals.values()))
     models = {
         name: {
