@@ -266,7 +266,7 @@ def test_the_identified_folder_predicts_the_same(name, tmp_path):
     case, fit = identified(name, "viscous", "coulomb")
     fit.write(tmp_path)
     known = ident.load(tmp_path / "identified")
-    assert known.unknown == ()
+    assert (known.unknown, known.name) == ((), fit.mechanism.name)
     assert len(known.effects) == len(fit.mechanism.effects)
     if name == "pendulum":  # the fixture drives its angle, the file does not
         known = replace(known, driven=case.mechanism.driven, passive=case.mechanism.passive)

@@ -19,6 +19,7 @@ from ident.information.blocks import Error
 from ident.show.diagnosis import beside, certainty
 from ident.show.diagnosis import words as text_of
 from ident.show.effect_names import named
+from ident.show.experiment import remedy_of
 from ident.show.html import Bar, Card
 from ident.show.ladder import head, history_card, rung
 from ident.show.laws import numbers
@@ -240,6 +241,22 @@ def test_a_value_smaller_than_its_error_is_not_determined():
     text = numbers([known, unknown])
     assert "z0 = 0.07 ± 0.01 rad and" in text
     assert text.endswith("290 N m/rad (not determined)")
+
+
+def test_a_body_in_a_plane_has_two_coordinates_of_its_centre():
+    said = {"m": (250.0, 0.1), "mx": (500.0, 0.5), "my": (0.0, None), "mz": (-50.0, 0.3)}
+    words = numbers([
+        Value(f"payload.stick.{name}", value, error, "kg", error is not None, 0.0)
+        for name, (value, error) in said.items()
+    ])  # fmt: skip
+    assert words.startswith("mass 250 ± 0.1 kg, its centre at x = 2 ± ")
+    assert "z = -0.2 ± " in words
+    assert "y = " not in words
+
+
+def test_what_no_motion_shows_has_a_measurement_of_its_joint():
+    effects = [ident.effect("encoder_offset", joint) for joint in ("joint1", "joint3")]
+    assert remedy_of(effects).startswith("put joint1 and joint3 against a reference")
 
 
 def test_lines_are_as_wide_as_a_narrow_terminal(monkeypatch):

@@ -171,7 +171,7 @@ class EncoderOffset(Correcting):
     equation = "q = q_logged + delta"
     signature = "the residual of all joints follows the slope of gravity with q"
     confused_with = ("gravity_tilt", "the centre of mass of a last link")
-    remedy = "put the joint against a reference, or turn the base about a horizontal axis"
+    remedy = "put {joint} against a reference, or turn the base about a horizontal axis"
     source = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, ch. 6"
 
     def correction(self, s: Signals) -> Correction:

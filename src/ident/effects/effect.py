@@ -211,7 +211,7 @@ class Effect(ABC):
     signature: ClassVar[str]
     confused_with: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str]
-    remedy: ClassVar[str] = ""  # how to observe it where no motion shows it
+    remedy: ClassVar[str] = ""  # how to observe it at {joint} where no motion shows it
     separated_by: ClassVar[Mapping[str, str]] = {}  # by rival kind: the experiment that separates
 
     # columns, or corrections of data and geometry instead

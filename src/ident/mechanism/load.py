@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -69,7 +70,7 @@ def load(
     toml = _toml_of(path)
     top, urdf, name = TomlTable(str(path)), path, path.stem
     if toml is not None:
-        top, name = read_toml(toml), toml.parent.resolve().name
+        top, name = read_toml(toml), _name_of(toml.parent.resolve())
         top.check(*TOP)
         if "urdf" not in top:
             raise top.error("has no key 'urdf'; write urdf = \"<name>.urdf\"")
@@ -157,6 +158,14 @@ def has_identified(path: Path) -> bool:
 def is_fit(path: Path) -> bool:
     """Return whether a folder is one that `ident identify --out` wrote."""
     return not (path / "mechanism.toml").exists() and has_identified(path)
+
+
+def _name_of(folder: Path) -> str:
+    """Return a folder's name, of the `identified` one beside a fit that of the fitted mechanism."""
+    if folder.name == "identified":
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            return str(json.loads((folder.parent / "fit.json").read_text("utf-8"))["mechanism"])
+    return folder.name
 
 
 def _unknown_again(known: Mechanism, file: Path) -> Mechanism:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 
 from numpy.linalg import LinAlgError
@@ -194,7 +194,7 @@ def without_motion(d: Diagnosis, effects: Sequence[Effect]) -> str:
             f"one of {where} (a sensor or a second drive there), or the closure's force with a "
             "load cell, or load one bearing from outside and see whether the residual grows"
         )
-    found = found or list(dict.fromkeys(effect.remedy for effect in effects if effect.remedy))
+    found = found or [remedy_of(same) for same in _by_kind(effects)]
     return "; ".join(found) or (
         "measure the torque behind the joint with a sensor of its own, or change one condition "
         "that affects only one of them (load, lubrication, temperature)"
@@ -233,15 +233,27 @@ def unseen(d: Diagnosis) -> str:
     found = []
     if shown:
         found.append(f"{_capital(words)}: that would show {named(shown)}, invisible in this log.")
-    rest: dict[str, list[Effect]] = {}
-    for each in d.invisible:
-        if each.effect.remedy and each.effect not in shown:
-            rest.setdefault(each.effect.kind, []).append(each.effect)
-    for effects in list(rest.values())[: 2 if shown else 3]:
+    rest = _by_kind(each.effect for each in d.invisible if each.effect not in shown)
+    for effects in rest[: 2 if shown else 3]:
         names = named(effects)
         alone = ", which no motion tried does" * (len(found) < 2)
-        found.append(f"{_capital(effects[0].remedy)}: that would show {names}{alone}.")
+        found.append(f"{_capital(remedy_of(effects))}: that would show {names}{alone}.")
     return " ".join(found)
+
+
+def _by_kind(effects: Iterable[Effect]) -> list[list[Effect]]:
+    """Return effects that a measurement would show which is no motion, by their kind."""
+    found: dict[str, list[Effect]] = {}
+    for effect in effects:
+        if effect.remedy:
+            found.setdefault(effect.kind, []).append(effect)
+    return list(found.values())
+
+
+def remedy_of(effects: Sequence[Effect]) -> str:
+    """Return what shows effects of one kind that no motion shows, with their joints."""
+    joints = dict.fromkeys(joint for effect in effects for joint in effect.joints)
+    return effects[0].remedy.replace("{joint}", places(joints))
 
 
 def _best_trial(d: Diagnosis) -> tuple[list[Effect], str]:

@@ -47,22 +47,23 @@ def numbers(parameters: Sequence[Value]) -> str:
 
 def body_words(parameters: Sequence[Value]) -> str:
     """Return mass and centre of mass of a body by its ten parameters; none where the data do not
-    determine them. The centre's errors are the sums of those of the moment and of the mass.
+    determine them, or of the centre what they do: in a plane two coordinates. The centre's errors
+    are the sums of those of the moment and of the mass.
     """
     own = {v.name.rpartition(".")[2]: v for v in parameters}
-    if any(name not in own or own[name].stderr is None for name in ("m", "mx", "my", "mz")):
+    moments = {axis: own[f"m{axis}"] for axis in "xyz" if f"m{axis}" in own}
+    known = {axis: v for axis, v in moments.items() if v.stderr is not None}
+    if len(moments) < 3 or len(known) < 2 or "m" not in own or own["m"].stderr is None:
         return ""
     m, error = own["m"].value, own["m"].stderr or 0.0
     if abs(m) <= 2 * error:
         return ""
     centre = []
-    for v in (own[name] for name in ("mx", "my", "mz")):
+    for axis, v in known.items():
         c = v.value / m
-        centre.append(rounded(c, ((v.stderr or 0.0) + abs(c) * error) / abs(m)))
-    x, y, z = centre
-    return (
-        f"mass {rounded(m, error)} kg, its centre at x = {x}, y = {y}, z = {z} m in the link's axes"
-    )
+        size = ((v.stderr or 0.0) + abs(c) * error) / abs(m)
+        centre.append(f"{axis} = {rounded(c, size)}")
+    return f"mass {rounded(m, error)} kg, its centre at {', '.join(centre)} m in the link's axes"
 
 
 def labels(effects: Iterable[Effect], word: str = "and") -> str:
