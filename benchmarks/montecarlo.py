@@ -17,7 +17,7 @@ import polars as pl
 
 import ident
 from ident import MonteCarlo
-from ident.show.montecarlo import multiplier_rows, parameter_rows
+from ident.show.simulate import multiplier_rows, parameter_rows
 
 ROBOTS = Path(__file__).resolve().parent.parent / "robots"
 RATIOS = {"slider_crank": (60, 50, 40, 30, 20), "pendulum": (30, 15)}

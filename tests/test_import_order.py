@@ -7,7 +7,7 @@ from pathlib import Path
 SOURCE = Path(__file__).resolve().parents[1] / "src"
 ORDER = (
     ("errors", "progress", "display"),
-    ("files", "text", "plugins"),
+    ("files", "text"),
     ("information", "pool"),  # know no robot
     ("log",),
     ("effects",),

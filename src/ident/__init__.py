@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from ident.display import set_loader
-from ident.plugins import version as _version
+from ident.files import version as _version
 
 if TYPE_CHECKING:
     from ident.public import *  # noqa: F403

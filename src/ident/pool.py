@@ -27,7 +27,7 @@ import cloudpickle
 
 from ident.display import Progress, part
 from ident.errors import IdentError, check_whole, line_of
-from ident.plugins import version
+from ident.files import version
 
 TRIES = 3  # of a task whose process dies
 IDLE = 300  # [s] after which a process that has nothing to do ends

@@ -18,7 +18,8 @@ from ident.mechanism import Consistency, Mechanism, Multipliers, load
 from ident.mechanism.load import absolute
 from ident.montecarlo import MonteCarlo, monte_carlo
 from ident.motion import Motion, complete
-from ident.show.explore import Exploration, explore
+from ident.show.board import explore
+from ident.show.exploration import Exploration
 from ident.show.progress import watched
 from ident.simulate import (
     PD,

@@ -11,7 +11,7 @@ import pytest
 
 import ident
 from helpers import ROBOTS
-from ident.show.explore import Board
+from ident.show.board import Board
 
 # what the script of another site can try; what it could read or open
 ATTACK = """async address => {

@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosedError
 
 import ident
 from helpers import ROBOTS
-from ident.show.explore import Board
+from ident.show.board import Board
 from ident.show.local import Place
 
 

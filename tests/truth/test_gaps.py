@@ -6,7 +6,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident.fit.residual import residual_of
-from ident.show.explore.exploration import Exploration
+from ident.show.exploration import Exploration
 from identification import robot
 
 FRICTION = ("coulomb.elbow.Fc", "viscous.elbow.Fv")

@@ -13,7 +13,7 @@ import pytest
 import ident
 from ident.errors import FitError, IdentError, LogError
 from ident.montecarlo import ESTIMATORS, Estimator, monte_carlo, paper
-from ident.show import montecarlo as show
+from ident.show import simulate as show
 from ident.simulate.inverse import level, noisy, random_of
 from pages import read_page, reading
 

@@ -14,9 +14,9 @@ from diagnosed import clean, grown, lacking, lawful, loop, planted
 import ident
 from helpers import ROBOTS
 from ident import Diagnosis, IdentError
+from ident.effects.library import named
 from ident.files import plain
 from ident.show.diagnosis import candidate_rows, card
-from ident.show.effect_names import named
 from ident.show.ladder import history_card
 from pages import charts, read_page, reading, titles
 

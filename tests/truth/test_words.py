@@ -12,13 +12,13 @@ import ident
 from helpers import ROBOTS
 from ident import Health
 from ident.diagnosis.unobservable import Invisible, Unsupported
+from ident.effects.library import named
 from ident.fit.files import Saved
 from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.diagnosis import beside, certainty
 from ident.show.diagnosis import words as text_of
-from ident.show.effect_names import named
 from ident.show.experiment import remedy_of
 from ident.show.html import Bar, Card
 from ident.show.ladder import head, history_card, rung

@@ -27,8 +27,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from ident.display import Progress, running
 from ident.errors import IdentError
-from ident.files import LARGEST_LOG, json_line, most_bytes
-from ident.plugins import version
+from ident.files import LARGEST_LOG, json_line, most_bytes, version
 from ident.show.progress import terminal_bar
 from ident.text import merged
 

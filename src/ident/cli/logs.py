@@ -496,7 +496,8 @@ def explore(
     mechanism = model.load(logs)
     given, place = read_logs(mechanism, logs), Place(port)  # a log that cannot be read has no page
     result(f"{mechanism.name}: {place.address}")  # before what takes a second to import
-    from ident.show.explore import Board, Exploration
+    from ident.show.board import Board
+    from ident.show.exploration import Exploration
 
     board = Board(mechanism.name, out or f"{mechanism.name}_explored")
     with board.serve(place) as address:

@@ -29,13 +29,12 @@ from ident.display import Displayed, part, render
 from ident.effects import Effect
 from ident.equations.unknowns import Point
 from ident.errors import FitError, check_whole
-from ident.files import json_bytes, write_all
+from ident.files import json_bytes, version, write_all
 from ident.fit import Fit, identify
 from ident.information.blocks import Error
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.plugins import version
 
 NAME = "growing.json"
 SCHEMA = "ident.growing/1"

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.diagnosis.candidates import Contest
-from ident.diagnosis.effect_set import Member
-from ident.diagnosis.form import Responses
+from ident.diagnosis.effect_set import Member, Responses
 from ident.diagnosis.grammar import PLAIN_WAVE, PROBE
 from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress, at_most
 from ident.diagnosis.search import Selection

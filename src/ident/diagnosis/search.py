@@ -19,8 +19,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
-from ident.diagnosis.effect_set import EffectSet, Member
-from ident.diagnosis.form import Responses, doubted
+from ident.diagnosis.effect_set import EffectSet, Member, Responses, doubted
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging, null_shares, path_shares
 from ident.diagnosis.selection import (
     HIDDEN,

@@ -1,4 +1,4 @@
-"""All kinds of effects by name, how `kind:joint[,joint]` is read, and a user's own.
+"""All kinds of effects by name, how `kind:joint[,joint]` is read, in plain words, a user's own.
 
 These are CasADi expressions of the signals:
 
@@ -13,7 +13,7 @@ the torque acts on the first, and each signal but t is a vector: s.q[0], s.q[1] 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -56,6 +56,7 @@ from ident.effects.joint import (
 )
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import function_of
+from ident.text import listed, places
 
 KINDS: Mapping[str, type[Effect]] = {
     effect.kind: effect
@@ -150,6 +151,42 @@ def separating(kinds: Collection[str]) -> list[str]:
     ]  # fmt: skip
     return list(dict.fromkeys(texts))
 
+
+# --- in plain words -------------------------------------------------------------------------------
+
+PREPOSITIONS = {"link": "on", "place": "at"}  # by site; of joints and closures: in
+
+
+def by_kind(effects: Iterable[Effect]) -> list[list[Effect]]:
+    """Return effects of one kind together, in the order of the first of each."""
+    found: dict[str, list[Effect]] = {}
+    for effect in effects:
+        found.setdefault(effect.kind, []).append(effect)
+    return list(found.values())
+
+
+def named(effects: Iterable[Effect], word: str = "and") -> str:
+    """Return effects in words, those of one kind together: `dry friction in a3 to a7 (coulomb)`."""
+    return listed([_of_one_kind(group, word) for group in by_kind(effects)], word)
+
+
+def plain(effect: Effect) -> str:
+    """Return the words for an effect's kind."""
+    return effect.plain or effect.kind.replace("_", " ")
+
+
+def _of_one_kind(group: Sequence[Effect], word: str) -> str:
+    first = group[0]
+    signals = listed(dict.fromkeys(each.signal for each in group if each.signal))
+    of = f" of {signals}" if any(each.signal for each in group) else ""
+    sites = first.joints if len(group) == 1 else [",".join(each.joints) for each in group]
+    own = places(sites) if word == "and" else listed(sites, word)  # of rivals the best first
+    where = f" {PREPOSITIONS.get(first.site, 'in')} {own}" if first.joints else ""
+    code = "" if first.kind.replace("_", " ") in plain(first) else f" ({first.kind})"
+    return f"{plain(first)}{of}{where}{code}"
+
+
+# --- of a user ------------------------------------------------------------------------------------
 
 SIGNALS = {
     "q": "coordinate [rad | m]",

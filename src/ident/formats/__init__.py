@@ -1,1 +1,1 @@
-"""Formats of other programs: ROS 2 bags, and MuJoCo models. `ident.plugins` finds them."""
+"""Formats of other programs: ROS 2 bags, and MuJoCo models. `ident.files` finds them."""

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ident.errors import LogError, one_of
-from ident.files import check_size, regular
+from ident.files import check_size, reader_of, regular, suffixes
 from ident.log.log import Log
 from ident.log.table import Column, RawTable, frame_table, is_frame, table_of_arrays
-from ident.plugins import reader_of, suffixes
 
 BAG = (".mcap", ".db3")  # ROS 2 bags, whose topics are chosen
 
@@ -29,7 +28,7 @@ def read_log(
 
     Columns that are not mapped keep their own name. Empty cells are NaN, booleans 1 and 0; columns
     of text are left out; of repeated time stamps the first is kept. `Log.repairs` states what was
-    changed. Other packages may add formats (`ident.plugins`).
+    changed. Other packages may add formats (`ident.files`).
 
     Args:
         path: of the file, or of a bag: its folder, or one .mcap or .db3 file. `bag#/joint_states`

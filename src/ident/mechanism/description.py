@@ -17,9 +17,8 @@ from lxml import etree
 
 from ident.effects.library import KINDS
 from ident.errors import MechanismError
-from ident.files import regular
+from ident.files import OWN, reader_of, regular
 from ident.mechanism.urdf import parse_urdf, parse_xml, words
-from ident.plugins import OWN, reader_of
 
 LARGEST = 50_000_000  # bytes of a file
 UNLIMITED = 1e9  # what a URDF states where there is no limit

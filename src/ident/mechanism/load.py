@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from ident.effects import KINDS, Effect, create, read_user_effect
 from ident.errors import MechanismError, missing_file, one_of
-from ident.files import TomlTable, read_toml
+from ident.files import TomlTable, read_toml, suffixes
 from ident.log import Column
 from ident.mechanism.closures import (
     Closure,
@@ -33,7 +33,6 @@ from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency, read_covariance
 from ident.mechanism.tree import Tree, build_tree, is_rotational, joint_axis
 from ident.mechanism.urdf import lock, numbers, parse_urdf
-from ident.plugins import suffixes
 
 TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s²]

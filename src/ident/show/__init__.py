@@ -13,10 +13,9 @@ MODULES = {
         "Binding", "Correlation", "Fit", "Likelihood", "Reactions",
     ),
     "ladder": ("History", "Step"),
-    "montecarlo": ("MonteCarlo",),
     "motion": ("Log", "Mechanism", "Motion"),
     "residual": ("Comparison", "Failure", "Fit", "Residual"),
-    "simulate": ("Excitation", "Replay", "Run"),
+    "simulate": ("Excitation", "MonteCarlo", "Replay", "Run"),
     "view": ("Mechanism",),
     "streams": (
         "Alarm", "Cause", "Forces", "Gathered", "LogComparison", "Monitor", "ParameterChange",

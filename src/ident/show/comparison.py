@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ident.display import Plotted, render, renders
+from ident.effects.library import named
 from ident.files import json_bytes
 from ident.fit.identify import Comparison
 from ident.fit.prediction import identifiable_multipliers
@@ -20,7 +21,6 @@ from ident.fit.residual import Residual, floor_of, zero_of
 from ident.fit.values import Change, Changes
 from ident.information.blocks import Error
 from ident.show.charts import BELOW, MEASURED, Chart, Line, Panel
-from ident.show.effect_names import named
 from ident.show.html import (
     OTHER,
     SAME,

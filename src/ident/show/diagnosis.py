@@ -12,9 +12,9 @@ from ident.diagnosis.law_search import FittedFormula
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.display import folder, renders
 from ident.effects import Effect
+from ident.effects.library import by_kind, named
 from ident.information.blocks import Error
 from ident.information.chance import odds_ratio
-from ident.show.effect_names import by_kind, named
 from ident.show.html import NOISY, Bar, Card, add_command, good_enough, next_command
 from ident.show.laws import curve_name, curves, expression, laws, numbers
 from ident.show.residual import failure_text, judged_of

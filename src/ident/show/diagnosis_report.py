@@ -14,6 +14,7 @@ import numpy as np
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders, writing
+from ident.effects.library import by_kind, named
 from ident.files import json_bytes, plain, regular, write_all
 from ident.fit.data_checks import Health
 from ident.fit.prediction import predict
@@ -32,7 +33,6 @@ from ident.show.diagnosis import (
     story,
     where_rows,
 )
-from ident.show.effect_names import by_kind, named
 from ident.show.fit import fit_sections
 from ident.show.html import (
     Bar,

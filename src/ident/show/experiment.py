@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 
 from numpy.linalg import LinAlgError
@@ -23,9 +23,8 @@ from ident.diagnosis.selection import Evidence
 from ident.diagnosis.trials import Move, Trial, present, trials
 from ident.display import renders
 from ident.effects import Effect
-from ident.effects.library import separating
+from ident.effects.library import by_kind, named, separating
 from ident.errors import IdentError
-from ident.show.effect_names import named
 from ident.show.verdict import at_reversals
 from ident.text import listed, places, two_digits
 
@@ -194,7 +193,7 @@ def without_motion(d: Diagnosis, effects: Sequence[Effect]) -> str:
             f"one of {where} (a sensor or a second drive there), or the closure's force with a "
             "load cell, or load one bearing from outside and see whether the residual grows"
         )
-    found = found or [remedy_of(same) for same in _by_kind(effects)]
+    found = found or [remedy_of(same) for same in by_kind(e for e in effects if e.remedy)]
     return "; ".join(found) or (
         "measure the torque behind the joint with a sensor of its own, or change one condition "
         "that affects only one of them (load, lubrication, temperature)"
@@ -233,21 +232,13 @@ def unseen(d: Diagnosis) -> str:
     found = []
     if shown:
         found.append(f"{_capital(words)}: that would show {named(shown)}, invisible in this log.")
-    rest = _by_kind(each.effect for each in d.invisible if each.effect not in shown)
+    hidden = (each.effect for each in d.invisible if each.effect not in shown)
+    rest = by_kind(effect for effect in hidden if effect.remedy)
     for effects in rest[: 2 if shown else 3]:
         names = named(effects)
         alone = ", which no motion tried does" * (len(found) < 2)
         found.append(f"{_capital(remedy_of(effects))}: that would show {names}{alone}.")
     return " ".join(found)
-
-
-def _by_kind(effects: Iterable[Effect]) -> list[list[Effect]]:
-    """Return effects that a measurement would show which is no motion, by their kind."""
-    found: dict[str, list[Effect]] = {}
-    for effect in effects:
-        if effect.remedy:
-            found.setdefault(effect.kind, []).append(effect)
-    return list(found.values())
 
 
 def remedy_of(effects: Sequence[Effect]) -> str:

@@ -16,6 +16,7 @@ from ident.diagnosis.grow import History, Step
 from ident.diagnosis.result import errors_of
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders, writing
+from ident.effects.library import named
 from ident.errors import FitError, IdentError
 from ident.files import json_bytes
 from ident.fit import Fit
@@ -26,7 +27,6 @@ from ident.mechanism.write import folder_files
 from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import card, errors_with, short
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
-from ident.show.effect_names import named
 from ident.show.html import Bar, Card, Page, Section, next_command, table
 from ident.show.sheet import Sheet
 from ident.show.verdict import noise_errors, verdict_line

@@ -8,12 +8,12 @@ from dataclasses import replace
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.selection import Evidence
 from ident.effects import KINDS, Effect
+from ident.effects.library import named
 from ident.fit import Fit
 from ident.fit.files import Saved
 from ident.fit.findings import Finding
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
-from ident.show.effect_names import named
 from ident.show.html import NOISY, TRIFLE, too_large, wrong_unit
 from ident.show.laws import numbers
 from ident.text import listed, percent, places, some

@@ -32,7 +32,7 @@ from ident.equations.filter import Decimator
 from ident.equations.rows import Scene, row_supports, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, IdentError, MotionError, one_of
-from ident.files import atomic_write, regular
+from ident.files import atomic_write, regular, version
 from ident.fit.channel_checks import log_findings
 from ident.fit.findings import Finding
 from ident.fit.prediction import predict
@@ -50,7 +50,6 @@ from ident.motion.recipe import Band, recipe_of, standstill
 from ident.motion.signals import LogSignals, absurd_samples, measure
 from ident.motion.smoothing import derive
 from ident.motion.state import State
-from ident.plugins import version
 from ident.pool import Workers
 from ident.streams.logs import LogOnDisk, summarise
 from ident.streams.stream import margin_of

@@ -11,8 +11,8 @@ from explored import grown, judged, screened
 
 import ident
 from ident.diagnosis.selection import PARSIMONY
-from ident.show.explore.board import GROUPS, effect_rows
-from ident.show.explore.exploration import Exploration, PredictedGain, rows_of
+from ident.show.board import GROUPS, effect_rows
+from ident.show.exploration import Exploration, PredictedGain, rows_of
 
 ARM = ["viscous:elbow", "coulomb:wrist", "spring:shoulder", "coupling:shoulder,wrist"]
 

@@ -16,13 +16,12 @@ import ident
 from helpers import ROBOTS
 from ident import FitError, MechanismError
 from ident.display import Inputs
-from ident.show.effect_names import named
-from ident.show.explore import Board
-from ident.show.explore.board import JUDGED, VIEWS, top
+from ident.effects.library import named
+from ident.show.board import JUDGED, VIEWS, Board, top
 from ident.show.ladder import changed
 from ident.text import percent
 
-EXPLORATION = "ident.show.explore.exploration"
+EXPLORATION = "ident.show.exploration"
 ELBOW = {"label": "viscous:elbow"}
 
 
@@ -147,7 +146,7 @@ def test_a_fault_is_said_and_the_page_lives_on(board, monkeypatch):
 
 
 def test_a_state_that_is_no_json_is_an_error_that_is_seen(board, monkeypatch):
-    module = sys.modules["ident.show.explore.board"]
+    module = sys.modules["ident.show.board"]
     monkeypatch.setattr(module, "effect_rows", lambda e: [{"label": object()}])
     board.act({"do": "add", **ELBOW})
     assert board.state["status"]["kind"] == "bad"

@@ -12,7 +12,7 @@ from explored import given, grown, judged, screened
 import ident
 from helpers import ROBOTS
 from ident import IdentError
-from ident.show.explore.board import top
+from ident.show.board import top
 from ident.show.ladder import cells, changed
 
 
@@ -147,7 +147,7 @@ def test_it_prints_as_a_ladder():
 
 def test_the_noun_needs_no_page():
     code = (
-        "import sys, ident; from ident.show.explore import Exploration; import ident.cli.app; "
+        "import sys, ident; from ident.show.exploration import Exploration; import ident.cli.app; "
         "bad = {'websockets', 'bokeh', 'viser', 'matplotlib'} & set(sys.modules); "
         "sys.exit(str(bad) if bad else 0)"
     )

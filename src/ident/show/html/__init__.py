@@ -20,13 +20,13 @@ from markupsafe import Markup
 
 from ident.display import acceptable, folder, inputs, running
 from ident.effects import Effect
+from ident.files import version
 from ident.fit.channel_fits import LEAVES
 from ident.fit.faults import UNITS
 from ident.fit.findings import Finding
 from ident.information.blocks import Error
 from ident.mechanism.load import has_identified
 from ident.mechanism.mechanism import Mechanism
-from ident.plugins import version
 from ident.show.charts import Chart, scripts
 from ident.show.template import piece
 from ident.text import percent, some, two_digits, width, wrapped

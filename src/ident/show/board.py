@@ -25,6 +25,7 @@ from ident.diagnosis.result import Law
 from ident.display import Progress, part, quiet
 from ident.effects import Effect
 from ident.effects.formula import Formula
+from ident.effects.library import named, plain
 from ident.errors import IdentError, MechanismError
 from ident.files import json_line
 from ident.fit import Fit
@@ -34,8 +35,7 @@ from ident.motion import Motion, complete
 from ident.show.charts import Chart, pieces_of, scripts
 from ident.show.diagnosis import card, sheet
 from ident.show.diagnosis_report import plot_before_after
-from ident.show.effect_names import named, plain
-from ident.show.explore.exploration import Exploration, PredictedGain, fit_of
+from ident.show.exploration import Exploration, PredictedGain, fit_of
 from ident.show.fit import value_tables
 from ident.show.html import Bar, Card, items, next_command, paragraph, table
 from ident.show.ladder import changed, plot_rungs

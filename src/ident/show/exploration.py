@@ -27,6 +27,7 @@ from ident.diagnosis.selection import Decision, Evidence, Ranking, as_good, rank
 from ident.diagnosis.unobservable import invisible, unsupported
 from ident.display import Displayed, Progress, quiet
 from ident.effects import KINDS, Effect
+from ident.effects.library import named
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
 from ident.files import write_all
@@ -35,7 +36,6 @@ from ident.information.blocks import Error
 from ident.information.chance import Chance
 from ident.mechanism import Mechanism
 from ident.motion import Motion
-from ident.show.effect_names import named
 from ident.show.ladder import cells, changed, model_files, refuse_own
 from ident.show.ladder import write as write_history
 from ident.text import table
