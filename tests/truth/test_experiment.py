@@ -152,6 +152,8 @@ def test_trials_keep_limits(arm: Mechanism) -> None:
         for made in trial.logs:
             for m in trial.moves:
                 q, v, a = (made.columns[f"{c}.{m.joint.name}"] for c in "qva")
+                assert trial.reached(m).low <= q.min()
+                assert trial.reached(m).high >= q.max()
                 assert q.min() >= m.joint.lower
                 assert q.max() <= m.joint.upper
                 assert np.abs(v).max() <= m.joint.velocity

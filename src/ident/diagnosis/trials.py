@@ -111,6 +111,13 @@ class Trial:
         """The moves of these joints."""
         return tuple(m for m in self.moves if m.joint.name in self.about)
 
+    def reached(self, m: Move) -> Move:
+        """One of the moves with the range of its logs: of the whole one it is not known whether
+        passive joints keep their limits.
+        """
+        q = np.concatenate([log.columns[f"q.{m.joint.name}"] for log in self.logs])
+        return m.wide(float(q.min()), float(q.max()))
+
     @property
     def logs(self) -> list[Log]:
         """q, v and a of the independent joints, one log a speed."""

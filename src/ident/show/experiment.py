@@ -67,13 +67,14 @@ def described(trial: Trial, now: Sequence[Move]) -> str:
     moves = trial.changed
     others = any(m.speed and m.joint.name not in trial.about for m in trial.moves)
     rest = ", the other joints as now" if others and trial.kind != "alone" else ""
-    was = {m.joint.name: m for m in now}[moves[0].joint.name]
+    was = {m.joint.name: m for m in now}
+    reached = [m if _span(m) == _span(was[m.joint.name]) else trial.reached(m) for m in moves]
     text = HOW[trial.kind].format(
         names=", ".join(m.joint.name for m in moves),
-        spans=", ".join(f"{m.joint.name} {_span(m)}" for m in moves),
+        spans=", ".join(f"{m.joint.name} {_span(m)}" for m in reached),
         top=", ".join(f"{m.speed:.2g} {m.joint.unit}/s" for m in moves),
         shares=listed(f"{share:g}" for share in trial.shares),
-        before="" if moves[1:] else f" (it moved {_span(was)})",
+        before="" if moves[1:] else f" (it moved {_span(was[moves[0].joint.name])})",
     )
     return text + rest
 
