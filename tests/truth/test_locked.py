@@ -161,3 +161,13 @@ def test_a_log_may_lack_the_columns_of_a_locked_joint(tmp_path, spoken):
     (tmp_path / "run.csv").write_text(text)
     words = ("check", tmp_path / "arm", tmp_path / "run.csv")
     assert spoken(*words, "--lock", f"wrist={HELD}")[0] == 0
+
+
+def test_effects_of_a_locked_joint_are_left_out_with_a_note(tmp_path):
+    (tmp_path / "arm.urdf").write_bytes((ROBOTS / "arm" / "arm.urdf").read_bytes())
+    effects = [f'[[effect]]\nkind = "coulomb"\njoint = "{joint}"' for joint in ("elbow", "wrist")]
+    (tmp_path / "mechanism.toml").write_text("\n".join(['urdf = "arm.urdf"', *effects]))
+    assert len(ident.load(tmp_path).effects) == 2
+    held = ident.load(tmp_path, locked={"wrist": None})
+    assert [effect.label for effect in held.effects] == ["coulomb:elbow"]
+    assert any(note.endswith("does not move: coulomb:wrist") for note in held.notes)

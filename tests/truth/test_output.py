@@ -183,7 +183,8 @@ def test_the_card_of_a_grown_model_has_its_law_and_its_rivals():
     rivals = history.mechanism.with_effect("cable:wrist").effects[-1:]
     steps = [replace(step, rivals=rivals * bool(step.added)) for step in history.steps]
     said = history_card(replace(history, steps=tuple(steps))).sure
-    assert f"{added} or {named(rivals)}, which this data cannot tell apart. " in said
+    rivals_and_size = "which this data cannot tell apart (coulomb.elbow.Fc = "
+    assert f"{added} or {named(rivals)}, {rivals_and_size}" in said
 
 
 def test_a_grown_folder_is_a_mechanism_again(tmp_path):

@@ -130,7 +130,7 @@ def test_the_reason_why_an_effect_is_not_named_is_said():
     ]
     text = certainty(replace_every(d, both))
     assert f"too small to matter away from reversals: {named([first.effect])}" in text
-    assert f"with a value that no machine has: {named([second.effect])}" in text
+    assert f"with an impossible value: {named([second.effect])}" in text
 
 
 def replace_every(d, found):
@@ -286,6 +286,7 @@ def test_bars_are_in_the_mechanisms_order_the_loudest_where_not_all_are_shown():
     assert [bar.joint for bar in Card("x", bars=bars, most=1).shown] == ["c"]
     assert [bar.joint for bar in Card("x", bars=bars, most=2).shown] == ["b", "c"]
     assert [bar.joint for bar in Card("x", bars=bars, most=2, first="a").shown] == ["a", "c"]
+    assert "  and 2 joints more, larger in c" in Card("x", bars=bars, most=1, first="a").text()
 
 
 def test_what_lowers_no_error_is_not_among_what_is_missing_too():
@@ -304,4 +305,4 @@ def test_what_is_left_at_reversals_is_said_where_nothing_is_named(monkeypatch):
     quiet = replace(
         d, floor={name: x / (9 if name == "elbow" else 1) for name, x in d.floor.items()}
     )
-    assert "What is left in elbow goes with reversals" in certainty(quiet)
+    assert "What is left in elbow is near reversals" in certainty(quiet)

@@ -377,6 +377,10 @@ def diagnose(
                 fit = fit if since is None else fit.since(since)
             try:
                 found, remarks = diagnose_(fit, progress=third, **decision), fit.warnings
+                if (then := model.earlier(model.mechanism, mechanism)) is not None:
+                    from ident.show.comparison import fitted_anew
+
+                    remarks = (fitted_anew(fit.since(then)), *remarks)
                 on_progress("planning the next experiment", 1.0)
             except KeyboardInterrupt:  # the fit is done
                 if out is not None:

@@ -239,7 +239,7 @@ def mechanism_of(
     if hands := _unlogged_hands(mechanism, logs):
         locked |= dict.fromkeys(hands, None)
         mechanism = load(path, allow_code=allow_code, locked=locked)
-        held = f"nothing is logged of {', '.join(hands)}, parts of a hand: held where they start"
+        held = f"{', '.join(hands)}: not logged, and parts of a hand; held at the start"
         notes_later([held])
     for effect in effects or ():
         mechanism = with_effect(mechanism, effect, allow_code=allow_code)

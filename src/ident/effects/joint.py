@@ -433,7 +433,7 @@ class Payload(Effect):
             strict=True,
         )
     )
-    equation = "Γ_link p, the link's own columns once more"
+    equation = "Γ_link p: what one more body on the link, with ten parameters p, needs"
     signature = "all joints below the link show one more load, in proportion to it"
     confused_with = ("the link's own parameters, as long as these are unknown",)
     remedy = "log the same motion with the load and without it"

@@ -158,13 +158,15 @@ def entry_for(signal: str, joints: Sequence[str], columns: Iterable[str]) -> str
     or for the first of them; "" if none does.
     """
     names = sorted(columns, key=lambda name: bool(ORDERED.search(name)))
+    other = [word for key, word in WORDS.items() if key != signal]  # what is called so is no q
+    likely = [n for n in names if WORDS[signal].search(n) or not any(w.search(n) for w in other)]
     for joint in joints:
         end = _end(joint)
         of = {name: name.replace(joint, "") for name in names if joint in name}
         if not of and end:  # joints may have only their numbers in common with columns
             of = {name: name for name in names if re.findall(r"\d+", name) == [end]}
         found = next((name for name, rest in of.items() if WORDS[signal].search(rest)), "")
-        if not (found := found or near(f"{signal}.{joint}", [n for n in names if n not in of])):
+        if not (found := found or near(f"{signal}.{joint}", [n for n in likely if n not in of])):
             continue
         key, pattern = "*", found.replace(joint, "*")
         if joint not in found and end:

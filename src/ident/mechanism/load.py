@@ -33,6 +33,7 @@ from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency, read_covariance
 from ident.mechanism.tree import Tree, build_tree, is_rotational, joint_axis
 from ident.mechanism.urdf import lock, numbers, parse_urdf
+from ident.text import listed
 
 TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s²]
@@ -138,14 +139,22 @@ def load(
         if prefix in CHANNELS and joint not in {*mechanism.joint_index, *held}:
             valid = one_of(joint, mechanism.joint_index)
             raise top.error(f"[log] \"{column}\": no joint '{joint}'; {valid}")
+    still: list[str] = []
     for table in effects:
         try:
+            joints = table.data.get("joint", "")
+            if isinstance(joints, str) and {*held} & {*joints.replace(" ", "").split(",")}:
+                still.append(f"{table.text('kind')}:{joints}")
+                continue
             effect = _effect(table, context)
             if effect.label in {own.label for own in mechanism.effects}:
                 raise MechanismError(f"has the effect '{effect.label}' already")
             mechanism = mechanism + effect
         except MechanismError as error:
             raise (error if table.where in str(error) else table.error(str(error))) from None
+    if still:
+        note = f"left out, since a locked joint does not move: {listed(still)}"
+        mechanism = replace(mechanism, notes=(*mechanism.notes, note))
     return mechanism
 
 

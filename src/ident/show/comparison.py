@@ -18,6 +18,7 @@ from ident.files import json_bytes
 from ident.fit.identify import Comparison
 from ident.fit.prediction import identifiable_multipliers
 from ident.fit.residual import Residual, floor_of, zero_of
+from ident.fit.result import Fit
 from ident.fit.values import Change, Changes
 from ident.information.blocks import Error
 from ident.show.charts import BELOW, MEASURED, Chart, Line, Panel
@@ -94,7 +95,8 @@ def comparison_card(c: Comparison) -> Card:
     grown += "motion"
     if alone and changed:
         line += f": changed since it was fitted in {places(changed)}"
-        others = grown if larger else "all other joints are as then"
+        others = f"the error is larger in {places(larger)} too, less surely"
+        others = others if larger else "all other joints are as then"
         line += f"; {others}" * (len(changed) < len(errors))
         if all(((bar.after or bar.before).relative or 0.0) > OTHERWISE for bar in bars):
             line += f", by much of its torque: {OTHER}"
@@ -303,6 +305,15 @@ def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
         cause = f"New since {since}: in {listed(worse)} an effect that the model does not contain"
         return f"{cause}. Changed, perhaps only to make up for it: {found}.{most}"
     return f"Changed since {since}: {found}.{most}"
+
+
+def fitted_anew(fit: Fit) -> str:
+    """Return what has changed since an earlier fit, for a diagnosis in which it is no cause, since
+    its parameters were fitted anew.
+    """
+    assert fit.changes is not None
+    words = changes_line(fit.changes).rstrip(".")
+    return f"all parameters were fitted anew. {words}; the cause: {next_command('diagnose')}"
 
 
 def _change_words(c: Change) -> str:

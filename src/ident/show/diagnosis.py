@@ -364,7 +364,7 @@ def _rejected(d: Diagnosis) -> list[str]:
         if m.curve is not None:
             found.append(f"{name} explains a part, but a {curve_name(m.curve)} more")
         elif m.impossible is not None:
-            other = f"{named([m.impossible])}, with a value that no machine has"
+            other = f"{named([m.impossible])}, with an impossible value"
             found.append(f"{name} explains a part, but more {other}")
         elif m.law is not None:
             found.append(f"{name} explains a part, but a formula with no more numbers more")

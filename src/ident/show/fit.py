@@ -19,6 +19,7 @@ from ident.fit.result import Fit
 from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Correlation, Value
 from ident.information.blocks import Error
+from ident.mechanism.mechanism import Mechanism
 from ident.show.charts import PRIOR, Chart, Dots, Panel
 from ident.show.comparison import change_tables, changes_line, plot_forces
 from ident.show.html import (
@@ -242,7 +243,7 @@ def card(fit: Fit) -> Card:
         before, change = {}, ""
     else:
         before = residual_of(earlier or urdf_of(fit), fit.motion).errors
-        change = f"of {short(earlier.name)}" if earlier else "of the URDF's own numbers"
+        change = f"of {short(earlier.name)}" if earlier else f"of {_own(fit.mechanism)} numbers"
         change += " → of the identified ones" + ", held out" * bool(fit.held_out)
     bars = tuple(
         Bar(j, before.get(j, e), e if before else None, floor[j]) for j, e in judged.items()
@@ -273,6 +274,11 @@ def card(fit: Fit) -> Card:
     worse = fit.residual.risen(then.get("held out") or then.get("train") or {})
     line = changes_line(fit.changes, worse)
     return Card(line, f"{headline(fit)} {trust}", bars, command, change=change)
+
+
+def _own(mechanism: Mechanism) -> str:
+    """Return whose a mechanism's numbers are: the URDF's, or those of the fit that wrote it."""
+    return "the URDF's own" if mechanism.covariance is None else "the earlier"
 
 
 def _farthest(fit: Fit) -> tuple[dict[str, Error], dict[str, float]]:

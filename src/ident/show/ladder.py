@@ -30,11 +30,12 @@ from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, wri
 from ident.show.html import Bar, Card, Page, Section, next_command, table
 from ident.show.sheet import Sheet
 from ident.show.verdict import noise_errors, verdict_line
-from ident.text import percent, width, wrapped
+from ident.text import percent, rounded, width, wrapped
 
 NAME, CELL = 30, 7  # characters of the columns
 LONG = "+ viscous friction in "  # and a joint: as long as most names are
 NOISE = "noise alone"
+SIZES = 4  # numbers of what was added that stand in the first lines
 CAPTION = "Held-out error, rung by rung"
 
 
@@ -186,7 +187,8 @@ def history_card(history: History) -> Card:
     bars = tuple(Bar(j, first[j], e, d.floor[j]) for j, e in errors.items())
     if d.verdict == "nothing":
         top = replace(top, command=next_command("compare", history.added))
-    sure, shown = f"Added: {_added(history)}. {top.sure}", top.first or "".join(own[:1])
+    sure = f"Added: {_added(history)}{_sizes(history)}. {top.sure}"
+    shown = top.first or "".join(own[:1])
     return replace(
         top, sure=sure, bars=bars, change="as given → with all that is named", first=shown
     )
@@ -203,6 +205,14 @@ def _added(history: History) -> str:
             rivals = f"{named(kept)} or {named(step.rivals, 'or')}"
             parts.append(f"{rivals}, which this data cannot tell apart")
     return "; ".join(parts) or "nothing"
+
+
+def _sizes(history: History) -> str:
+    """Return the values of what was added, where they are few."""
+    added = {effect.label for effect in history.added}
+    values = [v for e in history.fit.effects if e.effect.label in added for v in e.parameters]
+    sizes = [f"{v.name} = {rounded(v.value, v.stderr)} {v.unit}".removesuffix(" 1") for v in values]
+    return f" ({', '.join(sizes)})" if 0 < len(sizes) <= SIZES else ""
 
 
 @renders(History, "short")

@@ -100,7 +100,8 @@ def beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
     if not found:
         return []
     why = (
-        "no plan for the machine; of a measured log, a zero, sign or scale of an encoder may be off"
+        "the machine must not be asked for this motion; if it was measured, check the encoder's "
+        "zero, sign and scale"
     )
     return [f"beyond the limits of the URDF: {'; '.join(found)}: {why}"]
 

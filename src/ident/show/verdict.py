@@ -166,7 +166,7 @@ def _not_named(d: Diagnosis, some: Sequence[Evidence]) -> str:
     """Return why effects that do more than chance are not named."""
     reasons: dict[str, list[Effect]] = {}
     for e in some:
-        why = "with a value that no machine has"
+        why = "with an impossible value"
         if e.sensible:
             small = e.size <= d.decision.material
             why = "too small to matter away from reversals" if small else "not sure"
@@ -189,8 +189,8 @@ def at_reversals(d: Diagnosis) -> list[str]:
 def _turning(d: Diagnosis) -> str:
     """Return what is left at reversals where nothing is missing."""
     left = [] if d.reversing else at_reversals(d)
-    where = f" What is left in {places(left)} goes with reversals, where dry friction is no exact "
-    return f"{where}step." if left else ""
+    where = f" What is left in {places(left)} is near reversals, where friction does not jump as "
+    return f"{where}in the model." if left else ""
 
 
 def _tried(d: Diagnosis) -> int:

@@ -29,7 +29,7 @@ from ident.mechanism.load import has_identified
 from ident.mechanism.mechanism import Mechanism
 from ident.show.charts import Chart, scripts
 from ident.show.template import piece
-from ident.text import percent, some, two_digits, width, wrapped
+from ident.text import percent, places, some, two_digits, width, wrapped
 
 PAIRS, FLAGS = ("--with", "--lock"), ("--absolute", "--allow-code")  # options of the model
 MONITOR = {"--with", "--lock", "--absolute", "--allow-code", "--cutoff", "--smoothing"}  # it takes
@@ -282,7 +282,9 @@ class Card:
             strip = max(STRIP // 8, min(STRIP, left))
             lines += [f"  {x.joint:<{wide}}  {self._strip(x, strip)}  {x.words}" for x in bars]
         if (more := len(self.bars) - self.most) > 0:
-            lines.append(f"  and {more} joint{'s' * (more > 1)} more")
+            risen = [bar.joint for bar in self.bars if bar.rises and bar not in bars]
+            larger = f", larger in {places(risen)}" * bool(risen)
+            lines.append(f"  and {more} joint{'s' * (more > 1)} more{larger}")
         lines += ["", f"  {self.command}"] if self.command else []
         return [*lines, *([""] if self.then else []), *wrapped(self.then, "  ")]
 
