@@ -137,13 +137,14 @@ def at_reversals(
 
 
 def seen_elsewhere(first: Ranking) -> set[str]:
-    """Return labels of effects that explain more than chance away from reversals, however little;
-    not of a width of friction and a delay, which rows at reversals show of every machine.
+    """Return labels of effects at low speed that explain more than chance away from reversals,
+    however little: rows at reversals show most of them. They do not of a load, nor of anything
+    else that acts at any speed, and they show a width of friction of every machine.
     """
     return {
         c.effect.label
         for c in first.contest.laws
-        if c.effect.label in first.gains and not (c.effect.needs or c.effect.fault)
+        if c.effect.slow and c.effect.label in first.gains and not c.effect.needs
         if first.gains[c.effect.label][0] > first.limit_of(c)
     }
 

@@ -20,7 +20,18 @@ import numpy as np
 
 from ident.diagnosis.candidates import ColumnStore, Contest
 from ident.diagnosis.law_search import refined
-from ident.diagnosis.selection import MOST, PARSIMONY, Evidence, Ranking, sensible
+from ident.diagnosis.selection import (
+    MOST,
+    PARSIMONY,
+    Decision,
+    Evidence,
+    Ranking,
+    alike,
+    behind,
+    rivals,
+    sensible,
+    simplest,
+)
 from ident.effects import Effect
 from ident.effects.curve import PastSpeed
 from ident.effects.formula import Formula
@@ -302,3 +313,53 @@ def _beside_best_law(columns: Index, joint: str, member: Member, last: Ranking) 
     more = float(richer.explained(richer.gains([columns]).by)[0])
     limit = last.chance.limit(last.regression.place(columns))
     return more > max(limit, PARSIMONY * member.gain)
+
+
+# --- of a set that is found -----------------------------------------------------------------------
+
+
+def in_order(members: Sequence[Member], first: Ranking, decision: Decision) -> list[Member]:
+    """Put members of a set in the order in which they are named: first those that are credible on
+    the model as it is, by what they explain there; the first name with its evidence there.
+    """
+    found = sorted(members, key=lambda each: first.place(each.label))
+    named = next((i for i, m in enumerate(found) if not m.rejected), None)
+    if named is not None:
+        found[named] = _alone(found[named], first, decision)
+    return found
+
+
+def _alone(member: Member, first: Ranking, decision: Decision) -> Member:
+    """The member with its evidence on the model as it is, where it is credible there.
+
+    Beside other effects a member may be better than the simplest effect that explains the same part
+    alone; a user who adds one effect is given the latter, with the member among its rivals. One
+    that came with others is named with them, and its rivals are those beside them.
+    """
+    own = next((e for e in first.credible if e.effect.label == member.label), None)
+    if own is None:
+        return member
+    if member.grouped:
+        return replace(member, evidence=own)
+    simple = simplest(first, decision)
+    if simple is not None and alike(own, simple) and behind(own, simple) >= decision.rival_se:
+        own = simple
+        member = replace(member, stands_in=True)
+    return replace(member, effect=own.effect, evidence=own, rivals=rivals(own, first, decision))
+
+
+def judged_member(member: Member, found: EffectSet, last: Ranking, responses: Responses) -> Member:
+    """The member with its gain and with what speaks against it."""
+    bare, e = found.minus(member), member.evidence
+    gain = found.rise(bare)
+    assert e is not None
+    if np.isnan(e.p):  # it came with others, and is judged beside them
+        refit = bare.regression.refit(member.columns)
+        share = bare.regression.gain(refit)
+        place = last.regression.place(member.columns)
+        p, limit = last.chance.p(share, place), last.chance.limit(place)
+        p = max(p, member.path or 0.0)
+        e = replace(
+            e, refit=refit, gain=share, limit=limit, p=p, credible=share > limit and e.sensible
+        )
+    return doubted(replace(member, evidence=e, gain=gain), bare.regression, last, responses)

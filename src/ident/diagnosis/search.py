@@ -14,12 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 
 import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
-from ident.diagnosis.effect_set import EffectSet, Member, Responses, doubted
+from ident.diagnosis.effect_set import EffectSet, Member, Responses, in_order, judged_member
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging, null_shares, path_shares
 from ident.diagnosis.selection import (
     HIDDEN,
@@ -27,7 +27,6 @@ from ident.diagnosis.selection import (
     Evidence,
     OnProgress,
     Ranking,
-    alike,
     behind,
     by_chance,
     rank,
@@ -441,7 +440,7 @@ def select(
     found = found.polished()
     last = rank(found.contest, found.regression, noise, decision, seed, found.labels)
     responses = Responses.of(last)
-    judged = [_judged(each, found, last, responses) for each in found.members]
+    judged = [judged_member(each, found, last, responses) for each in found.members]
     # of what came together only what is more than chance beside the others is a name
     members = [m for m in judged if m.path is not None or m.evidence is None or m.evidence.credible]
     if any(m.effect.loaded_link and not m.rejected for m in members):
@@ -453,51 +452,32 @@ def select(
             for m in members
             if m.evidence is None or m.effect.loaded_link or not (loaded or m.effect.implicit)
         ]
+    left = {m.label for m in members}
+    weak = [m for m in found.members if m.label not in left and m.label in given]
+    if weak:
+        bare = reduce(EffectSet.minus, weak, found)
+        members = [m for m in members if _stands(m, bare, first, noise, decision, seed)]
     return Selection(first, tuple(in_order(members, first, decision)), last)
 
 
-def in_order(members: Sequence[Member], first: Ranking, decision: Decision) -> list[Member]:
-    """Put members of a set in the order in which they are named: first those that are credible on
-    the model as it is, by what they explain there; the first name with its evidence there.
+def _stands(
+    member: Member, bare: EffectSet, first: Ranking, noise: NoiseDraws, decision: Decision,
+    seed: int,
+) -> bool:  # fmt: skip
+    """Return whether a member is credible without other values of known effects, which are too
+    little to be named: where all of them together make up for a misfit that is everywhere, what is
+    left beside them is less than chance explains of the misfit.
+
+    Args:
+        member: of a set; bare: that set without these values; first: all candidates on the model.
     """
-    found = sorted(members, key=lambda each: first.place(each.label))
-    named = next((i for i, m in enumerate(found) if not m.rejected), None)
-    if named is not None:
-        found[named] = _alone(found[named], first, decision)
-    return found
-
-
-def _alone(member: Member, first: Ranking, decision: Decision) -> Member:
-    """The member with its evidence on the model as it is, where it is credible there.
-
-    Beside other effects a member may be better than the simplest effect that explains the same part
-    alone; a user who adds one effect is given the latter, with the member among its rivals. One
-    that came with others is named with them, and its rivals are those beside them.
-    """
-    own = next((e for e in first.credible if e.effect.label == member.label), None)
-    if own is None:
-        return member
-    if member.grouped:
-        return replace(member, evidence=own)
-    simple = simplest(first, decision)
-    if simple is not None and alike(own, simple) and behind(own, simple) >= decision.rival_se:
-        own = simple
-        member = replace(member, stands_in=True)
-    return replace(member, effect=own.effect, evidence=own, rivals=rivals(own, first, decision))
-
-
-def _judged(member: Member, found: EffectSet, last: Ranking, responses: Responses) -> Member:
-    """The member with its gain and with what speaks against it."""
-    bare, e = found.minus(member), member.evidence
-    gain = found.rise(bare)
-    assert e is not None
-    if np.isnan(e.p):  # it came with others, and is judged beside them
-        refit = bare.regression.refit(member.columns)
-        share = bare.regression.gain(refit)
-        place = last.regression.place(member.columns)
-        p, limit = last.chance.p(share, place), last.chance.limit(place)
-        p = max(p, member.path or 0.0)
-        e = replace(
-            e, refit=refit, gain=share, limit=limit, p=p, credible=share > limit and e.sensible
-        )
-    return doubted(replace(member, evidence=e, gain=gain), bare.regression, last, responses)
+    if member.path is not None or any(e.effect.label == member.label for e in first.credible):
+        return True
+    others = bare.minus(next(m for m in bare.members if m.label == member.label))
+    if not others.members:
+        return False
+    beside = rank(
+        bare.contest, others.regression, noise, decision, seed, others.labels, curved=False,
+        least=NEAR,
+    )  # fmt: skip
+    return any(e.effect.label == member.label for e in beside.credible)
