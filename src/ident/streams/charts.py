@@ -45,7 +45,7 @@ MARGIN = 1.5  # for what a log of minutes has not shown yet
 BLOCKS = 8  # at least, in the longest sums, and drawn from a log
 FEWEST = 40  # intervals of a log of normal running
 USUAL = 0.5  # of the rows that an interval usually has; one with fewer is left out
-FELT = 1e-6  # of the largest column, singular value or component: a smaller one has no effect
+FELT = 1e-5  # of the largest column of its unit, singular value or component: less is no effect
 KNOWN = 0.03  # of the largest singular value of unit columns: a direction known less well stays
 REMAINS = 3.0  # times what is left of a change that has been named: that is no new change
 STREAMS, STEPS = 20, 2000  # simulated beside each other, and intervals of each
@@ -136,13 +136,18 @@ class NormalRunning:
 
     @classmethod
     def of(
-        cls, intervals: Sequence[WatchedInterval], sigma: np.ndarray, x: np.ndarray, material: float
+        cls,
+        intervals: Sequence[WatchedInterval],
+        sigma: np.ndarray,
+        x: np.ndarray,
+        material: float,
+        felt: np.ndarray | bool = True,
     ) -> NormalRunning:
-        """Learn normal running from `FEWEST` intervals or more."""
+        """Learn normal running from `FEWEST` intervals or more; felt (k,): see `felt_columns`."""
         triangle = Triangle.merge([each.triangle for each in intervals])
         s = np.array([each.score(x) for each in intervals])
         norm = triangle.column_norms()
-        felt = norm > FELT * norm.max(initial=0.0)
+        felt = felt & (norm > 0)
         total = np.where(felt, norm**2, 1.0)
         lengths = np.unique(np.geomspace(1, len(s) // BLOCKS, 8).astype(int))
         spread = np.max([_block_variance(s, total, int(n)) for n in lengths], axis=0)
@@ -192,7 +197,8 @@ class NormalRunning:
 
         By what the squares of the intervals `known` with the change have grown, or else all do.
         """
-        now, grown = NormalRunning.of(since, self.sigma, x, 0.0), np.full(len(self.energy), remains)
+        now = NormalRunning.of(since, self.sigma, x, 0.0, np.isfinite(self.least))
+        grown = np.full(len(self.energy), remains)
         if known:
             squares, rows = (
                 np.sum([getattr(e, n) for e in known], axis=0) for n in ("squares", "rows")
@@ -214,13 +220,22 @@ def _block_variance(s: np.ndarray, total: np.ndarray, length: int) -> np.ndarray
     return (sums**2).sum(axis=0) / total * (len(s) / (whole * length)) / (1 - 1 / whole)
 
 
-def moved_reference(triangle: Triangle, x: np.ndarray) -> np.ndarray:
+def felt_columns(triangle: Triangle, units: Sequence[str]) -> np.ndarray:
+    """(k,) columns that have an effect: sizes compare within a unit only."""
+    size, unit = triangle.column_norms(), np.array(units)
+    largest = np.array([size[unit == each].max() for each in unit])
+    return size > np.maximum(FELT * largest, np.finfo(float).eps * size.max(initial=0.0))
+
+
+def moved_reference(
+    triangle: Triangle, x: np.ndarray, felt: np.ndarray | bool = True
+) -> np.ndarray:
     """Move the reference to where normal running has it, in the directions that it knows well.
 
     x ← x + A⁺ (b − A x)
     """
     size = triangle.column_norms()
-    safe = np.where(size > FELT * size.max(initial=0.0), size, np.inf)
+    safe = np.where(felt & (size > 0), size, np.inf)
     return x + linear.pinv(triangle.R / safe, KNOWN) @ (triangle.d - triangle.R @ x) / safe
 
 

@@ -30,6 +30,7 @@ from ident.streams.charts import (
     NormalRunning,
     WatchedInterval,
     calibrated,
+    felt_columns,
     intervals_of,
     moved_reference,
     statistics,
@@ -224,9 +225,11 @@ class Monitor(Displayed):
                 f"{FEWEST} or more, better a thousand: give longer logs, of "
                 f"{enough:.3g} s in motion or more, or several"
             )
-        x = moved_reference(Triangle.merge([each.triangle for each in first]), x)
+        triangle = Triangle.merge([each.triangle for each in first])
+        felt = felt_columns(triangle, watched.columns.units)
+        x = moved_reference(triangle, x, felt)
         intervals = intervals_of(parts, interval, sigma, x)
-        normal = NormalRunning.of(intervals, sigma, x, material)
+        normal = NormalRunning.of(intervals, sigma, x, material, felt)
         charted = np.zeros(len(x), dtype=bool)
         charted[[i for suspect in watched.suspects for i in suspect.places[:DIRECT]]] = True
         calibration = calibrated(normal, charted, intervals, x)
