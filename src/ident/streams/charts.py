@@ -155,7 +155,9 @@ class NormalRunning:
         torque = sum(each.torque for each in intervals)
         least = np.sqrt(np.maximum(FLOOR**2 * spread, material**2 * torque) / total)
         squares, rows = (np.array([getattr(e, n) for e in intervals]) for n in ("squares", "rows"))
-        energy = squares.sum(axis=0) / np.maximum(rows.sum(axis=0), 1)
+        _, fitted = _step(triangle, x, felt)  # numbers of the reference: other rows leave more
+        free = max(1.0 - fitted / max(triangle.rows, 1), 0.5)
+        energy = squares.sum(axis=0) / np.maximum(free * rows.sum(axis=0), 1)
         each = squares / (np.maximum(rows, 1) * np.where(energy > 0, energy, 1.0))
         freedom = 2.0 / np.maximum(each.var(axis=0, ddof=1), 1e-3) / MARGIN
         return cls(sigma, triangle, spread, np.where(felt, least, np.inf), energy, freedom)
@@ -170,6 +172,15 @@ class NormalRunning:
         """Return normal running that scatters more."""
         spread, least = factor * self.spread, factor**0.5 * self.least
         return replace(self, spread=spread, least=least, freedom=self.freedom / factor)
+
+    def beyond_error(self, R: np.ndarray, r: np.ndarray) -> float:
+        """Return min |r − R δ|² + |A_n δ|², in which δ (k,) is the reference's own error."""
+        felt = np.isfinite(self.least)
+        both = np.vstack([R[:, felt], self.triangle.R[:, felt]])
+        size = np.linalg.norm(both, axis=0)
+        rest = np.append(r, np.zeros(len(self.triangle.R)))
+        delta, _ = linear.lstsq(both / size, rest, FELT)
+        return float(np.sum((rest - both / size @ delta) ** 2))
 
     def moved(
         self, places: np.ndarray, root: np.ndarray, since: Sequence[WatchedInterval], x: np.ndarray
@@ -234,9 +245,15 @@ def moved_reference(
 
     x ← x + A⁺ (b − A x)
     """
+    return x + _step(triangle, x, felt)[0]
+
+
+def _step(triangle: Triangle, x: np.ndarray, felt: np.ndarray | bool) -> tuple[np.ndarray, int]:
+    """Return A⁺ (b − A x) (k,) in the directions that are known well, and how many those are."""
     size = triangle.column_norms()
     safe = np.where(felt & (size > 0), size, np.inf)
-    return x + linear.pinv(triangle.R / safe, KNOWN) @ (triangle.d - triangle.R @ x) / safe
+    step, rank = linear.lstsq(triangle.R / safe, triangle.d - triangle.R @ x, KNOWN)
+    return step / safe, rank
 
 
 def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.ndarray, ...]:
