@@ -145,6 +145,20 @@ def test_sizes_of_columns_compare_within_a_unit():
     assert felt.tolist() == [True, True, False, False]
 
 
+def test_a_column_of_rounding_is_no_freedom_of_a_suspect(clean):
+    """As of a tilt across a planar machine, whose differences are second order."""
+    x, _, normal = clean
+    tilt = ident.effect("gravity_tilt")
+    rng = np.random.default_rng(14)
+    piece = pieces(rng, 20, x)
+    piece.A[:, :, 2] *= 1e-6
+    piece.b[:] += piece.A @ np.array([0.0, 0.4, 4e5, 0.0, 0.0])
+    suspects = (Suspect((tilt,), np.array([1, 2]), tilt.shapes, ("rad", "rad")),)
+    naming = name_change(suspects, intervals(piece, x), x, normal, 11.0)
+    assert naming.best.suspect.places.tolist() == [1]
+    assert not naming.sound
+
+
 def test_rivals_hold_the_truth_and_fewer_than_what_does_not_lead_alone(clean):
     """Two columns that are 99 % alike: the other one is excluded at three standard errors."""
     x, _, normal = clean

@@ -98,6 +98,18 @@ class Suspect:
         """`coulomb:elbow`, `viscous:elbow + coulomb:elbow`."""
         return " + ".join(effect.label for effect in self.effects)
 
+    def within(self, R: np.ndarray) -> Suspect:
+        """Return it without columns of rounding, as a tilt across a planar machine; a load has all
+        ten.
+        """
+        size = np.linalg.norm(R[:, self.places], axis=0)
+        keep = np.flatnonzero(size >= FELT * size.max())
+        if self.effects[0].loaded_link or len(keep) == len(size):
+            return self
+        own = zip(self.parameters, self.units, strict=True)
+        parameters, units = zip(*(each for i, each in enumerate(own) if i in keep), strict=True)
+        return Suspect(self.effects, self.places[keep], parameters, units)
+
     def contains(self, other: Suspect) -> bool:
         """Whether it is the other one and more."""
         return set(map(int, other.places)) < set(map(int, self.places))
@@ -267,6 +279,7 @@ def name_change(
     """Fit all suspects to the intervals of a window."""
     triangle = Triangle.merge([each.triangle for each in window])
     e, phi2 = triangle.d - triangle.R @ x, normal.typical
+    suspects = [each.within(triangle.R) for each in suspects]
     gains = left_out_gains(suspects, window, x) / phi2
     fitted = (
         Reading.of(suspect, triangle.R, e, x, phi2, float(gain))
