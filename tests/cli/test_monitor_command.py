@@ -195,8 +195,13 @@ def test_bad_input_is_one_line(spoken, log, words, said):
 
 
 def test_normal_running_that_is_too_short_is_stated_on_the_page(spoken, log, tmp_path):
-    spoken("monitor", CRANK, log, "--like", log, "--every", 100, "--out", tmp_path)
-    header = " ".join(read_page(tmp_path / "report.html").find(".//header").text_content().split())
+    like = tmp_path / "like.csv"
+    like.write_bytes(log.read_bytes())
+    spoken("monitor", CRANK, log, "--like", like, "--every", 100, "--out", tmp_path)
+    page = read_page(tmp_path / "report.html")
+    went_in = {each.text_content() for each in page.iterfind(".//th[@scope='row']")}
+    assert {"mechanism.toml", log.name, "like.csv"} <= went_in
+    header = " ".join(page.find(".//header").text_content().split())
     assert "alarms are not possible: normal running has only " in header
     assert "give longer logs" in header
     assert "ident monitor" not in header  # that would raise none either

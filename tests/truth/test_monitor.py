@@ -43,10 +43,18 @@ def test_a_change_is_named_and_measured(monitor):
     assert step.change == pytest.approx(0.3, abs=4 * step.stderr)
     assert step.stderr < 0.02
     assert "coulomb:elbow: Fc +0.3" in str(alarm)
+    assert not alarm.from_start
     assert json.loads(json.dumps(alarm.json()))["best"]["label"] == "coulomb:elbow"
     # what was named is the new normal, known better by then than at first
     at = own.watched.columns.index["coulomb.elbow.Fc"]
     assert own.reference[at] - own.normal[at] == pytest.approx(0.3, abs=0.01)
+
+
+def test_what_is_there_from_the_first_interval_may_be_older(monitor):
+    (alarm,) = monitor.fresh().watch(run(19, 30.0, {0.0: ("", {"coulomb.elbow.Fc": 1.1})}))
+    assert alarm.suspects == ("coulomb:elbow",)
+    assert alarm.from_start
+    assert f"since the beginning ({alarm.onset:.2f} s or earlier) changed" in alarm.headline
 
 
 def test_a_second_change_is_found_after_the_first(monitor):

@@ -12,6 +12,7 @@ from ident.streams.charts import (
     Charts,
     NormalRunning,
     calibrated,
+    felt_columns,
     intervals_of,
     moved_reference,
     statistics,
@@ -134,6 +135,61 @@ def test_columns_that_are_the_same_are_rivals(clean):
     naming = name_change(SUSPECTS, intervals(piece, x), x, normal, 11.0)
     labels = {naming.best.suspect.label, *(each.suspect.label for each in naming.rivals)}
     assert labels == {"torque_offset:b", "torque_offset:c"}
+
+
+def test_sizes_of_columns_compare_within_a_unit():
+    rng = np.random.default_rng(12)
+    A = rng.standard_normal((50, 4)) * np.array([1.0, 1e10, 1e-9, 1e-9])
+    A[:, 3] = 0.0
+    felt = felt_columns(Triangle.of(A, A[:, 0]), ("N", "m/N", "N", "kg"))
+    assert felt.tolist() == [True, True, False, False]
+
+
+def test_a_column_of_rounding_is_no_freedom_of_a_suspect(clean):
+    """As of a tilt across a planar machine, whose differences are second order."""
+    x, _, normal = clean
+    tilt = ident.effect("gravity_tilt")
+    rng = np.random.default_rng(14)
+    piece = pieces(rng, 20, x)
+    piece.A[:, :, 2] *= 1e-6
+    piece.b[:] += piece.A @ np.array([0.0, 0.4, 4e5, 0.0, 0.0])
+    suspects = (Suspect((tilt,), np.array([1, 2]), tilt.shapes, ("rad", "rad")),)
+    naming = name_change(suspects, intervals(piece, x), x, normal, 11.0)
+    assert naming.best.suspect.places.tolist() == [1]
+    assert not naming.sound
+
+
+def test_rivals_hold_the_truth_and_fewer_than_what_does_not_lead_alone(clean):
+    """Two columns that are 99 % alike: the other one is excluded at three standard errors."""
+    x, _, normal = clean
+    right = open_ = held = 0
+    for seed in range(100):
+        rng = np.random.default_rng(100 + seed)
+        piece = pieces(rng, 20, x)
+        piece.A[:, :, 2] = piece.A[:, :, 1] + 0.15 * piece.A[:, :, 2]
+        change = np.array([0.0, 2.0, 0.0, 0.0, 0.0])
+        piece.b[:] = piece.A @ (x + change) + rng.standard_normal(piece.b.shape)
+        naming = name_change(SUSPECTS, intervals(piece, x), x, normal, 11.0)
+        labels = [naming.best.suspect.label, *(each.suspect.label for each in naming.rivals)]
+        held += "torque_offset:b" in labels
+        right += labels == ["torque_offset:b"]
+        open_ += not naming.alone
+    assert held >= 98
+    assert right > 100 - open_
+
+
+def test_another_motion_is_judged_by_the_error_of_the_reference():
+    """Normal running of little motion leaves a reference that errs in ten times as much of it."""
+    rng, x = np.random.default_rng(13), np.zeros(K)
+    seen = intervals(pieces(rng, 40, x), x)
+    reference = moved_reference(Triangle.merge([each.triangle for each in seen]), x)
+    normal = NormalRunning.of(intervals(pieces(rng, 40, x), reference), np.ones(D), reference, 0.0)
+    piece = pieces(rng, 40, x)
+    piece.A[:] *= 10.0
+    piece.b[:] = piece.A @ np.array([0.0, 0.4, 0.0, 0.0, 0.0]) + rng.standard_normal(piece.b.shape)
+    naming = name_change(SUSPECTS, intervals(piece, reference), reference, normal, 11.0)
+    assert naming.excess > 2.5 > naming.surplus
+    assert naming.sound
 
 
 def test_what_no_suspect_explains_is_not_sound(clean):

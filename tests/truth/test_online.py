@@ -319,6 +319,19 @@ def test_a_clock_in_milliseconds_ends_the_stream_at_once():
         online.update({"t": 1e3 * case.log.t, **case.log.columns})
 
 
+@pytest.mark.parametrize(("factor", "against", "noted"), [(1.3, True, False), (1.3, False, True),
+                                                          (40.0, True, True)])  # fmt: skip
+def test_torques_of_another_size_than_a_fit_has_are_no_unit_but_a_load(factor, against, noted):
+    mechanism = robot("five_bar")
+    log = ident.read_log(ROBOTS / "five_bar" / "run.csv")
+    motion = ident.complete(mechanism, log)
+    torques = {n: factor * x for n, x in log.columns.items() if n.startswith("tau.")}
+    loaded = Log.from_arrays(log.name, log.t, {**log.columns, **torques})
+    online = Online(mechanism, like=ident.identify(mechanism, motion) if against else motion)
+    online.update(loaded)
+    assert any("URDF's bodies need" in note for note in online.finish().notes) == noted
+
+
 def test_a_named_fault_is_noted_and_standard_errors_hold_it():
     """All torques 40 ms late: friction is off by many standard errors of the scatter."""
     case = made("arm", FRICTION, seconds=10.0)

@@ -112,7 +112,8 @@ def monitor(
     history = None
     with contextlib.ExitStack() as ends:
         if page or out is not None:
-            from ident.show.streams import MonitorHistory, live_page
+            from ident.show.local import live_page
+            from ident.show.streams import MonitorHistory
 
             history = MonitorHistory(model, silent)
         if page and history is not None:
@@ -137,13 +138,12 @@ def monitor(
                 time.sleep(0.2)
     if session.raised:
         count = f"{n} alarms, first" if (n := len(session.raised)) > 1 else "1 alarm,"
-        notes(
-            [
-                f"{count} {session.raised[0].headline}; parameters "
-                "of all samples are a mean of before and after it: --forget S, or a new start, "
-                "tells what they are now"
-            ]
+        mean = (
+            "; parameters of all samples are a mean of before and after it: --forget S, or a new "
+            "start, tells what they are now"
         )
+        now = all(alarm.from_start for alarm in session.raised)
+        notes([f"{count} {session.raised[0].headline}{'' if now else mean}"])
 
 
 class Watch:

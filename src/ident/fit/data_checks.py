@@ -43,7 +43,8 @@ MANY = 3.0  # equations a parameter, of which fewer say nothing of bodies
 UNLIKE = 0.5**0.5  # … and below which less than half of its squares is of the same shape
 TIMES = 30.0  # of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TOGETHER = 3.0  # the same at all joints alike: masses in a URDF are rarely so wrong, units are
-SAME = 0.03  # difference of logarithms of factors that are one number, as no errors of masses are …
+SAME = 0.03  # difference of logarithms of factors that are one number, as no errors of masses are,
+ALIKE = 0.99  # … where torques correlate from there on (URDFs 15 % off do by 0.998, a load by 0.92)
 OTHER = 1.15  # … from which that number is another scale than the URDF's
 
 
@@ -202,6 +203,7 @@ class DataChecks(FaultSearch):
         may be wrong; but a fault where factors of several torques explain the log.
         """
         columns, table, gains = self.problem.columns, self.table, dict[str, float]()
+        alike = 1.0  # least correlation of the torques of `gains` with what the URDF's bodies need
         rigid = np.arange(len(columns)) < len(columns.rigid)
         beside = [table.effect_columns(each, [{}]) for each in self.common]
         for u, name in enumerate(self.problem.motion.independent):
@@ -216,8 +218,8 @@ class DataChecks(FaultSearch):
                 x - X @ np.linalg.lstsq(X, x, rcond=None)[0] for x in (now, then, tau)
             )
             like = max(_cosine(now, then), _cosine(fitted, own))  # bodies may stand in for those
-            if np.linalg.norm(own) > SMALL * sizes[1] and _cosine(own, logged) > LIKE:
-                gains[name] = float(own @ logged / (own @ own))
+            if np.linalg.norm(own) > SMALL * sizes[1] and (c := _cosine(own, logged)) > LIKE:
+                gains[name], alike = float(own @ logged / (own @ own)), min(alike, c)
             many = self.estimate.triangle.rows > MANY * self.estimate.base.rank
             matter = min(sizes) > LEAVES * float(np.linalg.norm(tau))
             if many and matter and like < UNLIKE and self.errors[name] < LEAVES:
@@ -229,7 +231,8 @@ class DataChecks(FaultSearch):
                 remedy = "check [mechanism] gravity, q.… and t against the machine"
                 yield Finding("unlike", text, remedy, (f"tau.{name}",), like, UNLIKE)
         logs = np.log(list(gains.values()))
-        least = OTHER if len(gains) > 1 and np.ptp(logs) < SAME else TOGETHER
+        one = len(gains) > 1 and np.ptp(logs) < SAME and alike > ALIKE
+        least = OTHER if one else TOGETHER
         far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}
         several = 2 * len(far) >= len(self.use.T) and len({x > 1 for x in far.values()}) == 1
         if several and len(far) > 1 and (fall := self._scaled_alike(gains)):

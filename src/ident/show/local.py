@@ -15,15 +15,19 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
 
 from ident.errors import IdentError
+from ident.show.charts import scripts
+from ident.show.template import piece
 
 HOST = "127.0.0.1"
 TOKEN = 16  # random bytes of the path: 128 bits, which nobody guesses
+REDRAWN = 1.0  # s between two states of a live page
 
 
 def wait() -> None:
@@ -170,3 +174,30 @@ class Readers:
         with self._lock:
             self._last = text
             send(text, self._sockets)
+
+
+@contextmanager
+def live_page(title: str, port: int, state: Callable[[], str]) -> Iterator[str]:
+    """Serve a page on 127.0.0.1 inside this context, which gives its address.
+
+    Args:
+        title: of the page.
+        port: 0 takes a free one.
+        state: called now and then; returns what `MonitorHistory.live` does, which the page draws.
+
+    Raises:
+        IdentError: if the port cannot be opened.
+    """
+    readers, ended = Readers(), threading.Event()
+
+    def tell() -> None:
+        last = ""
+        while not ended.wait(REDRAWN):
+            if (now := state()) != last:
+                readers.tell(last := now)
+
+    with Place(port).serve(str(piece("live", title, scripts())), readers.listen) as page:
+        threading.Thread(target=tell, daemon=True).start()
+        yield page.address
+        ended.set()
+        readers.tell(state())

@@ -192,10 +192,11 @@ def understood(mechanism: Mechanism, motion: Motion) -> Section:
     )
 
 
-def made_of(mechanism: Mechanism, motion: Motion, more: Sequence[Path] = ()) -> Section:
+def made_of(mechanism: Mechanism, motion: Motion | None, more: Sequence[Path] = ()) -> Section:
     """Return the command, the versions, and hashes of all files that went in, `more` among them."""
     files = [path for path in (mechanism.urdf, mechanism.toml) if path and path != Path()]
-    return origin([*files, *more], [(log.name, log.sha256) for log in motion.logs])
+    logs = motion.logs if motion else ()
+    return origin([*files, *more], [(log.name, log.sha256) for log in logs])
 
 
 # --- what a motion determines ---------------------------------------------------------------------

@@ -9,8 +9,7 @@ import json
 import shlex
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from markupsafe import Markup
 from ident.diagnosis import Diagnosis
 from ident.display import inputs, renders
 from ident.mechanism import Mechanism
-from ident.show.charts import FAINT, RESIDUAL, Chart, Line, Mark, Panel, pieces_of, scripts
+from ident.show.charts import FAINT, RESIDUAL, Chart, Line, Mark, Panel, pieces_of
 from ident.show.fit import summary
 from ident.show.html import (
     ROWS,
@@ -30,11 +29,10 @@ from ident.show.html import (
     Section,
     good_enough,
     next_command,
-    origin,
     paragraph,
     table,
 )
-from ident.show.local import Place, Readers
+from ident.show.motion import made_of
 from ident.show.sheet import Sheet
 from ident.show.template import piece
 from ident.streams.gather import Gathered
@@ -49,6 +47,7 @@ LAST = 2  # parameters in one line
 POOR = 0.05  # of the torque: a model that leaves more hides differences between logs
 MOSTLY = 0.9  # of a log's difference, that a part must explain to be named
 TINY = 1e-12  # a smaller chance is printed as this
+SIZED = 3  # rivals of a cause, up to which all are printed with their sizes
 BLIND = 10.0  # times a change: a standard error beyond which it is not printed
 
 
@@ -249,13 +248,16 @@ def cause_text(x: Cause) -> str:
 @renders(Alarm, "headline")
 def headline(x: Alarm) -> str:
     """Return the alarm in one line."""
-    since = f"since {x.onset:.2f} s"
+    onset = f"{x.onset:.2f} s"
+    since = f"since the beginning ({onset} or earlier)" if x.from_start else f"since {onset}"
     if not x.suspects or x.best is None:
         near = f"; nearest, but no explanation: {x.best.label}" if x.best else ""
         return f"{since} something has changed, cannot tell what{near}"
     if x.verdict == "named":
         return f"{since} changed: {x.best}"
-    return f"{since} changed: one of {', '.join(x.suspects)}"
+    few = len(x.rivals) < SIZED
+    which = map(str, (x.best, *x.rivals)) if few else x.suspects
+    return f"{since} changed: one of {('; ' if few else ', ').join(which)}"
 
 
 @renders(Alarm, "sheet")
@@ -300,7 +302,6 @@ PANELS = 8  # parameters that have a chart; all are in the tables
 FORCES = 6  # multipliers that have one
 SHARE = 1.96  # standard errors on either side of a band
 SETTLED = 10.0  # times its median: a standard error above, at the beginning, is not drawn
-REDRAWN = 1.0  # s between two states of a page
 
 
 class ThinnedSeries:
@@ -398,8 +399,8 @@ class MonitorHistory:
         found = self._last
         if found is None:
             return ()
-        rows = [["since [s]", "sure at [s]", "alarm"]]
-        rows += [[f"{x.onset:.2f}", f"{x.detected:.2f}", x.headline] for x in self._alarms]
+        rows = [["alarm", "sure at [s]", "named at [s]"]]
+        rows += [[x.headline, f"{x.detected:.2f}", f"{x.named:.2f}"] for x in self._alarms]
         bodies = set(self._mechanism.bodies.names)  # what has changed and may wear comes first
         suspects = [s.removeprefix("payload:") for x in self._alarms for s in x.suspects]
         changed = tuple(f"{each.replace(':', '.', 1)}." for each in suspects)
@@ -481,7 +482,9 @@ class MonitorHistory:
 
     def report(self) -> bytes:
         """Return report.html."""
-        went_in = origin([self._mechanism.urdf], [])
+        given = inputs.get()
+        logs = [Path(name) for name in (*given.logs, *given.like)] if given else []
+        went_in = made_of(self._mechanism, None, [log for log in logs if log.is_file()])
         return Page(f"{self._mechanism.name}: monitor", self.card, (*self.sections, went_in)).html()
 
     def live(self) -> str:
@@ -493,30 +496,3 @@ class MonitorHistory:
             if section.blocks:
                 blocks += [Markup("<h2>{}</h2>").format(section.title), *section.blocks]
         return json.dumps(pieces_of(blocks))
-
-
-@contextmanager
-def live_page(title: str, port: int, state: Callable[[], str]) -> Iterator[str]:
-    """Serve a page on 127.0.0.1 inside this context, which gives its address.
-
-    Args:
-        title: of the page.
-        port: 0 takes a free one.
-        state: called now and then; returns what `MonitorHistory.live` does, which the page draws.
-
-    Raises:
-        IdentError: if the port cannot be opened.
-    """
-    readers, ended = Readers(), threading.Event()
-
-    def tell() -> None:
-        last = ""
-        while not ended.wait(REDRAWN):
-            if (now := state()) != last:
-                readers.tell(last := now)
-
-    with Place(port).serve(str(piece("live", title, scripts())), readers.listen) as page:
-        threading.Thread(target=tell, daemon=True).start()
-        yield page.address
-        ended.set()
-        readers.tell(state())

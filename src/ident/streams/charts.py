@@ -45,7 +45,7 @@ MARGIN = 1.5  # for what a log of minutes has not shown yet
 BLOCKS = 8  # at least, in the longest sums, and drawn from a log
 FEWEST = 40  # intervals of a log of normal running
 USUAL = 0.5  # of the rows that an interval usually has; one with fewer is left out
-FELT = 1e-6  # of the largest column, singular value or component: a smaller one has no effect
+FELT = 1e-5  # of the largest column of its unit, singular value or component: less is no effect
 KNOWN = 0.03  # of the largest singular value of unit columns: a direction known less well stays
 REMAINS = 3.0  # times what is left of a change that has been named: that is no new change
 STREAMS, STEPS = 20, 2000  # simulated beside each other, and intervals of each
@@ -136,13 +136,18 @@ class NormalRunning:
 
     @classmethod
     def of(
-        cls, intervals: Sequence[WatchedInterval], sigma: np.ndarray, x: np.ndarray, material: float
+        cls,
+        intervals: Sequence[WatchedInterval],
+        sigma: np.ndarray,
+        x: np.ndarray,
+        material: float,
+        felt: np.ndarray | bool = True,
     ) -> NormalRunning:
-        """Learn normal running from `FEWEST` intervals or more."""
+        """Learn normal running from `FEWEST` intervals or more; felt (k,): see `felt_columns`."""
         triangle = Triangle.merge([each.triangle for each in intervals])
         s = np.array([each.score(x) for each in intervals])
         norm = triangle.column_norms()
-        felt = norm > FELT * norm.max(initial=0.0)
+        felt = felt & (norm > 0)
         total = np.where(felt, norm**2, 1.0)
         lengths = np.unique(np.geomspace(1, len(s) // BLOCKS, 8).astype(int))
         spread = np.max([_block_variance(s, total, int(n)) for n in lengths], axis=0)
@@ -150,7 +155,9 @@ class NormalRunning:
         torque = sum(each.torque for each in intervals)
         least = np.sqrt(np.maximum(FLOOR**2 * spread, material**2 * torque) / total)
         squares, rows = (np.array([getattr(e, n) for e in intervals]) for n in ("squares", "rows"))
-        energy = squares.sum(axis=0) / np.maximum(rows.sum(axis=0), 1)
+        _, fitted = _step(triangle, x, felt)  # numbers of the reference: other rows leave more
+        free = max(1.0 - fitted / max(triangle.rows, 1), 0.5)
+        energy = squares.sum(axis=0) / np.maximum(free * rows.sum(axis=0), 1)
         each = squares / (np.maximum(rows, 1) * np.where(energy > 0, energy, 1.0))
         freedom = 2.0 / np.maximum(each.var(axis=0, ddof=1), 1e-3) / MARGIN
         return cls(sigma, triangle, spread, np.where(felt, least, np.inf), energy, freedom)
@@ -165,6 +172,15 @@ class NormalRunning:
         """Return normal running that scatters more."""
         spread, least = factor * self.spread, factor**0.5 * self.least
         return replace(self, spread=spread, least=least, freedom=self.freedom / factor)
+
+    def beyond_error(self, R: np.ndarray, r: np.ndarray) -> float:
+        """Return min |r − R δ|² + |A_n δ|², in which δ (k,) is the reference's own error."""
+        felt = np.isfinite(self.least)
+        both = np.vstack([R[:, felt], self.triangle.R[:, felt]])
+        size = np.linalg.norm(both, axis=0)
+        rest = np.append(r, np.zeros(len(self.triangle.R)))
+        delta, _ = linear.lstsq(both / size, rest, FELT)
+        return float(np.sum((rest - both / size @ delta) ** 2))
 
     def moved(
         self, places: np.ndarray, root: np.ndarray, since: Sequence[WatchedInterval], x: np.ndarray
@@ -192,7 +208,8 @@ class NormalRunning:
 
         By what the squares of the intervals `known` with the change have grown, or else all do.
         """
-        now, grown = NormalRunning.of(since, self.sigma, x, 0.0), np.full(len(self.energy), remains)
+        now = NormalRunning.of(since, self.sigma, x, 0.0, np.isfinite(self.least))
+        grown = np.full(len(self.energy), remains)
         if known:
             squares, rows = (
                 np.sum([getattr(e, n) for e in known], axis=0) for n in ("squares", "rows")
@@ -214,14 +231,29 @@ def _block_variance(s: np.ndarray, total: np.ndarray, length: int) -> np.ndarray
     return (sums**2).sum(axis=0) / total * (len(s) / (whole * length)) / (1 - 1 / whole)
 
 
-def moved_reference(triangle: Triangle, x: np.ndarray) -> np.ndarray:
+def felt_columns(triangle: Triangle, units: Sequence[str]) -> np.ndarray:
+    """(k,) columns that have an effect: sizes compare within a unit only."""
+    size, unit = triangle.column_norms(), np.array(units)
+    largest = np.array([size[unit == each].max() for each in unit])
+    return size > np.maximum(FELT * largest, np.finfo(float).eps * size.max(initial=0.0))
+
+
+def moved_reference(
+    triangle: Triangle, x: np.ndarray, felt: np.ndarray | bool = True
+) -> np.ndarray:
     """Move the reference to where normal running has it, in the directions that it knows well.
 
     x ← x + A⁺ (b − A x)
     """
+    return x + _step(triangle, x, felt)[0]
+
+
+def _step(triangle: Triangle, x: np.ndarray, felt: np.ndarray | bool) -> tuple[np.ndarray, int]:
+    """Return A⁺ (b − A x) (k,) in the directions that are known well, and how many those are."""
     size = triangle.column_norms()
-    safe = np.where(size > FELT * size.max(initial=0.0), size, np.inf)
-    return x + linear.pinv(triangle.R / safe, KNOWN) @ (triangle.d - triangle.R @ x) / safe
+    safe = np.where(felt & (size > 0), size, np.inf)
+    step, rank = linear.lstsq(triangle.R / safe, triangle.d - triangle.R @ x, KNOWN)
+    return step / safe, rank
 
 
 def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -30,6 +30,7 @@ from ident.streams.charts import (
     NormalRunning,
     WatchedInterval,
     calibrated,
+    felt_columns,
     intervals_of,
     moved_reference,
     statistics,
@@ -77,6 +78,7 @@ class Alarm(Displayed):
 
     Attributes:
         onset, detected, named: since when, when it was sure, when it was named [s].
+        from_start: whether the onset is that of the first interval, so it may have been earlier.
         verdict: `named`, `one of` (what this motion does not tell apart) or `cannot tell` (nothing
             in the library explains it).
         best: the likeliest cause; rivals: others that it may be.
@@ -95,6 +97,7 @@ class Alarm(Displayed):
     evidence: float
     threshold: float
     errors: Mapping[str, float]
+    from_start: bool
 
     @property
     def suspects(self) -> tuple[str, ...]:
@@ -128,7 +131,7 @@ class _Raised:
 
     def ready(self, naming: Naming, length: int) -> bool:
         """Whether one suspect has led alone for long enough, on a window of `length` intervals."""
-        alone = naming.best is not None and naming.sound and not naming.rivals
+        alone = naming.best is not None and naming.sound and naming.alone
         leader = naming.best.suspect.label if naming.best and alone else ""
         self.lead = self.lead + 1 if leader and leader == self.leader else int(alone)
         self.leader = leader
@@ -170,6 +173,7 @@ class Monitor(Displayed):
         self._charts = Charts.fresh(len(self.design.weight))
         self._cutter = Cutter(self.seconds)
         self._held: deque[WatchedInterval] = deque(maxlen=HELD)
+        self._begun = np.inf  # start of the first interval [s]
 
     @classmethod
     def of(
@@ -224,9 +228,11 @@ class Monitor(Displayed):
                 f"{FEWEST} or more, better a thousand: give longer logs, of "
                 f"{enough:.3g} s in motion or more, or several"
             )
-        x = moved_reference(Triangle.merge([each.triangle for each in first]), x)
+        triangle = Triangle.merge([each.triangle for each in first])
+        felt = felt_columns(triangle, watched.columns.units)
+        x = moved_reference(triangle, x, felt)
         intervals = intervals_of(parts, interval, sigma, x)
-        normal = NormalRunning.of(intervals, sigma, x, material)
+        normal = NormalRunning.of(intervals, sigma, x, material, felt)
         charted = np.zeros(len(x), dtype=bool)
         charted[[i for suspect in watched.suspects for i in suspect.places[:DIRECT]]] = True
         calibration = calibrated(normal, charted, intervals, x)
@@ -269,6 +275,7 @@ class Monitor(Displayed):
 
     def _step(self, interval: WatchedInterval) -> Alarm | None:
         self._held.append(interval)
+        self._begun = min(self._begun, interval.start)
         if self.raised is None:
             self._charts.update(self.design.evidence(*statistics([interval], self.reference))[0])
             if self.evidence < self.threshold:
@@ -319,6 +326,7 @@ class Monitor(Displayed):
                 for name, x, energy in zip(self.watched.joints, rms, normal.energy, strict=True)
                 if energy > 0
             },
+            from_start=window[0].start <= self._begun,
         )
         self.alarms.append(alarm)
         raised.named, self._now = alarm.named, self._moved(naming)
@@ -358,7 +366,7 @@ class Monitor(Displayed):
         if naming.best is not None:
             places, root = naming.best.suspect.places, naming.best.root
         normal = normal.moved(places, root, since, self.reference)
-        if not naming.sound or naming.surplus >= SURPLUS:  # noise may have grown with a load
+        if not naming.sound or naming.excess >= SURPLUS:  # noise may have grown with a load
             known = [each for each in since if each.start >= raised.named]
             normal = normal.worse(since, self.reference, naming.remains, known)
         self.design = Design.of(normal, self.design.mask)

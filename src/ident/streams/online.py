@@ -26,6 +26,8 @@ from ident.equations.rows import Rows, Scene, row_supports
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, IdentError, LogError, MotionError, one_of
 from ident.fit import Fit, identify
+from ident.fit.data_checks import TIMES
+from ident.fit.findings import Finding
 from ident.fit.prediction import identifiable_multipliers
 from ident.fit.problem import plausible_of
 from ident.fit.shapes import working_point
@@ -172,6 +174,7 @@ class Online:
         self.findings: list[Since] = []  # new ones
         self._early: list[np.ndarray] | None = []  # samples not yet looked at for errors
         self._bias: np.ndarray | None = None  # of the unknowns, by errors that are named
+        self._reference = like if isinstance(like, Fit) else None  # until errors were looked for
         if like is not None:
             self._begin(like)
 
@@ -286,10 +289,20 @@ class Online:
                     motion = complete(mechanism, log)
                     fit = identify(mechanism, motion, estimator="least-squares")
                     self._bias = fit.checks.moved
-                    findings = (*fit.health.findings, *fit.checks.poor())
+                    findings = (*filter(self._is_new, fit.health.findings), *fit.checks.poor())
                     self.findings = self._watch.note(findings, float(some[0, 0]))
+                self._reference = None
         states = [e.at_samples(inside) for e, inside in stream.windows]
         self.findings = [*self.findings, *self._watch.add(X, states, over)]
+
+    def _is_new(self, finding: Finding) -> bool:
+        """Whether a finding is none that a load may make of torques whose unit fits the reference:
+        a machine that carries more needs other torques than the URDF's bodies.
+        """
+        if finding.code != "magnitude" or finding.number is None or self._reference is None:
+            return True
+        fitting = not any(each.code == "magnitude" for each in self._reference.health.findings)
+        return not fitting or max(finding.number, 1 / finding.number) > TIMES
 
     def _found(self, stream: Stream) -> Snapshot:
         solved, informed = self._solve()

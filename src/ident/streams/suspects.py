@@ -7,12 +7,20 @@ else is arithmetic on the triangle R of the intervals, in all columns:
 
     θ_g = argmin |e − R_g θ|²,   F_g = |R_g θ_g|²          e = d − R x_ref
     gain   G_g = Σ_k D_k / φ²        fall of the squares of intervals that are left out of the fit
-    apart  z_gh = (G_g − G_h) / (2 |R_g θ_g − R_h θ_h| / φ)     of nested ones the smaller if z < 3
+    apart  z_gh = (G_g − G_h) / (2 d_gh),  d_gh = |R_g θ_g − R_h θ_h| / φ
+                                     of nested ones the smaller if z < 3
 
 If g is the truth, F_g − F_h scatters with twice the distance of the two predictions, so z is the
 evidence for g over h in its own standard errors (Vuong, Econometrica 57(2), 1989, with the noise
-known from normal running); suspects within APART of the best are its rivals. A load is a body that
-can exist, put on or taken off, since ten free columns explain much that no body does:
+known from normal running); one that is APART of all others leads alone. z is d/2 ± 1 if g is the
+truth and −d/2 ± 1 if h is, so in the end h is no rival where z + d/2, of which d/2 counts up to
+z + 1, is APART. What the best leaves is compared with noise and the error δ of x_ref, which the
+normal rows A_n hold:
+
+    rest = min |r − R δ|² + |A_n δ|²          r: what g leaves
+
+A load is a body that can exist, put on or taken off, since ten free columns explain much that no
+body does:
 
     θ = argmin |C θ − e|²     such that P(θ) ⪰ 0, or P(−θ) ⪰ 0     (the 4 × 4 pseudo-inertia)
 
@@ -44,7 +52,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.motion import Motion
 from ident.motion.state import State
-from ident.streams.charts import FELT, NormalRunning, WatchedInterval
+from ident.streams.charts import FELT, MARGIN, NormalRunning, WatchedInterval
 
 WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
 DIRECT = 4  # columns of a suspect that have charts; of a payload the mass and its first moments
@@ -89,6 +97,18 @@ class Suspect:
     def label(self) -> str:
         """`coulomb:elbow`, `viscous:elbow + coulomb:elbow`."""
         return " + ".join(effect.label for effect in self.effects)
+
+    def within(self, R: np.ndarray) -> Suspect:
+        """Return it without columns of rounding, as a tilt across a planar machine; a load has all
+        ten.
+        """
+        size = np.linalg.norm(R[:, self.places], axis=0)
+        keep = np.flatnonzero(size >= FELT * size.max())
+        if self.effects[0].loaded_link or len(keep) == len(size):
+            return self
+        own = zip(self.parameters, self.units, strict=True)
+        parameters, units = zip(*(each for i, each in enumerate(own) if i in keep), strict=True)
+        return Suspect(self.effects, self.places[keep], parameters, units)
 
     def contains(self, other: Suspect) -> bool:
         """Whether it is the other one and more."""
@@ -216,10 +236,11 @@ class Reading:
         fall = float(e @ e - np.sum((e - predicted) ** 2))
         return cls(suspect, theta, np.where(alone, error, np.nan), root, fall, gain, predicted)
 
-    def apart_from(self, other: Reading, phi2: float) -> float:
-        """Return z over another; two that predict nearly the same differ by their gain only."""
+    def apart_from(self, other: Reading, phi2: float) -> tuple[float, float]:
+        """Return z over another and d; if both predict nearly the same, their gain alone counts."""
         distance = float(np.linalg.norm(self.predicted - other.predicted)) / np.sqrt(phi2)
-        return (self.gain - other.gain) / (2.0 * max(distance, 1.0))
+        d = max(distance, 1.0)
+        return (self.gain - other.gain) / (2.0 * d), d
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +249,9 @@ class Naming:
 
     readings: tuple[Reading, ...]  # best first
     rivals: tuple[Reading, ...]  # of the best one
-    surplus: float  # standard errors by which what the best leaves exceeds noise
+    alone: bool  # whether the best is APART of all others
+    excess: float  # standard errors by which what the best leaves exceeds noise …
+    surplus: float  # … and the error of x_ref
     explained: float  # share of the squares beyond noise that it removes
     remains: float  # mean square of what is left, 1 in normal running
     least: float  # gain that a cause must have to be one
@@ -256,6 +279,7 @@ def name_change(
     """Fit all suspects to the intervals of a window."""
     triangle = Triangle.merge([each.triangle for each in window])
     e, phi2 = triangle.d - triangle.R @ x, normal.typical
+    suspects = [each.within(triangle.R) for each in suspects]
     gains = left_out_gains(suspects, window, x) / phi2
     fitted = (
         Reading.of(suspect, triangle.R, e, x, phi2, float(gain))
@@ -264,7 +288,7 @@ def name_change(
     readings = sorted(filter(None, fitted), key=lambda each: -each.gain)
     for smaller in readings[1:]:
         contained = readings[0].suspect.contains(smaller.suspect)
-        if contained and readings[0].apart_from(smaller, phi2) < APART:
+        if contained and readings[0].apart_from(smaller, phi2)[0] < APART:
             readings.remove(smaller)  # as good with fewer numbers
             readings.insert(0, smaller)
             break
@@ -274,16 +298,22 @@ def name_change(
     scatter = max(float(np.sqrt((2.0 / normal.freedom * usual**2).sum())), TINY)
     squares = float(e @ e + triangle.rho**2)
     rest = squares - (best.fall if best else 0.0)
+    left = normal.beyond_error(triangle.R, e - best.predicted if best else e) + triangle.rho**2
+    louder = max(1.0, left / expected / MARGIN) ** 0.5  # than normal running with its margin
+    z, d = np.array([readings[0].apart_from(each, phi2) for each in readings]).reshape(-1, 2).T
+
+    def others(evidence: np.ndarray, bound: float) -> tuple[Reading, ...]:
+        """Of less evidence against them; what is another one and more is no other."""
+        near = [each for each, x in zip(readings, evidence, strict=True) if x < bound]  # best first
+        more = (any(each.suspect.contains(x.suspect) for x in near) for each in near)
+        return tuple(each for each, is_more in zip(near, more, strict=True) if not is_more)[1:]
+
     return Naming(
         readings=tuple(readings),
-        rivals=tuple(
-            each
-            for each in readings[1:]
-            if best  # what is the best one and more is no other
-            and not each.suspect.contains(best.suspect)
-            and best.apart_from(each, phi2) < APART
-        ),
-        surplus=(rest - expected) / scatter,
+        rivals=others(z + np.minimum(z + 1.0, d / 2), APART * louder),
+        alone=not others(z, APART),
+        excess=(rest - expected) / scatter,
+        surplus=(left - expected) / scatter,
         explained=(squares - rest) / max(squares - expected, TINY),
         remains=rest / expected,
         least=least,
