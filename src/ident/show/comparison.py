@@ -50,7 +50,7 @@ from ident.show.residual import (
     where_lines,
 )
 from ident.show.sheet import Sheet
-from ident.text import WIDTH, listed, places, rounded, shortened, two_digits
+from ident.text import WIDTH, listed, places, rounded, shortened, significant, two_digits
 
 SCHEMA = "ident.compare/1"
 COEFFICIENT = re.compile(r"(?<= )[\d.]+(?:e[+-]\d+)?(?= )")
@@ -202,7 +202,7 @@ def _parameters(residuals: Models) -> tuple[Block, ...]:
     def row(name: str) -> list[str]:
         cells, unit = [], ""
         for base, own in zip(found, values, strict=True):
-            known = f"{own[name]:.5g}" if name in own else "–"
+            known = significant(own[name], 5) if name in own else "–"
             cells.append(rounded(base[name].value, base[name].stderr) if name in base else known)
             unit = base[name].unit if name in base else unit
         return [shortened(name, WIDTH), *cells, unit]

@@ -32,7 +32,7 @@ from ident.show.charts import (
 from ident.show.html import LOGS, Block, Choice, Option, Section, by_log, paragraph
 from ident.show.html import table as html_table
 from ident.show.sheet import Sheet
-from ident.text import percent
+from ident.text import percent, significant
 
 ROUNDING = 1e-12  # of the measured torque: below, a part is nil
 MOST = 3  # windows that are shown; all are in compare.json
@@ -60,7 +60,10 @@ def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:
     rows = [["joint", *(cell for title in titles for cell in (title, ""))]]
     for joint in joints:
         errors = (named[title].get(joint) for title in titles)
-        cells = ((f"{e.rms:.3g} {e.unit}", percent(e.relative)) if e else ("", "") for e in errors)
+        cells = (
+            (f"{significant(e.rms)} {e.unit}", percent(e.relative)) if e else ("", "")
+            for e in errors
+        )
         rows.append([joint, *(cell for pair in cells for cell in pair)])
     return rows
 
@@ -78,7 +81,7 @@ def parts_rows(residual: Residual) -> list[list[str]]:
     columns = [["joint", *residual.joints], ["unit", *residual.units]]
     for name, values in total.items():
         nil = values < ROUNDING * measured
-        columns.append([name, *(f"{x:.3g}" for x in np.where(nil, 0.0, values))])
+        columns.append([name, *(significant(x) for x in np.where(nil, 0.0, values))])
     return [list(row) for row in zip(*columns, strict=True)]
 
 
@@ -103,10 +106,8 @@ def failure_text(failure: Failure, several: bool = True, judged: Judged | None =
     white = "no structure found" if failure.white else "has structure"
     what, errors = judged or ("residual", {})
     error = errors.get(failure.joint, failure)
-    first = (
-        f"{failure.joint}: {what} {error.rms:.3g} {failure.unit} ({percent(error.relative)}), "
-        f"{100 * failure.share:.0f} % of the misfit; {white}"
-    )
+    size = f"{significant(error.rms)} {failure.unit} ({percent(error.relative)})"
+    first = f"{failure.joint}: {what} {size}, {100 * failure.share:.0f} % of the misfit; {white}"
     return "; ".join(filter(None, (first, details(failure, several))))
 
 
