@@ -173,8 +173,8 @@ def clipped(c: LoggedChannel) -> Judgement:
     """A torque that stays at an extreme of its channel."""
     share = float(at_limit(c.x).mean())
     text = (
-        f"{100 * share:.2g} % of the samples stay at an extreme ({significant(np.abs(c.x).max(), 4)})"
-        ": the range of the drive or of its sensor ends there"
+        f"{100 * share:.2g} % of the samples stay at an extreme "
+        f"({significant(np.abs(c.x).max(), 4)}): the range of the drive or of its sensor ends there"
     )
     remedy = "leave these stretches empty, or move within that range"
     return (share, CLIPPED, text, remedy) if share else None

@@ -167,10 +167,11 @@ def comparison_files(c: Comparison, replay: Plotted | None = None) -> dict[str, 
     first, last = (list(residuals.values())[i] for i in (0, -1))
     mechanism, motion = first.model.mechanism, first.motion
     changed = "" if first is last else _changed(first, last)[0]
+    counted = {name: _judged(c, residual) for name, residual in residuals.items()}
     sections = (
         errors_section(error_rows(_error_columns(c))),
         Section("Parameters", _parameters(residuals)),
-        *residual_sections(c.predictions, residuals, _judged(c, last), changed),
+        *residual_sections(c.predictions, residuals, counted, changed),
         *([render(replay, "section")] if replay else []),
         Section("Multipliers", _multipliers(c)),
         understood(mechanism, motion),

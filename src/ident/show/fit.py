@@ -385,7 +385,7 @@ def fit_sections(
         *residual_sections(
             {fit.name: fit.predictions},
             {fit.name: fit.residual},
-            judged_of(fit),
+            {fit.name: judged_of(fit)},
             first,
             predict(fit.mechanism, fit.motion, urdf_of(fit).point),
         ),
