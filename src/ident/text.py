@@ -7,6 +7,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -14,15 +15,15 @@ WIDTH = 100  # characters of a line, where no terminal is narrower
 NARROW = 40  # of a terminal, in which nothing is set narrower
 MUCH = 10.0  # relative error above which its size says nothing more
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
-LARGE = 1e5  # below, a number with an error is written without an exponent
+LARGE = 1e6  # below, a number with an error is written without an exponent
 
 
 def rounded(value: float, stderr: float | None) -> str:
     """Return a value with the digits that its standard error justifies: `0.2003 ± 0.0004`."""
     if stderr is None:
-        return f"{value:.5g}"
+        return significant(value, 5)
     if not np.isfinite(stderr):
-        return f"{value:.5g} ± ?"
+        return f"{significant(value, 5)} ± ?"
     if stderr == 0:
         return f"{value:.9g}"
     digits = int(np.floor(np.log10(abs(value) / stderr))) + 2 if value else 2
@@ -32,13 +33,16 @@ def rounded(value: float, stderr: float | None) -> str:
     return " ± ".join(texts)
 
 
-def two_digits(x: float) -> str:
-    """Return a number with two digits, hundreds without an exponent.
+def significant(x: float, digits: int = 3) -> str:
+    """Return a number with some digits, below a million without an exponent.
 
-    >>> two_digits(1234.0), two_digits(0.0567)
-    ('1200', '0.057')
+    >>> significant(60412.0), significant(0.0567, 2), significant(2.5e6)
+    ('60400', '0.057', '2.5e+06')
     """
-    return f"{float(f'{x:.2g}'):g}"
+    return f"{float(f'{x:.{digits}g}'):g}"
+
+
+two_digits = partial(significant, digits=2)
 
 
 def table(rows: Sequence[Sequence[str]], indent: str = "  ") -> list[str]:
@@ -124,7 +128,7 @@ def percent(relative: float | None) -> str:
     """Return a relative error in percent, or a dash where nothing was measured."""
     if relative is None:
         return "–"
-    return "over 1000 %" if relative > MUCH else f"{100 * relative:.3g} %"
+    return "over 1000 %" if relative > MUCH else f"{significant(100 * relative)} %"
 
 
 def shortened(name: str, most: int = 72) -> str:

@@ -26,6 +26,7 @@ from ident.effects import Effect
 from ident.effects.formula import Formula, Term
 from ident.information.chance import quantile
 from ident.information.hypotheses import Array, PartialRegression, Refit
+from ident.text import significant
 
 STEPS = 8  # of Gauss-Newton
 LONGEST = 0.3  # of a shape's range, the longest step
@@ -214,7 +215,9 @@ class FittedFormula:
     refit: Refit
 
     def __repr__(self) -> str:
-        constants = ", ".join(f"{name} = {value:.4g}" for name, value in self.shape.items())
+        constants = ", ".join(
+            f"{name} = {significant(value, 4)}" for name, value in self.shape.items()
+        )
         return f"{self.formula.text}" + (f", {constants}" if constants else "")
 
     @property

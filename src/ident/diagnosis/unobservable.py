@@ -112,7 +112,9 @@ def _why(fit: Fit, regression: PartialRegression, group: np.ndarray) -> str:
 
 
 def unsupported(fit: Fit, contest: Contest, decision: Decision) -> tuple[Unsupported, ...]:
-    """Effects of the model without which the left-out error is no larger, and absurd ones."""
+    """Effects of the model without which the left-out error rises by no more than chance, and
+    absurd ones.
+    """
     found = []
     regression = contest.regression
     torque = max(float(torque_squares(contest, regression).sum()), 1e-300)
@@ -128,9 +130,12 @@ def unsupported(fit: Fit, contest: Contest, decision: Decision) -> tuple[Unsuppo
         elif len(mine):
             D = (regression.without(mine).losses - regression.losses).sum(axis=1)
             size = float(np.sqrt(max(D.sum(), 0.0) / torque))
-            if zscore(D) < decision.rival_se or D.sum() <= 0:
-                why = f"without it the held-out error is no larger (z = {zscore(D):.1f})"
+            if D.sum() <= 0:
+                why = "without it the held-out error of all joints together is no larger"
                 found.append(Unsupported(effect, why, False))
+            elif (z := zscore(D)) < decision.rival_se:
+                why = "without it the held-out error is larger by no more than chance makes it "
+                found.append(Unsupported(effect, f"{why}(z = {z:.1f})", False))
             elif size < decision.material / 10:
                 why = f"it explains {100 * size:.2g} % of the torque only"
                 found.append(Unsupported(effect, why, False))

@@ -21,6 +21,7 @@ from ident.motion import Motion, State
 from ident.motion.noise import noise_level, noise_share
 from ident.motion.recipe import ROWS_OVER_MOTION
 from ident.motion.signals import CLIPPED, LARGEST, absurd_samples, at_limit, runs
+from ident.text import significant
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 
@@ -110,7 +111,7 @@ def constant(c: LoggedChannel) -> Judgement:
     return (
         0.0,
         0.0,
-        f"always {c.x[0] + 0.0:.4g} while the joint moves: no measurement",
+        f"always {significant(c.x[0] + 0.0, 4)} while the joint moves: no measurement",
         f"map the right column in [log], or put '{c.joint.name}' among the passive joints",
     )
 
@@ -162,8 +163,8 @@ def frozen(c: LoggedChannel) -> Judgement:
     else:
         wrong = last < len(step) and step[last] > JUMP * np.delete(step, last).max()
     text = (
-        f"stays at {c.x[first]:.4g} for {seconds:.3g} s from t = {c.t[first]:.4g} s on, while the "
-        "joint moves"
+        f"stays at {significant(c.x[first], 4)} for {seconds:.3g} s from t = {c.t[first]:.4g} s "
+        "on, while the joint moves"
     )
     return (seconds, FROZEN, text, "leave these samples empty") if wrong else None
 
@@ -172,8 +173,8 @@ def clipped(c: LoggedChannel) -> Judgement:
     """A torque that stays at an extreme of its channel."""
     share = float(at_limit(c.x).mean())
     text = (
-        f"{100 * share:.2g} % of the samples stay at an extreme ({np.abs(c.x).max():.4g}): the "
-        "range of the drive or of its sensor ends there"
+        f"{100 * share:.2g} % of the samples stay at an extreme "
+        f"({significant(np.abs(c.x).max(), 4)}): the range of the drive or of its sensor ends there"
     )
     remedy = "leave these stretches empty, or move within that range"
     return (share, CLIPPED, text, remedy) if share else None
@@ -186,8 +187,8 @@ def steps(c: LoggedChannel) -> Judgement:
     if c.kind == "tau":
         share = c.step / np.sqrt(12) / float(np.sqrt(np.mean(c.x**2)))
         text = (
-            f"steps of {c.step:.3g} {c.joint.force_unit}: an error of {100 * share:.2g} % of the "
-            "rms torque, below which no model can come"
+            f"steps of {significant(c.step)} {c.joint.force_unit}: an error of {100 * share:.2g} % "
+            "of the rms torque, below which no model can come"
         )
         remedy = "log it with more digits or in a finer range"
         return (share, COARSE, text, remedy) if share > COARSE else None
@@ -203,8 +204,8 @@ def steps(c: LoggedChannel) -> Judgement:
         return None
     unit = c.joint.unit + ("/s" if c.kind == "v" else "")
     text = (
-        f"steps of {c.step:.3g} {unit}, which make {100 * share:.2g} % noise in the accelerations "
-        f"below {f:.3g} Hz"
+        f"steps of {significant(c.step)} {unit}, which make {100 * share:.2g} % noise in the "
+        f"accelerations below {f:.3g} Hz"
     )
     return share, ROUGH, text, "lower --cutoff, move faster, or log velocities too"
 
@@ -221,7 +222,7 @@ def spikes(c: LoggedChannel) -> Judgement:
     if len(at) < 3 or share < RARE or not c.moving[at].any():
         return None
     text = (
-        f"{len(at)} lone samples far from their neighbours, as {c.x[at[0]]:.4g} at "
+        f"{len(at)} lone samples far from their neighbours, as {significant(c.x[at[0]], 4)} at "
         f"t = {c.t[at[0]]:.6g} s: cells without a value, or glitches"
     )
     return share, RARE, text, "leave these cells empty"

@@ -26,7 +26,7 @@ from ident.mechanism.parameters import pseudo_inertia
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.motion import prescribed
-from ident.text import two_digits
+from ident.text import significant, two_digits
 
 BIASED = 1e-4  # share of a parameter that a time basis may move unmentioned
 FEW = 3.0  # equations a parameter below which values follow the noise
@@ -123,7 +123,8 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         text += "whose error is not in their standard errors"
         yield Finding("scale", text, "log once more with a known mass to measure the scale", loads)
     if (condition := estimate.base.condition_number) > POOR:
-        text = f"condition number {condition:.3g}: this motion excites some base parameters poorly"
+        size = significant(condition)
+        text = f"condition number {size}: this motion excites some base parameters poorly"
         remedy = "see their standard errors, and move more joints, faster or farther"
         yield Finding("excitation", text, remedy, (), condition, POOR)
 

@@ -183,7 +183,8 @@ class Dependence:
 
     Attributes:
         signal: `q.<joint>`, `v.`, `a.`, `load.`, `sign(v).` or `t`.
-        r2: what it adds to the share of the residual's variance that is explained, held out.
+        r2: what it adds to the share of the residual's variance that is explained, held out, by
+            those that were chosen before it.
     """
 
     signal: str
@@ -196,7 +197,8 @@ class Dependence:
 def depends_on(
     r: np.ndarray, fold: np.ndarray, maps: Sequence[SignalMap], runs: Sequence[slice]
 ) -> tuple[list[Dependence], float]:
-    """Return the signals that explain a residual, and the R² that the next one would have needed.
+    """Return the signals that explain a residual, the one that adds most first, and the R² that
+    the next one would have needed.
 
     Args:
         r: (n,) the residual; fold: (n,) consecutive rows of one number are one stretch of time.
@@ -229,7 +231,7 @@ def depends_on(
         chosen = rest.pop(pick)
         now = now.extended(groups[chosen])
         steps.append(Dependence(maps[chosen].name, float(g[pick])))
-    return steps, threshold
+    return sorted(steps, key=lambda each: -each.r2), threshold
 
 
 ALIKE_PERIODS = 0.98  # likeness of two periods of one motion

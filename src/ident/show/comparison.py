@@ -51,7 +51,7 @@ from ident.show.residual import (
     where_lines,
 )
 from ident.show.sheet import Sheet
-from ident.text import WIDTH, listed, places, rounded, shortened, two_digits
+from ident.text import WIDTH, listed, places, rounded, shortened, significant, two_digits
 
 SCHEMA = "ident.compare/1"
 COEFFICIENT = re.compile(r"(?<= )[\d.]+(?:e[+-]\d+)?(?= )")
@@ -169,10 +169,11 @@ def comparison_files(c: Comparison, replay: Plotted | None = None) -> dict[str, 
     first, last = (list(residuals.values())[i] for i in (0, -1))
     mechanism, motion = first.model.mechanism, first.motion
     changed = "" if first is last else _changed(first, last)[0]
+    counted = {name: _judged(c, residual) for name, residual in residuals.items()}
     sections = (
         errors_section(error_rows(_error_columns(c))),
         Section("Parameters", _parameters(residuals)),
-        *residual_sections(c.predictions, residuals, _judged(c, last), changed),
+        *residual_sections(c.predictions, residuals, counted, changed),
         *([render(replay, "section")] if replay else []),
         Section("Multipliers", _multipliers(c)),
         understood(mechanism, motion),
@@ -204,7 +205,7 @@ def _parameters(residuals: Models) -> tuple[Block, ...]:
     def row(name: str) -> list[str]:
         cells, unit = [], ""
         for base, own in zip(found, values, strict=True):
-            known = f"{own[name]:.5g}" if name in own else "–"
+            known = significant(own[name], 5) if name in own else "–"
             cells.append(rounded(base[name].value, base[name].stderr) if name in base else known)
             unit = base[name].unit if name in base else unit
         return [shortened(name, WIDTH), *cells, unit]

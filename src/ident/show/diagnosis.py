@@ -29,7 +29,7 @@ from ident.show.verdict import (
     spoilt,
     verdict_line,
 )
-from ident.text import lines_of, listed, percent, places, some, two_digits
+from ident.text import lines_of, listed, percent, places, significant, some, two_digits
 
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
@@ -185,9 +185,9 @@ def where_rows(d: Diagnosis) -> Rows:
         rows.append(
             [
                 f.joint,
-                f"{error.rms:.3g} {f.unit}",
+                f"{significant(error.rms)} {f.unit}",
                 percent(error.relative),
-                f"{d.floor[f.joint]:.2g} {f.unit}",
+                f"{significant(d.floor[f.joint], 2)} {f.unit}",
                 f"{100 * f.share:.0f} %",
                 *(["" if f.repeats is None else f"{f.repeats:.2f}"] if repeats else []),
                 signals or ("noise" if f.white and quiet else "no single signal"),

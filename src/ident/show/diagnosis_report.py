@@ -19,7 +19,7 @@ from ident.files import json_bytes, plain, regular, write_all
 from ident.fit.data_checks import Health
 from ident.fit.prediction import predict
 from ident.fit.residual import Failure, Residual, residual_of
-from ident.show.charts import FAINT, RESIDUAL, Chart, Dots, Level, Line, Panel
+from ident.show.charts import FAINT, RAW, RESIDUAL, Chart, Dots, Level, Line, Panel
 from ident.show.diagnosis import (
     CLAIMS,
     alike,
@@ -120,9 +120,7 @@ def plot_before_after(before: Residual, after: Residual, joint: str, label: str)
     for a, b, p in list(zip(before.traces, after.traces, raw, strict=False))[:LOGS]:
         zero = before.zero(a)
         lines = (
-            Line(
-                p.t - zero, np.where(p.usable, p.residual[:, u], np.nan), "unfiltered", FAINT, 0.8
-            ),
+            Line(p.t - zero, np.where(p.usable, p.residual[:, u], np.nan), "unfiltered", RAW, 0.8),
             Line(a.t - zero, a.residual[:, u], "as it is", RESIDUAL, 1.4),
             Line(b.t - zero, b.residual[:, u], f"with {label}", 0, 1.4),
         )

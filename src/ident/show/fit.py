@@ -43,7 +43,7 @@ from ident.show.laws import body_words
 from ident.show.motion import made_of, understood
 from ident.show.residual import error_rows, errors_section, judged_of, residual_sections, short
 from ident.show.sheet import Sheet
-from ident.text import listed, percent, rounded, shortened, some, two_digits
+from ident.text import listed, percent, rounded, shortened, significant, some, two_digits
 
 MOST = 60  # parameters in one chart
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
@@ -99,7 +99,14 @@ def _reaction_rows(x: Reactions) -> Rows:
             continue
         size, rms = (float(np.sqrt(np.nanmean(y[:, i] ** 2))) for y in (x.known, x.off))
         worst = float(np.nanmax(np.abs(x.off[:, i])))
-        rows.append([name, f"{size:.4g} {unit}", f"{rms:.3g} {unit}", f"{worst:.3g} {unit}"])
+        rows.append(
+            [
+                name,
+                f"{significant(size, 4)} {unit}",
+                f"{significant(rms)} {unit}",
+                f"{significant(worst)} {unit}",
+            ]
+        )
     return rows
 
 
@@ -158,12 +165,12 @@ def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
         "Effects": [["effect", "value", "unit"], *([v.name, shown(v), unit(v)] for v in effects)],
         "Identified parameters": [
             ["parameter", "value", "prior", "unit"],
-            *([v.name, shown(v), f"{v.prior:.5g}", v.unit] for v in own),
+            *([v.name, shown(v), significant(v.prior, 5), v.unit] for v in own),
         ],
         TOGETHER: [
             ["base parameter", "value", "prior", "unit"],
             *(
-                [shortened(v.name, most), rounded(v.value, v.stderr), f"{x:.4g}", v.unit]
+                [shortened(v.name, most), rounded(v.value, v.stderr), significant(x, 4), v.unit]
                 for v, x in combined
             ),
         ],
@@ -184,7 +191,11 @@ def _multiplier_rows(fit: Fit) -> Rows:
     kinematics = fit.mechanism.kinematics
     for name, unit, y in zip(kinematics.multipliers, kinematics.units, values.T, strict=True):
         x = y[np.isfinite(y)]
-        size = [f"{np.sqrt(np.mean(x**2)):.4g}", f"{np.abs(x).max():.4g}"] if len(x) else ["–", "–"]
+        size = (
+            [significant(np.sqrt(np.mean(x**2)), 4), significant(np.abs(x).max(), 4)]
+            if len(x)
+            else ["–", "–"]
+        )
         rows.append([name, *size, unit])
     return rows
 
@@ -210,7 +221,7 @@ def sheet(fit: Fit) -> Sheet:
     if len(fit.columns):
         own = sum(not value.identifiable for value in fit.parameters)
         rest = f"; {own} unknowns are not identifiable by themselves" if own else ""
-        condition = f"condition number {fit.condition_number:.3g}"
+        condition = f"condition number {significant(fit.condition_number)}"
         lines.append(f"rank {fit.rank} of {len(fit.columns)} unknowns, {condition}{rest}")
     lines += [str(x) for x in (fit.likelihood, fit.binding) if x is not None]
     lines += body_lines(fit)
@@ -380,7 +391,7 @@ def fit_sections(
         *residual_sections(
             {fit.name: fit.predictions},
             {fit.name: fit.residual},
-            judged_of(fit),
+            {fit.name: judged_of(fit)},
             first,
             predict(fit.mechanism, fit.motion, urdf_of(fit).point),
         ),

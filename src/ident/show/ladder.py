@@ -30,7 +30,7 @@ from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, wri
 from ident.show.html import Bar, Card, Page, Section, next_command, table
 from ident.show.sheet import Sheet
 from ident.show.verdict import noise_errors, verdict_line
-from ident.text import percent, rounded, width, wrapped
+from ident.text import percent, rounded, significant, width, wrapped
 
 NAME, CELL = 30, 7  # characters of the columns
 LONG = "+ viscous friction in "  # and a joint: as long as most names are
@@ -107,7 +107,7 @@ def cells(errors: Mapping[str, Error], joints: Sequence[str]) -> list[str]:
     """Return relative errors; of a joint without torque its rms."""
     found = (errors.get(joint) for joint in joints)
     return [
-        "–" if e is None else f"{e.rms:.2g}" if e.relative is None else percent(e.relative)
+        "–" if e is None else significant(e.rms, 2) if e.relative is None else percent(e.relative)
         for e in found
     ]
 

@@ -24,7 +24,7 @@ from ident.motion import Motion
 from ident.motion.closures import LoopSolver
 from ident.show.html import Card, Section, definitions, headed, items, next_command, origin, table
 from ident.show.sheet import Sheet
-from ident.text import some
+from ident.text import significant, some
 from ident.text import table as text_table
 
 ROUNDING = 1e-6  # of positions and speeds beyond a limit
@@ -75,12 +75,12 @@ def joint_rows(mechanism: Mechanism, motion: Motion | None = None) -> list[list[
         rows[0] += ["from", "to", "top speed"]
     for x in joints_json(mechanism, motion):
         limits = ("lower", "upper", "speed_limit")
-        ends = ("–" if np.isinf(x[end]) else f"{x[end]:.4g}" for end in limits)
+        ends = ("–" if np.isinf(x[end]) else significant(x[end], 4) for end in limits)
         rows.append([x["joint"], x["state"], x["unit"], *ends])
         if motion is not None:
             rows[-1] += [
-                f"{x['from']:.4g}",
-                f"{x['to']:.4g}",
+                significant(x["from"], 4),
+                significant(x["to"], 4),
                 f"{x['top_speed']:.3g} {x['unit']}/s",
             ]
     return rows
@@ -93,7 +93,7 @@ def beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
         off = ROUNDING + ROUNDING * abs(x["to"] - x["from"])
         unit, lower, upper, most = x["unit"], x["lower"], x["upper"], x["speed_limit"]
         if lower < upper and not (lower - off <= x["from"] and x["to"] <= upper + off):
-            span = f"{x['from']:.4g} to {x['to']:.4g} {unit}"
+            span = f"{significant(x['from'], 4)} to {significant(x['to'], 4)} {unit}"
             found.append(f"{x['joint']} {span} (limits {lower:.4g} to {upper:.4g})")
         if 0 < most < x["top_speed"] * (1 - ROUNDING):  # 0: not stated
             found.append(f"{x['joint']} {x['top_speed']:.3g} {unit}/s (limit {most:.3g})")
@@ -169,7 +169,7 @@ def log_html(log: Log) -> str:
     for name in log.columns:
         _, x = log.series(name)
         size = (x.min(), x.max(), np.sqrt(np.mean(x**2))) if len(x) else ()
-        rows.append([name, str(len(x)), *([f"{each:.4g}" for each in size] or ["–"] * 3)])
+        rows.append([name, str(len(x)), *([significant(each, 4) for each in size] or ["–"] * 3)])
     facts = {**_log_sheet(log).facts, "columns": ""}
     return Sheet(f"Log {log.name}", facts=facts, tables={"Columns": rows}).html()
 
@@ -238,7 +238,7 @@ def check_card(
         return Card(f"{logs} cannot be used for identification: {why}.", command=next_command(verb))
     problems = [*map(str, wrong), *beyond_limits(mechanism, motion)]
     if (condition := found["condition_number"]) > POOR:
-        problems.append(f"some are excited poorly (condition number {condition:.3g})")
+        problems.append(f"some are excited poorly (condition number {significant(condition)})")
     line = f"{logs} can be used for identification of {size}"
     line += (
         f", but look at this first: {problems[0]}" if problems else ": nothing looks wrong in it"
@@ -280,8 +280,8 @@ def _channels(mechanism: Mechanism, motion: Motion) -> list[list[str]]:
         for x in e.channels:
             letter, joint = x.column.split(".", 1)
             unit = mechanism.joint(joint).unit + units[letter]
-            rest = f"{x.residual:.3g}" if x.spacing else "–"
-            rows.append([x.column, f"{x.noise:.3g}", rest, unit, x.how, e.name])
+            rest = significant(x.residual) if x.spacing else "–"
+            rows.append([x.column, significant(x.noise), rest, unit, x.how, e.name])
     return rows
 
 
@@ -292,7 +292,7 @@ def structure(found: Mapping[str, Any], moved: bool) -> str:
     what = "this motion identifies" if moved else "a motion can identify"
     lines = [
         f"{what} {found['rank']} base parameters of {found['unknowns']} unknowns "
-        f"(condition number {found['condition_number']:.3g}):",
+        f"(condition number {significant(found['condition_number'])}):",
         *(f"  {name}" for name in found["base_parameters"]),
     ]
     if nothing := found["without_effect"]:

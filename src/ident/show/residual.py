@@ -15,12 +15,13 @@ from ident.errors import FitError, one_of
 from ident.fit.identify import Comparison
 from ident.fit.prediction import RIGID, Prediction, Trace
 from ident.fit.residual import Failure, Residual, zero_of
+from ident.fit.residual_maps import Dependence
 from ident.fit.result import Fit
 from ident.information.blocks import Error
 from ident.show.charts import (
     BELOW,
-    FAINT,
     MEASURED,
+    RAW,
     RESIDUAL,
     Chart,
     Colour,
@@ -32,7 +33,7 @@ from ident.show.charts import (
 from ident.show.html import LOGS, Block, Choice, Option, Section, by_log, paragraph
 from ident.show.html import table as html_table
 from ident.show.sheet import Sheet
-from ident.text import percent
+from ident.text import listed, percent, significant
 
 ROUNDING = 1e-12  # of the measured torque: below, a part is nil
 MOST = 3  # windows that are shown; all are in compare.json
@@ -44,7 +45,8 @@ OWN = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
 SUM = "the sum taken apart, rms: rigid bodies + effects = predicted"
 MAPS = (
     "Each dot is a row of the fit; the line is their mean. A model that lacks nothing leaves a "
-    "flat band. What the residual depends on most is framed."
+    "flat band. R² is the share of the residual's variance that a signal explains, held out, "
+    "beside those that were chosen before it; the largest is framed."
 )
 Models = Mapping[str, Residual]
 Judged = tuple[str, Mapping[str, Error]]  # what the errors are, as `held-out error`; by joint
@@ -60,7 +62,10 @@ def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:
     rows = [["joint", *(cell for title in titles for cell in (title, ""))]]
     for joint in joints:
         errors = (named[title].get(joint) for title in titles)
-        cells = ((f"{e.rms:.3g} {e.unit}", percent(e.relative)) if e else ("", "") for e in errors)
+        cells = (
+            (f"{significant(e.rms)} {e.unit}", percent(e.relative)) if e else ("", "")
+            for e in errors
+        )
         rows.append([joint, *(cell for pair in cells for cell in pair)])
     return rows
 
@@ -78,7 +83,7 @@ def parts_rows(residual: Residual) -> list[list[str]]:
     columns = [["joint", *residual.joints], ["unit", *residual.units]]
     for name, values in total.items():
         nil = values < ROUNDING * measured
-        columns.append([name, *(f"{x:.3g}" for x in np.where(nil, 0.0, values))])
+        columns.append([name, *(significant(x) for x in np.where(nil, 0.0, values))])
     return [list(row) for row in zip(*columns, strict=True)]
 
 
@@ -103,10 +108,8 @@ def failure_text(failure: Failure, several: bool = True, judged: Judged | None =
     white = "no structure found" if failure.white else "has structure"
     what, errors = judged or ("residual", {})
     error = errors.get(failure.joint, failure)
-    first = (
-        f"{failure.joint}: {what} {error.rms:.3g} {failure.unit} ({percent(error.relative)}), "
-        f"{100 * failure.share:.0f} % of the misfit; {white}"
-    )
+    size = f"{significant(error.rms)} {failure.unit} ({percent(error.relative)})"
+    first = f"{failure.joint}: {what} {size}, {100 * failure.share:.0f} % of the misfit; {white}"
     return "; ".join(filter(None, (first, details(failure, several))))
 
 
@@ -200,7 +203,7 @@ def plot_predictions(
 
         above = [line(one, "measured", "measured", MEASURED, BELOW)]
         above += [line(p, "predicted", "the URDF alone", 5, 1.0) for p in prior[experiment:][:1]]
-        below = [line(one, "residual", "difference, unfiltered", FAINT, 0.8)] if alone else []
+        below = [line(one, "residual", "difference, unfiltered", RAW, 0.8)] if alone else []
         for i, (name, p) in enumerate(models.items()):
             trace = residuals[name].traces[experiment]
             above.append(line(p, "predicted", "predicted" if alone else shown[name], i, 1.1))
@@ -262,17 +265,19 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
     if effect:  # what is left beside it is noise, or is described elsewhere
         scores[1:] = [{} for _ in models[1:]]
     names = ["t", *(f"{kind}.{joint}" for kind in OWN)]
-    foreign = [(r2, name) for each in scores for name, r2 in each.items() if name not in names]
+    foreign = [(x.r2, name) for each in scores for name, x in each.items() if name not in names]
     names += [max(foreign)[1]] if foreign else []
     own_signal = _signal_of(models[-1], joint, effect, names) if effect else ""
     if own_signal and own_signal not in names:
         names[len(OWN) + 1 :] = [own_signal]  # in the place of another joint's
-    shown, marked = told_apart(residuals), list[str]()
+    shown, framed = told_apart(residuals), list[str]()
     rows: list[tuple[Panel, ...]] = []
     for title, residual, score in zip(residuals, models, scores, strict=True):
         most = next((name for name in score if name in names), "")
         most = own_signal if own_signal and not rows else most
-        marked += [most] if most else []
+        if most in score:
+            model = f"{shown[title]}, " * (len(models) > 1)
+            framed.append(f"{score[most].signal} ({model}R² {score[most].r2:.2f})")
         curve = models[-1] if effect and not rows else None
         own = {"t", most} if most else {*names}  # signals of which the effect is a function
         curves = {x: curve for x in names if x in own}
@@ -281,9 +286,10 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
         label = unit if len(residuals) == 1 else f"{shown[title]}\n{unit}"
         rows.append((replace(row[0], y=label), *row[1:]))
     words = f"Residual of {joint} against time, its position, speed, acceleration and load"
-    if marked:
-        which = "the effect depends" if own_signal else "it depends most"
-        words += f"; framed: {', '.join(dict.fromkeys(marked))}, on which {which}"
+    if own_signal:
+        words += f"; framed: {own_signal}, on which the effect depends"
+    elif framed:
+        words += f"; framed: {listed(framed)}, on which it depends most"
     if effect:
         words += f"; the line: {effect}"
     return Chart(words, tuple(rows), shared_y=True, width=2.6 * len(names))
@@ -323,17 +329,18 @@ def _means(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
     return count, total, at, edges
 
 
-def _scores(residual: Residual, joint: str) -> dict[str, float]:
-    """Return R² by the signal in whose map it is drawn (sign(v) in v's), the largest first."""
-    failure = residual.failure(joint)
-    found: dict[str, float] = {}
-    for each in failure.depends_on:
-        found.setdefault(each.signal.replace("sign(v)", "v"), each.r2)
+def _scores(residual: Residual, joint: str) -> dict[str, Dependence]:
+    """Return on what a residual depends, the largest R² first, by the signal in whose map it is
+    drawn (sign(v) in v's).
+    """
+    found: dict[str, Dependence] = {}
+    for each in residual.failure(joint).depends_on:
+        found.setdefault(each.signal.replace("sign(v)", "v"), each)
     return found
 
 
 def _map(
-    residual: Residual, joint: str, name: str, scores: Mapping[str, float], marked: bool,
+    residual: Residual, joint: str, name: str, scores: Mapping[str, Dependence], marked: bool,
     model: Residual | None, effect: str,
 ) -> Panel:  # fmt: skip
     """Draw points, one colour an experiment, and means in bins: theirs, or those of an effect."""
@@ -349,7 +356,9 @@ def _map(
         r = [trace.parts[effect][:, u] for trace in model.traces]
     whole, torque = np.concatenate(x), np.concatenate(r)
     own = name.removesuffix(f".{joint}")
-    r2 = scores.get(name, 0.0)
+    title = f"R² {scores[name].r2:.2f}" if name in scores else ""
+    if title and scores[name].signal != name:
+        title = f"sign(v) {title}"
     lines, either = [], np.full(len(torque), True)
     both = colour == RESIDUAL and own == "load"  # directions, of a torque against either
     for part in (torque > 0, torque <= 0) if both else (either,):
@@ -361,7 +370,7 @@ def _map(
     return Panel(
         (Level(), *clouds, *lines),
         f"{own} [{unit}]" if unit else own,
-        title=f"R² {r2:.2f}" if r2 else "",
+        title=title,
         marked=marked,
         height=2.4,
     )
@@ -418,26 +427,33 @@ def errors_section(rows: Sequence[Sequence[str]], *more: Block) -> Section:
 def residual_sections(
     predictions: Mapping[str, list[Prediction]],
     residuals: Models,
-    judged: Judged,
+    judged: Mapping[str, Judged],
     first: str = "",
     prior: Sequence[Prediction] = (),
 ) -> tuple[Section, ...]:
-    """Return measured against predicted, where the last model fails, and the sum taken apart.
+    """Return measured against predicted, where the models fail, and the sum taken apart.
 
     Args:
         predictions, residuals: by model.
-        judged: errors of the last model.
+        judged: their errors.
         first: joint that comes first; default: the one in which the last model fails most.
         prior: what the URDF predicts.
     """
     last = list(residuals.values())[-1]
     first = first or last.where[0].joint
     logs = [trace.name for trace in last.traces]
+    shown = told_apart(residuals)
     machine = view_of_fit(last, list(predictions.values())[-1], {first: first})
     options = []
     for failure in sorted(last.where, key=lambda each: each.joint != first):
-        said = paragraph(failure_text(failure, len(logs) > 1, judged))
-        options.append(Option(failure.joint, (said, plot_maps(residuals, failure.joint))))
+        said = [
+            paragraph(
+                before + failure_text(each.failure(failure.joint), len(logs) > 1, judged[name])
+            )
+            for name, each in residuals.items()
+            for before in [f"{shown[name]}, " * (len(shown) > 1)]
+        ]
+        options.append(Option(failure.joint, (*said, plot_maps(residuals, failure.joint))))
     parts: list[Block] = [html_table(*each[::-1]) for each in all_parts(residuals).items()]
     parts += by_log(logs, lambda i: plot_parts(residuals, i))
     torques = by_log(logs, lambda i: plot_predictions(predictions, residuals, i, first, prior))

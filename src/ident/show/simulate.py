@@ -21,7 +21,7 @@ from ident.show.motion import made_of, understood
 from ident.show.sheet import Sheet
 from ident.simulate.integrate import Run
 from ident.simulate.replay import Replay, ReplayedLog
-from ident.text import listed, percent, shortened
+from ident.text import listed, percent, shortened, significant
 
 TRANSITIONS = 12  # that are printed
 LIMITING = 0.95  # share of a limit from which it is marked as the one that limits the motion
@@ -67,7 +67,7 @@ def _rows(x: Replay) -> list[list[str]]:
             )
             rows += [[title, "", ""]] if title else []
             for joint, error in run.errors.items():
-                rms = "–" if np.isnan(error.rms) else f"{error.rms:.3g} {error.unit}"
+                rms = "–" if np.isnan(error.rms) else f"{significant(error.rms)} {error.unit}"
                 rows.append([joint, rms, percent(error.relative)])
     return rows
 
@@ -146,17 +146,22 @@ def excitation_sheet(x: Excitation) -> Sheet:
             f"‖K⁺‖ reaches {x.home:.3g} times its value at home, {100 * size.share:.3g} % of its "
             "limit"
         )
-    noise = ", ".join(f"{name} {value:.3g}" for name, value in x.noise.items())
+    noise = ", ".join(f"{name} {significant(value)}" for name, value in x.noise.items())
     known = [each for each in x.base if each.determined]
     rows = [["base parameter", "prior", "expected ±", "unit"]]
-    rows += [[shortened(b.name), f"{b.prior:.4g}", f"{b.stderr:.2g}", b.unit] for b in known]
+    rows += [
+        [shortened(b.name), significant(b.prior, 4), significant(b.stderr, 2), b.unit]
+        for b in known
+    ]
     base = (
         f"identifies {len(known)} base parameters of {x.unknowns} unknowns; condition number "
-        f"{x.condition_number:.3g}, log det {x.log_det:.4g}; with white torque noise of {noise} "
-        "[N m | N] a sample:"
+        f"{significant(x.condition_number)}, log det {x.log_det:.4g}; with white torque noise of "
+        f"{noise} [N m | N] a sample:"
     )
     lines = [] if x.separation is None else [str(x.separation)]
-    if lost := [f"{b.name} (± {b.stderr:.2g} {b.unit})" for b in x.base if not b.determined]:
+    if lost := [
+        f"{b.name} (± {significant(b.stderr, 2)} {b.unit})" for b in x.base if not b.determined
+    ]:
         lines.append(f"not determined, with errors above any plausible value: {', '.join(lost)}")
     if x.without_effect:
         lines.append(f"not determined, without effect on any torque: {', '.join(x.without_effect)}")
@@ -175,7 +180,7 @@ def _limits(x: Excitation) -> list[list[str]]:
             if use is None:
                 row += ["", ""]
             else:
-                row += [f"{max(-use.low, use.high):.3g} {use.unit}", _share(use)]
+                row += [f"{significant(max(-use.low, use.high))} {use.unit}", _share(use)]
         rows.append(row)
     return rows
 
@@ -247,7 +252,7 @@ def parameter_rows(x: MonteCarlo, most: int | None = None) -> list[list[str]]:
     heads = [h for name in x.estimators for h in (f"{name}: bias", "std", "± mean", "covers")]
     rows = [["parameter", "truth", "SNR", *heads]]
     for name in x.parameters[:most]:
-        true = f"{x.plan.truth.values[name]:.4g} {x.plan.truth.units[name]}"
+        true = f"{significant(x.plan.truth.values[name], 4)} {x.plan.truth.units[name]}"
         for i, snr in enumerate(x.snr):
             row = ["", ""] if i else [shortened(name, 40), true]
             cells = [_cells(of.get((estimator, snr, name))) for estimator in x.estimators]
@@ -282,10 +287,10 @@ def multiplier_rows(x: MonteCarlo) -> list[list[str]]:
     rows = [["multiplier", "rms of it", "SNR", *x.estimators]]
     for name in (n for n in (*x.plan.truth.multipliers, *SUMS) if n in of):
         one = next(iter(of[name].values()))
-        size = f"{one['size']:.4g} {one['unit']}"
+        size = f"{significant(one['size'], 4)} {one['unit']}"
         for i, snr in enumerate(x.snr):
             found = [of[name].get((estimator, snr)) for estimator in x.estimators]
-            means = ["–" if r is None else f"{r['mean']:.3g} {r['unit']}" for r in found]
+            means = ["–" if r is None else f"{significant(r['mean'])} {r['unit']}" for r in found]
             rows.append([*(["", ""] if i else [name, size]), f"{snr:g} dB", *means])
     return rows if len(rows) > 1 else []
 

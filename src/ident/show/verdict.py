@@ -16,7 +16,7 @@ from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.show.html import NOISY, TRIFLE, too_large, wrong_unit
 from ident.show.laws import numbers
-from ident.text import listed, percent, places, some
+from ident.text import listed, percent, places, significant, some
 
 MOST = 3  # effects that are named of those that nothing speaks for
 PART = 0.5  # share that stays beyond noise, from which a name may be that of another cause
@@ -88,7 +88,9 @@ def verdict_line(d: Diagnosis) -> str:
 def known_values(best: Explanation) -> str:
     """Return the values that the model has of an effect that it has."""
     own = [(v.name.rpartition(".")[2], v) for v in best.parameters if v.name in best.known]
-    return some([f"{n} = {best.known[v.name]:.4g} {v.unit}".removesuffix(" 1") for n, v in own])
+    return some(
+        [f"{n} = {significant(best.known[v.name], 4)} {v.unit}".removesuffix(" 1") for n, v in own]
+    )
 
 
 def _stays(d: Diagnosis, after: Mapping[str, Error]) -> float:

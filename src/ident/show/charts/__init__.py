@@ -35,12 +35,13 @@ SHORT = 6  # characters of names that stand upright beside each other
 LABEL = 34  # characters of a name in a legend
 BELOW = 3.2  # pixels: width of a measured line, which stays visible below a predicted one
 LEAST = 150  # pixels, below which nobody reads a panel
-MEASURED, RESIDUAL, PRIOR, FAINT = "measured", "residual", "prior", "faint"
+MEASURED, RESIDUAL, RAW, PRIOR, FAINT = "measured", "residual", "raw", "prior", "faint"
 
 ROLES = {  # legible on white and on black; FAINT is for marks in the background
     MEASURED: "#8f959e",
     PRIOR: "#8f959e",
     RESIDUAL: "#d1495b",
+    RAW: "#d1495b60",  # a residual before the filter, below the filtered one
     FAINT: "#8f959ea0",
     "mean": "#8250df",
 }

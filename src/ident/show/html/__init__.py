@@ -29,7 +29,7 @@ from ident.mechanism.load import has_identified
 from ident.mechanism.mechanism import Mechanism
 from ident.show.charts import Chart, scripts
 from ident.show.template import piece
-from ident.text import percent, places, some, two_digits, width, wrapped
+from ident.text import percent, places, significant, some, two_digits, width, wrapped
 
 PAIRS, FLAGS = ("--with", "--lock"), ("--absolute", "--allow-code")  # options of the model
 MONITOR = {"--with", "--lock", "--absolute", "--allow-code", "--cutoff", "--smoothing"}  # it takes
@@ -80,7 +80,7 @@ class Bar:
         """The error in numbers."""
         both = [self.before, *([self.after] if self.after else [])]
         if self.before.relative is None:
-            return " → ".join(f"{error.rms:.3g} {error.unit}" for error in both)
+            return " → ".join(f"{significant(error.rms)} {error.unit}" for error in both)
         noise = self.sizes[2]
         beside = " (larger)" * self.rises
         beside += "" if noise is None else f", noise {percent(noise)}"
