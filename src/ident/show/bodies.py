@@ -24,6 +24,7 @@ from ident.mechanism.closures import FrameClosure
 from ident.mechanism.description import align_z, read_urdf
 from ident.mechanism.tree import joint_axis
 from ident.mechanism.urdf import numbers
+from ident.text import some
 
 Colour = tuple[int, int, int]
 BODIES: tuple[Colour, ...] = (
@@ -43,6 +44,7 @@ LARGEST = 100_000_000  # bytes of a mesh; a larger one would take long to be rea
 SIDES = 12  # of a circle
 HULL = 150  # directions in which the outermost points of a mesh are its hull
 ROD, DISC, BAR, BALL = 0.012, 0.022, 0.15, 0.012  # sizes of marks over the mechanism's size
+ROUNDING = 0.01  # of an inertia, by which the digits of a URDF make a thin body impossible
 WIDEST, THINNEST = 0.05, 0.015  # half edges of an inertia's box over the size
 
 
@@ -86,11 +88,15 @@ def shapes_of(mechanism: Mechanism, q: np.ndarray) -> tuple[list[Shape], float, 
         elif link in mechanism.bodies.links:
             joint = 1 + mechanism.bodies.links.index(link)
         add("body", link, joint, place, cloud, colour or colours[joint])
-    points = sites(mechanism)
+    points, impossible = sites(mechanism), list[str]()
     size = _size(mechanism, q, [*((x.joint, x.corners) for x in shapes), *enumerate(points)])
-    for joint in set(range(1, model.njoints)) - {shape.joint for shape in shapes}:
+    for joint in set(range(model.njoints)) - {shape.joint for shape in shapes}:
         for place, cloud in simple_body(model.inertias[joint], points[joint], size):
             add("body", names[joint], joint, place, cloud, colours[joint])
+        if _half_edges(model.inertias[joint]) is None:
+            impossible.append(names[joint])
+    if impossible:
+        notes.append(f"{some(impossible)}: no box is drawn of an inertia that no body can have")
     disc = cylinder(DISC * size, 1.6 * DISC * size)
     bar = box(np.array([0.5 * DISC, 0.5 * DISC, BAR]) * size)
     for name, rotational, joint, place in pivots_of(mechanism):
@@ -181,9 +187,9 @@ def poses_of(model: pin.Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _size(mechanism: Mechanism, q: np.ndarray, points: Sequence[tuple[int, np.ndarray]]) -> float:
-    """Return the diagonal [m] of the box around joints, closures, masses and shapes at q."""
+    """Return the diagonal [m] of the box around joints, closures, bodies and shapes at q."""
     bodies = list(enumerate(mechanism.model.inertias))[1:]
-    masses = [(i, inertia.lever[None]) for i, inertia in bodies if inertia.mass > 0]
+    masses = [(i, x.lever[None]) for i, x in bodies if x.mass > 0 and _half_edges(x) is not None]
     (R,), (origin,) = poses_of(mechanism.model, q[None])
     cloud = np.concatenate([x @ R[i].T + origin[i] for i, x in (*points, *masses)])
     diagonal = float(np.linalg.norm(np.ptp(cloud, axis=0)))
@@ -207,24 +213,35 @@ def simple_body(
     inertia: pin.Inertia, points: np.ndarray, size: float
 ) -> list[tuple[pin.SE3, np.ndarray]]:
     """Return places and points of rods from a body's joint to its other points (k, 3) [m], the
-    joint first, and of the box of its inertia; `size` is that of the mechanism [m].
+    joint first, and to the box of its inertia, where a body can have it; `size` is that of the
+    mechanism [m].
     """
-    shapes = []
-    for point in points[1:]:
+    shapes, half = [], _half_edges(inertia)
+    half = half if inertia.mass > 0 else None
+    for point in [*points[1:], *([] if half is None or not len(points) else [inertia.lever])]:
         rod = point - points[0]
         if (length := float(np.linalg.norm(rod))) > 1e-6 * size:
             place = pin.SE3(align_z(rod), (points[0] + point) / 2)
             shapes.append((place, cylinder(ROD * size, length)))
-    if inertia.mass > 0:
-        # of even density, I_x = m (b² + c²) / 3 with half edges a, b, c; smaller where it would
-        # hide the mechanism
-        moments, axes = np.linalg.eigh(inertia.inertia)
-        half = np.sqrt(np.maximum(1.5 * (moments.sum() - 2 * moments) / inertia.mass, 0.0))
+    if half is not None:  # smaller where it would hide the mechanism
+        _, axes = np.linalg.eigh(inertia.inertia)
         half *= min(1.0, WIDEST * size / max(half.max(), 1e-300))
         axes = axes * [1, 1, np.sign(np.linalg.det(axes))]
         edges = 2 * np.maximum(half, THINNEST * size)
         shapes.append((pin.SE3(axes, inertia.lever), box(edges)))
     return shapes
+
+
+def _half_edges(inertia: pin.Inertia) -> np.ndarray | None:
+    """Return half the edges (3,) [m] of the box of even density with an inertia, along its axes in
+    the order of its moments: I_x = m (b² + c²) / 3; None of one that no body has.
+    """
+    moments = np.linalg.eigvalsh(inertia.inertia)
+    squares = 1.5 * (moments.sum() - 2 * moments) / (inertia.mass or 1.0)
+    least = -ROUNDING * np.abs(squares).max()
+    if inertia.mass < 0 or squares.min() < least:
+        return None
+    return np.sqrt(np.maximum(squares, 0.0))
 
 
 # --- shapes of a URDF -----------------------------------------------------------------------------

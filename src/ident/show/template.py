@@ -12,6 +12,8 @@ from markupsafe import Markup, escape
 SHORT = 32  # characters of a cell that stays on one line
 NUMBER = re.compile(r"[-−+≈<–]? ?\d")  # the beginning of one
 POWER = re.compile(r"[-+\d.]*\de[-+]\d+")  # one that a browser would break at its last sign
+TIED = r'<span class="tied">\g<0></span>'
+CODE = re.compile(r"`([^`]*)`|(?<![\w-])--[a-z][\w-]*")  # or an option, which it would break too
 
 
 def _whole(words: str) -> Markup:
@@ -25,14 +27,20 @@ def _whole(words: str) -> Markup:
     )
 
 
-def _code(between: re.Match[str]) -> str:
-    return f"<code>{_whole(Markup(between[1]))}</code>"
+def _code(words: str) -> Markup:
+    """Return words with what stands between backticks as code, and options on one line."""
+
+    def marked(found: re.Match[str]) -> str:
+        own = found[1]
+        return found.expand(TIED) if own is None else f"<code>{_whole(Markup(own))}</code>"
+
+    return Markup(CODE.sub(marked, str(escape(words))))
 
 
 def _tied(cell: str) -> Markup:
     """Return a cell in which numbers, and all words of a short one, stay on one line."""
     tied = re.sub(" " if len(cell) <= SHORT else r"(?<=\d) ", "\u00a0", cell)
-    return Markup(POWER.sub(r'<span class="number">\g<0></span>', str(escape(tied))))
+    return Markup(POWER.sub(TIED, str(escape(tied))))
 
 
 @cache
@@ -46,7 +54,7 @@ def _macros() -> Any:
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.globals["text_of"] = lambda name: Markup(text_of(name))
     environment.filters |= {
-        "code": lambda words: Markup(re.sub(r"`([^`]*)`", _code, str(escape(words)))),
+        "code": _code,
         "whole": _whole,
         "tied": _tied,
         "worded": lambda rows: [

@@ -222,10 +222,10 @@ class View:
         )  # fmt: skip
 
     @cached_property
-    def camera(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
+    def camera(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float], float]:
         """Position, target [m] and direction upwards (3,) of a camera that sees all films in a
-        window of the first of `ASPECTS`, a flat mechanism face on; and the shares of its distance
-        from which it does in a window of each.
+        window of the first of `ASPECTS`, a flat mechanism face on; the shares of its distance from
+        which it does in a window of each; and the width over the height of what it sees.
         """
         g = np.array(self.mechanism.model.gravity.linear)
         up = -g / np.linalg.norm(g) if g.any() else np.array([0.0, 0.0, 1.0])
@@ -260,7 +260,8 @@ class View:
         reach = (MARGIN / np.tan(ANGLE / 2) * np.maximum(np.abs(x) / a, np.abs(y)) for a in ASPECTS)
         distances = [max(float((each + depth).max()), 1e-3) for each in reach]
         shares = [each / distances[0] for each in distances]
-        return target + distances[0] * direction, target, up, shares
+        seen = float(np.ptp(x) / max(np.ptp(y), 1e-3 * np.ptp(x), 1e-12))
+        return target + distances[0] * direction, target, up, shares, max(seen, 1e-3)
 
     def data(self) -> str:
         """Return the scene as JSON, safe inside a <script> element; what `drawScene` takes."""
@@ -273,13 +274,14 @@ class View:
             }
             for x in self.shapes
         ]  # fmt: skip
-        *places, shares = self.camera
+        *places, shares, shape = self.camera
         position, target, up = (each.tolist() for each in places)
         content = {
             "shapes": shapes, "films": [self._film(film, arrays) for film in self.films],
             "marks": dict(self.marks), "ramp": _ramp(SHADES), "unknown": UNKNOWN,
             "fov": float(ANGLE), "misfit": self.largest_misfit, "up": up, "position": position,
-            "target": target, "aspects": ASPECTS, "shares": shares, "arrays": list(arrays),
+            "target": target, "aspects": ASPECTS, "shares": shares, "shape": shape,
+            "arrays": list(arrays),
         }  # fmt: skip
         return json.dumps(content).replace("<", "\\u003c")
 

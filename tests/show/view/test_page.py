@@ -81,7 +81,7 @@ def tip_of(mechanism: ident.Mechanism, q: np.ndarray) -> np.ndarray:
 def pixel(camera, drawing, point) -> np.ndarray:
     """Where a pinhole camera with 35° from top to bottom sees a point, x and y."""
     x0, y0, width, height = drawing
-    position, target, _, shares = camera
+    position, target, _, shares, _ = camera
     away = position - target
     tall = [1 / aspect for aspect in ASPECTS]
     position = target + np.interp(height / width, tall[::-1], shares[::-1]) * away

@@ -41,7 +41,7 @@ ROLES = {  # legible on white and on black; FAINT is for marks in the background
     MEASURED: "#8f959e",
     PRIOR: "#8f959e",
     RESIDUAL: "#d1495b",
-    RAW: "#d1495b60",  # a residual before the filter, below the filtered one
+    RAW: "#7dbdb3",  # a residual before the filter, below the filtered one
     FAINT: "#8f959ea0",
     "mean": "#8250df",
 }

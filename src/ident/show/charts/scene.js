@@ -14,6 +14,7 @@ function drawScene(scene, place, told) {
   const choice = make("select", {title: "Which log"}), now = make("span")
   films.forEach((film, i) => choice.append(new Option(film.name, i)))
   bar.append(play, time, now, ...(films.length > 1 ? [choice] : []))
+  canvas.style.aspectRatio = scene.shape // of the whole motion
   place.append(canvas, ...(films.some((film) => film.t.length > 1) ? [bar] : []))
 
   // --- vectors and camera -------------------------------------------------------------------------
@@ -36,6 +37,7 @@ function drawScene(scene, place, told) {
 
   // --- one moment ---------------------------------------------------------------------------------
   let film = films[0], k = 0
+  const places = new Map() // of words, around their joints
   const shapes = scene.shapes.map((each) => ({...each, corners: numbers[each.corners], faces: numbers[each.faces]}))
   for (const shape of shapes) { // of the corners
     const n = shape.corners.length / 3
@@ -116,17 +118,25 @@ function drawScene(scene, place, told) {
       line(three(numbers[ends], 2 * k), three(numbers[ends], 2 * k + 1), css(colour, 1), true)
     }
     art.font = "600 13px system-ui, sans-serif"
-    // beside the machine, one below the other, each with a line to its joint; else in the emptiest corner
-    const longest = Math.max(0, ...named.map(([text]) => art.measureText(text).width)), high = 18 * named.length
-    const drawn = faces.flatMap(({points}) => points), edge = Math.max(0, ...drawn.map(([x]) => x)) + 30
-    const beside = edge + longest < width - 6, sides = [4, Math.max(4, width - longest - 6)]
-    const covered = ([x0, y0]) => drawn.filter(([x, y]) => x > x0 - 12 && x < x0 + longest + 12 && y > y0 - 12 && y < y0 + high + 12).length
-    const corners = sides.flatMap((x) => [[x, 2], [x, height - high - 2]]).sort((a, b) => covered(a) - covered(b))
-    const [left, top] = beside ? [edge, 2] : corners[0]
-    let below = top + 14
+    // near its joint, where least is behind it
+    const triangles = faces.map(({points}) => points), taken = [] // boxes of the words written already
+    const inside = ([x, y]) => triangles.filter((t) => t.every(([x0, y0], i) => {
+      const [x1, y1] = t[(i + 1) % 3] // seen from the front all turn alike
+      return (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) <= 0
+    })).length
     for (const [text, [x, y], colour] of named.sort((a, b) => a[1][1] - b[1][1])) {
-      const line = beside ? Math.max(below, Math.min(y + 4, height - 6)) : below
-      below = line + 18
+      const wide = art.measureText(text).width
+      const cost = ([left, line], i) => {
+        const grid = [0, 0.25, 0.5, 0.75, 1].flatMap((u) => [-13, -5, 3].map((v) => [left + u * wide, line + v]))
+        const hidden = grid.filter((p) => inside(p)).length, far = Math.hypot(Math.max(left - x, 0, x - left - wide), line - 5 - y)
+        const over = taken.some(([l, b, w]) => left < l + w + 8 && l < left + wide + 8 && Math.abs(b - line) < 18)
+        return 40 * over + 4 * hidden + far / 20 - (places.get(text) === i ? 3 : 0) // it stays while that is about as good
+      }
+      const around = [18, 40, 80].flatMap((r) => [[r, 5], [r, -r], [-wide / 2, -r], [-r - wide, -r], [-r - wide, 5], [-r - wide, r + 9], [-wide / 2, r + 9], [r, r + 9]])
+        .map(([dx, dy]) => [Math.max(4, Math.min(x + dx, width - wide - 6)), Math.max(15, Math.min(y + dy, height - 6))])
+      const costs = around.map(cost), best = costs.indexOf(Math.min(...costs)), [left, line] = around[best]
+      places.set(text, best)
+      taken.push([left, line, wide])
       art.strokeStyle = onPaper ? "white" : getComputedStyle(document.body).backgroundColor // readable over the machine
       art.lineWidth = 4
       art.strokeText(text, left, line)
@@ -134,7 +144,7 @@ function drawScene(scene, place, told) {
       art.lineWidth = 1.5
       art.fillText(text, left, line)
       art.beginPath()
-      const start = beside ? [left - 4, line - 4] : [Math.max(left, Math.min(x, left + art.measureText(text).width)), y > line ? line + 4 : line - 14]
+      const start = [Math.max(left - 4, Math.min(x, left + wide + 4)), Math.max(line - 14, Math.min(y, line + 4))]
       const n = Math.hypot(start[0] - x, start[1] - y) || 1 // to the rim of its circle
       art.moveTo(...start)
       art.lineTo(x + 9 * (start[0] - x) / n, y + 9 * (start[1] - y) / n)
