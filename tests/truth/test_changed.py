@@ -116,13 +116,15 @@ def test_a_covariance_that_is_none(wrong, tmp_path):
         ident.load(tmp_path / "identified")
 
 
-def test_a_payload_picked_up():
+def test_a_payload_picked_up(tmp_path):
     d = diagnosed("payload:hand")
     assert d.best is not None
     assert d.best.label == "payload:hand"
     for name, value in LOAD.items():
         found = d.candidates[0].fit[name]
         assert abs(found.value - value) < 4 * found.stderr + 1e-4
+    d.write(tmp_path)  # in the 3-D picture it is at the joint that moves the hand
+    assert '"marks": {"wrist": "payload:hand"}' in (tmp_path / "report.html").read_text()
 
 
 def test_nothing_else_has_changed_where_friction_under_load_has_a_new_load(tmp_path):

@@ -189,7 +189,10 @@ def _candidates(d: Diagnosis) -> list[Block]:
     refitted = [each for each in d.candidates if each.fit is not None and d.verdict != "nothing"]
     if options := tuple(_option(d, each) for each in refitted):
         tree, best = d.fit.mechanism.joint_index, d.candidates[: d.best is not None]
-        marks = {j: e.label for e in d.group for j in e.joints if j in tree}
+        links = zip(d.fit.mechanism.bodies.links, [*d.fit.mechanism.model.names][1:], strict=True)
+        moved = dict(links)  # by its joint
+        at = [(moved.get(x, x) if e.loaded_link else x, e) for e in d.group for x in e.joints]
+        marks = {joint: e.label for joint, e in at if joint in tree}
         marks = marks or {x.joint: x.effect.label for x in best}
         marks = marks or {law.joint: f"formula: {law.joint}" for law in d.laws}
         blocks.append(view_of_fit(d.fit.residual, d.fit.predictions, marks))
