@@ -61,7 +61,9 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     page.locator("#shown").get_by_text("no proof of a cause").wait_for()
     assert preview.count() == 1
     page.get_by_role("button", name="Joint", exact=True).click()
-    page.wait_for_function("n => document.querySelectorAll('#shown .chart').length === n", arg=shown)
+    page.wait_for_function(
+        "n => document.querySelectorAll('#shown .chart').length === n", arg=shown
+    )
     asked.click()
     preview.wait_for(state="detached")
 
@@ -109,6 +111,21 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     status, said = served.interrupt()
     assert status == 0
     assert "Traceback" not in said
+
+
+def test_places_in_which_one_would_do_for_another_are_not_added_together(serve, visit):
+    folder = ROBOTS / "four_bar"  # the friction of all its joints acts in one equation
+    page = visit(serve(folder, folder / "run.csv").address).page
+    settled(page)
+    lines = page.locator("#effects .several > details > summary")
+    assert lines.count() > 1
+    assert all("in one of " in line for line in lines.all_inner_texts())
+    assert page.get_by_role("button", name="add dry friction in").count() == 0
+    tall = "() => document.documentElement.scrollHeight"
+    before = page.evaluate(tall)
+    page.locator("#effects li.sure li").first.hover()
+    page.wait_for_timeout(500)
+    assert page.evaluate(tall) == before
 
 
 def test_keys_are_enough(serve, visit):
