@@ -21,7 +21,7 @@ from ident.show.comparison import comparison_card, comparison_json, plot_forces
 from ident.show.diagnosis import LINES, short
 from ident.show.diagnosis import card as diagnosis_card
 from ident.show.fit import card as fit_card
-from ident.show.html import Bar, Card, Page, enough, good_enough, table
+from ident.show.html import Bar, Card, Page, enough, good_enough, paragraph, table
 from ident.show.laws import numbers
 from ident.show.residual import plot_maps
 from identification import motion_log, plant, robot
@@ -281,6 +281,23 @@ def test_the_framed_map_is_that_of_the_named_effects_own_signal(nouns):
     assert marked == ["v [rad/s]"]
 
 
+def test_the_framed_map_is_the_strongest_and_has_the_name_of_its_model(nouns):
+    chart = nouns["comparison"].plot_maps("crank")
+    without, better = chart.rows
+    strength = {panel.title.split()[-1]: panel for panel in without if panel.title}
+    assert [panel for panel in without if panel.marked] == [strength[max(strength)]]
+    assert not any(panel.marked for panel in better)
+    (first, _) = nouns["comparison"].residuals
+    assert f"framed: v.crank ({first}, R² {max(strength)})" in chart.words
+
+
+def test_options_in_words_are_not_broken():
+    shown = str(paragraph("see `a --b`; --consistent (--total-mass 3) helps -- or 1--2"))
+    assert '<span class="tied">--consistent</span>' in shown
+    assert '(<span class="tied">--total-mass</span> 3) helps -- or 1--2' in shown
+    assert shown.count("tied") == 2
+
+
 def test_friction_under_load_is_drawn_over_the_load_in_both_directions():
     arm = ident.load(ROBOTS / "arm") + ident.effect("load_friction", "shoulder")
     values = {"load_friction.shoulder.mu": 0.05}
@@ -325,7 +342,7 @@ def test_bars_that_are_all_visible_are_not_cut():
 
 def test_a_number_is_not_broken_at_the_sign_of_its_exponent():
     html = str(table([["name", "value"], ["k", "3.67321e-06 ± 1e-7"]], "Values"))
-    assert 'class="number">3.67321e-06</span>' in html
+    assert 'class="tied">3.67321e-06</span>' in html
 
 
 def test_a_table_that_is_folded_already_is_not_folded_again_without_a_title():

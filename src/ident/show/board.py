@@ -138,8 +138,8 @@ def _offer(x: Law | FoundCurve) -> dict[str, Any]:
 def _effect_row(x: PredictedGain, marks: dict[str, str]) -> dict[str, Any]:
     change, fall = "not linear" if x.present else "", 0.0
     if x.before is not None and x.after is not None:
-        other = "" if {*x.joints[:1]} <= {*x.effect.joints} else f"{x.joints[0]} "
-        change = f"{other}≈ {Bar('', x.before, x.after).words}"  # all else is refitted when added
+        other = "" if {*x.joints[:1]} <= {*x.effect.joints} else f" in {x.joints[0]}"
+        change = f"≈ {Bar('', x.before, x.after).words}{other}"  # all else is refitted when added
         fall = 1 - x.after.rms / max(x.before.rms, 1e-300)
     about = x.effect.equation if isinstance(x.effect, Formula) else type(x.effect).summary()
     mark = "in the model" if x.present else marks.get(x.label, "")
@@ -147,7 +147,7 @@ def _effect_row(x: PredictedGain, marks: dict[str, str]) -> dict[str, Any]:
     group = 2 if x.present else 1 if x.sure or judged else 4 if x.fall is None else 3
     return _row(
         x.effect, group, fall, set=JUDGED if judged else x.effect.kind, mark=mark,
-        sure=x.sure or judged, fall=change, about=about, why=x.why,
+        sure=x.sure or judged, fall=change, about=about, why=x.why, joint="".join(x.joints[:1]),
     )  # fmt: skip
 
 
@@ -261,7 +261,8 @@ class Board:
             if do == "preview" and self.state["stale"]:
                 return  # the label is of another model
             self._turn += changes
-            self._over = label if do == "preview" else ""
+            if do != "look":
+                self._over = label if do == "preview" else ""
             turn = self._turn
             if changes:
                 self._tell(busy=True)

@@ -230,7 +230,12 @@ class Exploration(Displayed):
             return "What no effect explains has a law or a curve: accept it or refuse it."
         best = next((x for x in self.candidates if x.sure and not x.present), None)
         if best is None:
-            return "No effect lowers the error by more than chance would; judge it to be sure."
+            sure = (
+                "the verdict is under Verdict"
+                if self.diagnosis is not None
+                else "judge it to be sure"
+            )
+            return f"No effect lowers the error by more than chance would; {sure}."
         first = f"The first candidate is {named([best.effect])}"
         if self.diagnosis is not None:
             return f"{first}; the verdict on it is under Verdict."

@@ -51,15 +51,21 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     assert opened == [True] + [False] * (len(opened) - 1)  # candidates, before all that is folded
     first = page.locator("#effects button").first
     assert (first.get_attribute("aria-label") or "").startswith("add coulomb:")  # one, not all
-    candidate = page.locator("#effects li.sure").first
-    candidate.hover()
-    preview = page.locator("#shown [aria-label*='over time, as it is and with']")
+    shown = page.locator("#shown .chart").count()
+    asked = page.get_by_role("button", name="preview coulomb:").first
+    asked.click()
+    preview = page.locator("#effects [aria-label*='over time, as it is and with']")  # in its row
     preview.wait_for()
     assert len(rungs(page)) == 1  # nothing is added
-    page.locator("#card").hover()
+    page.get_by_role("button", name="Verdict").click()  # nor does one replace the other
+    page.locator("#shown").get_by_text("no proof of a cause").wait_for()
+    assert preview.count() == 1
+    page.get_by_role("button", name="Joint", exact=True).click()
+    page.wait_for_function(
+        "n => document.querySelectorAll('#shown .chart').length === n", arg=shown
+    )
+    asked.click()
     preview.wait_for(state="detached")
-    candidate.get_by_role("button").first.focus()
-    preview.wait_for()
 
     add(page, "viscous:elbow")
     ladder = rungs(page)
@@ -105,6 +111,21 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     status, said = served.interrupt()
     assert status == 0
     assert "Traceback" not in said
+
+
+def test_places_in_which_one_would_do_for_another_are_not_added_together(serve, visit):
+    folder = ROBOTS / "four_bar"  # the friction of all its joints acts in one equation
+    page = visit(serve(folder, folder / "run.csv").address).page
+    settled(page)
+    lines = page.locator("#effects .several > details > summary")
+    assert lines.count() > 1
+    assert all("in one of " in line for line in lines.all_inner_texts())
+    assert page.get_by_role("button", name="add dry friction in").count() == 0
+    tall = "() => document.documentElement.scrollHeight"
+    before = page.evaluate(tall)
+    page.locator("#effects li.sure li").first.hover()
+    page.wait_for_timeout(500)
+    assert page.evaluate(tall) == before
 
 
 def test_keys_are_enough(serve, visit):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -151,7 +152,7 @@ def test_without_shapes_rods_join_the_joints(tmp_path):
     joints = [J("a"), J("b", parent="a"), J("c", parent="b")]
     mechanism = ident.load(write_mechanism(tmp_path, tree_urdf(joints), toml))
     own = [x for x in mechanism.view().shapes if x.name == "b_link"]
-    assert len(own) == 3  # two rods and the inertia
+    assert len(own) == 4  # two rods, one to the inertia, and that
     ends = []
     for rod in own[:2]:
         ends += [rod.corners[: len(rod.corners) // 2], rod.corners[len(rod.corners) // 2 :]]
@@ -159,6 +160,22 @@ def test_without_shapes_rods_join_the_joints(tmp_path):
     for place in (np.zeros(3), np.array([0.0, 0.7, 0.0]), to_c):
         middles = np.array([each.mean(axis=0) for each in ends])
         assert np.linalg.norm(middles - place, axis=1).min() < 1e-9
+
+
+def test_the_ground_has_rods_between_its_joints_and_an_impossible_inertia_no_box(robots, tmp_path):
+    text = (robots / "four_bar" / "four_bar.urdf").read_text()
+    toml = (robots / "four_bar" / "mechanism.toml").read_text()
+    (tmp_path / "mechanism.toml").write_text(toml)
+    for bare in (False, True):
+        text = re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL)
+        text = re.sub(r'izz="[^"]*"', 'izz="1000"', text) if bare else text
+        (tmp_path / "four_bar.urdf").write_text(text)
+        view = ident.load(tmp_path).view()
+        ground = [x for x in view.shapes if x.kind == "body" and x.joint == 0]
+        boxes = [x for x in view.shapes if x.kind == "body" and len(x.corners) == 8]
+        assert len(ground) == 1
+        assert len(boxes) == (0 if bare else 3)
+        assert any("no body can have" in note for note in view.notes) == bare
 
 
 def test_loops_that_do_not_close_are_shown_open(robots, tmp_path):

@@ -264,10 +264,11 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
 }
 
 // Draws pieces of a page that a server sends: HTML, which it has escaped, and charts.
-let pieces = [] // documents of those drawn
+const pieces = new Map() // documents of those drawn, by their place
 function drawPieces(all, place) {
-  pieces.forEach((each) => each.clear())
-  pieces = []
+  pieces.get(place)?.forEach((each) => each.clear())
+  const own = []
+  pieces.set(place, own)
   place.replaceChildren()
   for (const {html, chart, words, height} of all) {
     const part = document.createElement("div")
@@ -277,6 +278,6 @@ function drawPieces(all, place) {
     part.setAttribute("role", "img")
     part.setAttribute("aria-label", words)
     part.style.minHeight = `${height}px`
-    drawChart(JSON.parse(chart), part).then((drawn) => pieces.push(drawn.document))
+    drawChart(JSON.parse(chart), part).then((drawn) => own.push(drawn.document))
   }
 }

@@ -128,11 +128,13 @@ function drawScene(scene, place, told) {
       const wide = art.measureText(text).width
       const cost = ([left, line], i) => {
         const grid = [0, 0.25, 0.5, 0.75, 1].flatMap((u) => [-13, -5, 3].map((v) => [left + u * wide, line + v]))
-        const hidden = grid.filter((p) => inside(p)).length, far = Math.hypot(Math.max(left - x, 0, x - left - wide), line - 5 - y)
+        const within = triangles.filter((t) => t.some(([u, v]) => u > left - 2 && u < left + wide + 2 && v > line - 15 && v < line + 5)).length
+        const hidden = within + grid.filter((p) => inside(p)).length, far = Math.hypot(Math.max(left - x, 0, x - left - wide), line - 5 - y)
         const over = taken.some(([l, b, w]) => left < l + w + 8 && l < left + wide + 8 && Math.abs(b - line) < 18)
         return 40 * over + 4 * hidden + far / 20 - (places.get(text) === i ? 3 : 0) // it stays while that is about as good
       }
       const around = [18, 40, 80].flatMap((r) => [[r, 5], [r, -r], [-wide / 2, -r], [-r - wide, -r], [-r - wide, 5], [-r - wide, r + 9], [-wide / 2, r + 9], [r, r + 9]])
+        .concat([[-x, -y], [width - x, -y], [-x, height - y], [width - x, height - y]]) // or in a corner
         .map(([dx, dy]) => [Math.max(4, Math.min(x + dx, width - wide - 6)), Math.max(15, Math.min(y + dy, height - 6))])
       const costs = around.map(cost), best = costs.indexOf(Math.min(...costs)), [left, line] = around[best]
       places.set(text, best)

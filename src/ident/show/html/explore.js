@@ -15,25 +15,32 @@ const button = (label, act, attributes = {}) => {
 }
 const socket = new WebSocket(location.href.replace(/^http/, "ws"))
 const send = (message) => { if (socket.readyState === 1) socket.send(JSON.stringify(message)) }
-const change = (message) => { if (!state.busy) { preview(""); send(message) } }
-let over = "", drawn = null, waiting = 0 // the effect that is previewed, and what is drawn
-function preview(label) {
-  clearTimeout(waiting)
-  if (label && state.stale) return // candidates of another model
-  waiting = setTimeout(() => { if (label !== over) { over = label; send({do: "preview", label}); shown() } }, label ? 250 : 0)
+const change = (message) => { if (!state.busy) { over = ""; send(message); effects() } }
+let over = "", drawn = null // the effect that is previewed, and what is drawn of it
+const place = make("div", {class: "place", "aria-live": "polite"}) // below its line
+function preview(label) { // a second click ends it
+  if (state.busy || state.stale) return // candidates of another model
+  over = label === over ? "" : label
+  send({do: "preview", label: over})
+  effects()
+  previewed()
+}
+const previewed = () => {
+  const wanted = over && state.preview?.label === over ? state.preview.shown : null
+  if (wanted && wanted !== drawn) drawPieces(wanted, place)
+  if (!wanted) place.textContent = "computing …"
+  drawn = wanted
 }
 const look = (what) => send({do: "look", view: state.view, joint: state.joint, ...what})
 const busy = () => ({"aria-disabled": String(state.busy)}) // not `disabled`, which loses the focus
 let listed = ""
 const MOST = 4 // places of a kind whose falls are written on its line
 
-function previews(line, label) {
-  for (const enter of ["pointerenter", "focusin"]) line.addEventListener(enter, (event) => { event.stopPropagation(); preview(label) })
-  for (const leave of ["pointerleave", "focusout"]) line.addEventListener(leave, () => preview(""))
-}
+const previewer = (label, title) => button("preview", () => preview(label),
+  {"aria-label": `preview ${title}`, "aria-pressed": String(label === over), "data-key": `preview ${label}`, ...busy()})
 
 function effects() {
-  const focused = document.activeElement?.dataset.key, list = $("effects")
+  const focus = document.activeElement?.dataset.key, focused = focus?.replace(/^(preview|refuse) /, ""), list = $("effects")
   const wanted = $("filter").value.trim().toLowerCase()
   const rows = state.effects.filter((x) => `${x.label} ${x.about}`.toLowerCase().includes(wanted))
   const groups = []
@@ -51,22 +58,23 @@ function effects() {
     if (several) {
       const labels = alike.map((y) => y.label).join("\n"), key = `all ${x.set}`
       const judged = x.set === x.mark // what a diagnosis names together, of one kind or of several
-      const title = judged ? `${x.mark}: ${alike.length} effects` : `${x.plain} in ${alike.length} places`
+      const apart = judged || new Set(alike.map((y) => y.joint)).size === alike.length // else one would do for another
+      const title = judged ? `${x.mark}: ${alike.length} effects` : `${x.plain} in ${apart ? "" : "one of "}${alike.length} places`
       together = make("ul", {})
       const first = x === rows.find((y) => !y.present && !y.offered) // unfolded: one effect is added before all
       const parts = folding(key, title,
         first !== toggled.has(key) || alike.some((y) => y.label === focused), together)
-      const all = button(`add all ${alike.length}`, () => change({do: "add", label: labels}),
-        {"aria-label": `add ${title}`, "data-key": key, ...busy()})
-      const best = alike.slice(0, MOST).map((y) => `${judged ? y.label : y.label.split(":").slice(1).join(":")} ${y.fall}`)
-      const where = [...best, ...(alike.length > MOST ? [`${alike.length - MOST} more`] : [])].join("; ").replaceAll(" %", "\u00a0%")
-      lines.append(make("li", {class: "sure several"}, parts, make("span", {class: "about"}, where), all))
-      previews(lines.lastChild, labels)
+      const all = !apart ? [] : [button(`add all ${alike.length}`, () => change({do: "add", label: labels}),
+        {"aria-label": `add ${title}`, "data-key": key, ...busy()}), " ", previewer(labels, title)]
+      const best = alike.slice(0, MOST).map((y) => `${judged ? y.label : y.label.split(":").slice(1).join(":")}: ${y.fall}`)
+      const where = [...best, ...(alike.length > MOST ? [`${alike.length - MOST} more`] : [])]
+      lines.append(make("li", {class: "sure several"}, parts, make("div", {class: "about"}, ...where.map((each) => make("div", {}, each))), ...all))
+      if (labels === over) lines.lastChild.append(place)
     }
     for (const y of several ? alike : [x]) (several ? together : lines).append(row(y, several && y.set !== y.mark && y !== alike[0]))
   }
   list.replaceChildren(...groups)
-  finish(list, rows, wanted, focused)
+  finish(list, rows, wanted, focus)
 }
 
 const toggled = new Set() // keys of what is not as it is at first
@@ -82,11 +90,12 @@ function row(x, likewise = false) { // likewise: the row above, of the same kind
   const act = (word, does) => button(word, () => change({do: does, label: x.label}),
     {"aria-label": `${word} ${x.label}`, "data-key": (does === "refuse" ? "refuse " : "") + x.label, ...busy()})
   const buttons = x.offered ? [act("accept", "add"), act("refuse", "refuse")] : [act(verb, verb)]
+  if (!x.present) buttons.push(previewer(x.label, x.label))
   const line = make("li", {class: kind}, make("span", {class: "do"}, ...buttons),
     name, make("span", {class: "fall"}, x.fall),
     make("span", {class: "bar", style: `--share: ${100 * x.share}%`, "aria-hidden": "true"}))
-  if (!x.present) previews(line, x.label)
   for (const part of likewise ? ["why"] : ["about", "why"]) if (x[part]) line.append(make("span", {class: part}, x[part]))
+  if (x.label === over) line.append(place)
   return line
 }
 
@@ -114,11 +123,6 @@ function ladder() {
   $("ladder").scrollTop = $("ladder").scrollHeight
 }
 
-const shown = () => {
-  const wanted = over && state.preview?.label === over ? state.preview.shown : state.shown
-  if (wanted !== drawn) drawPieces((drawn = wanted), $("shown"))
-}
-
 const draw = { // by key of the state
   title() { $("status").querySelector("h1").textContent = document.title = state.title },
   status() {
@@ -130,7 +134,8 @@ const draw = { // by key of the state
   },
   card() { $("card").innerHTML = state.card }, // escaped by the server
   folder() { $("folder").textContent = state.folder.split(/[\\/]/).pop(); $("folder").title = state.folder },
-  views() { views() }, view() { views() }, open: effects, effects, stale: effects, note: effects, ladder, shown, preview: shown,
+  views() { views() }, view() { views() }, open: effects, effects, stale: effects, note: effects, ladder, preview: previewed,
+  shown() { drawPieces(state.shown, $("shown")) },
   joints() { $("joint").replaceChildren(...state.joints.map((name) => make("option", {}, name))) },
   joint() { $("joint").value = state.joint },
   undo() { $("undo").disabled = state.busy || !state.undo },
