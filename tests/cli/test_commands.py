@@ -249,7 +249,7 @@ def test_the_identified_folder_is_a_mechanism(fitted, done):
     assert abs(number(outcome.out, "coulomb.theta.Fc")) < 1e-9
     outcome = done("identify", folder, log)
     assert "nothing is unknown: these are the errors of the model as it is" in outcome.err
-    assert "rank " not in outcome.out
+    assert "\nrank " not in outcome.out
     assert "nothing is missing" in done("diagnose", folder, log).out
     urdf = api.load(out / "identified.urdf")
     assert np.allclose(urdf.prior, api.load(folder).prior)
