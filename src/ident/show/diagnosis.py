@@ -57,7 +57,9 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     elif left_before(d):
         command = next_command("grow", added)
     elif d.best is not None:
-        command = add_command(d.fit.mechanism, [*added, *d.group])
+        # a model in which everything is known is a reference, and stays as it is
+        again = "" if len(d.fit.columns) else next_command("diagnose", [*added, *d.group])
+        command = again or add_command(d.fit.mechanism, [*added, *d.group])
         planned = planning(d, added) if separable(d) else ""
     elif d.laws:
         files = [f"{folder.get() or 'DIR'}/{law.option}" for law in d.laws]
