@@ -270,6 +270,7 @@ def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
     own_signal = _signal_of(models[-1], joint, effect, names) if effect else ""
     if own_signal and own_signal not in names:
         names[len(OWN) + 1 :] = [own_signal]  # in the place of another joint's
+    scores = [{} for _ in models] if own_signal else scores  # one measure is enough
     shown, framed = told_apart(residuals), list[str]()
     rows: list[tuple[Panel, ...]] = []
     for title, residual, score in zip(residuals, models, scores, strict=True):
