@@ -39,7 +39,8 @@ def significant(x: float, digits: int = 3) -> str:
     >>> significant(60412.0), significant(0.0567, 2), significant(2.5e6)
     ('60400', '0.057', '2.5e+06')
     """
-    return f"{float(f'{x:.{digits}g}'):g}"
+    text = f"{float(f'{x:.{digits}g}'):g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(x) < LARGE else text
 
 
 two_digits = partial(significant, digits=2)

@@ -53,7 +53,7 @@ from ident.cli.options import (
     with_packages,
 )
 from ident.display import Progress, acceptable, part
-from ident.errors import IdentError, one_of
+from ident.errors import FitError, IdentError, one_of
 
 if TYPE_CHECKING:
     from ident.diagnosis import Diagnosis
@@ -368,6 +368,7 @@ def diagnose(
         else:
             from ident.diagnosis import diagnose as diagnose_
             from ident.fit import identify
+            from ident.mechanism.load import has_identified
 
             motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.05))
             second, third = part(on_progress, 0.05, 0.1), part(on_progress, 0.1, 1.0)
@@ -377,10 +378,12 @@ def diagnose(
                 fit = fit if since is None else fit.since(since)
             try:
                 found, remarks = diagnose_(fit, progress=third, **decision), fit.warnings
-                if (then := model.earlier(model.mechanism, mechanism)) is not None:
+                if not model.lock and has_identified(model.mechanism):
                     from ident.show.comparison import fitted_anew
 
-                    remarks = (fitted_anew(fit.since(then)), *remarks)
+                    with suppress(FitError):  # only a note depends on it
+                        then = model.earlier(model.mechanism, mechanism)
+                        remarks = (*([fitted_anew(fit.since(then))] if then else []), *remarks)
                 on_progress("planning the next experiment", 1.0)
             except KeyboardInterrupt:  # the fit is done
                 if out is not None:

@@ -144,7 +144,10 @@ def load(
         try:
             joints = table.data.get("joint", "")
             if isinstance(joints, str) and {*held} & {*joints.replace(" ", "").split(",")}:
-                still.append(f"{table.text('kind')}:{joints}")
+                kind = table.text("kind")
+                if kind not in KINDS and "file" not in table:
+                    raise table.error(f"there is no effect '{kind}'; {one_of(kind, KINDS)}")
+                still.append(f"{kind}:{joints}")
                 continue
             effect = _effect(table, context)
             if effect.label in {own.label for own in mechanism.effects}:

@@ -314,7 +314,8 @@ def fitted_anew(fit: Fit) -> str:
     """
     assert fit.changes is not None
     words = changes_line(fit.changes).rstrip(".")
-    return f"all parameters were fitted anew. {words}; the cause: {next_command('diagnose')}"
+    cause = f"; for the cause: {next_command('diagnose')}" * bool(fit.changes.changed)
+    return f"all parameters were fitted anew. {words}{cause}"
 
 
 def _change_words(c: Change) -> str:

@@ -47,7 +47,7 @@ LAST = 2  # parameters in one line
 POOR = 0.05  # of the torque: a model that leaves more hides differences between logs
 MOSTLY = 0.9  # of a log's difference, that a part must explain to be named
 TINY = 1e-12  # a smaller chance is printed as this
-SIZED = 3  # rivals of a cause, up to which all are printed with their sizes
+SIZED = 3  # rivals of a cause, below which all are printed with their sizes
 BLIND = 10.0  # times a change: a standard error beyond which it is not printed
 
 

@@ -304,9 +304,9 @@ def name_change(
 
     def others(evidence: np.ndarray, bound: float) -> tuple[Reading, ...]:
         """Of less evidence against them; what is another one and more is no other."""
-        near = [each for each, x in zip(readings, evidence, strict=True) if x < bound]  # best first
-        more = (any(each.suspect.contains(x.suspect) for x in near) for each in near)
-        return tuple(each for each, is_more in zip(near, more, strict=True) if not is_more)[1:]
+        near = [each for each, x in zip(readings[1:], evidence[1:], strict=True) if x < bound]
+        less = [*readings[:1], *near]
+        return tuple(e for e in near if not any(e.suspect.contains(x.suspect) for x in less))
 
     return Naming(
         readings=tuple(readings),

@@ -53,6 +53,11 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     assert (first.get_attribute("aria-label") or "").startswith("add coulomb:")  # one, not all
     shown = page.locator("#shown .chart").count()
     asked = page.get_by_role("button", name="preview coulomb:").first
+    asked.hover()  # under the pointer it is beside the list, and goes with the pointer
+    floating = page.locator("body > .place [aria-label*='over time, as it is and with']")
+    floating.wait_for()
+    page.mouse.move(1, 1)
+    floating.wait_for(state="detached")
     asked.click()
     preview = page.locator("#effects [aria-label*='over time, as it is and with']")  # in its row
     preview.wait_for()

@@ -474,6 +474,7 @@ def origin(files: Sequence[Path], logs: Sequence[tuple[str, str]]) -> Section:
 
 def _sha256(file: Path) -> str:
     try:
-        return hashlib.sha256(file.read_bytes()).hexdigest()
+        with file.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError:
         return "no longer there"

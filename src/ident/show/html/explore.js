@@ -15,15 +15,33 @@ const button = (label, act, attributes = {}) => {
 }
 const socket = new WebSocket(location.href.replace(/^http/, "ws"))
 const send = (message) => { if (socket.readyState === 1) socket.send(JSON.stringify(message)) }
-const change = (message) => { if (!state.busy) { over = ""; send(message); effects() } }
+const change = (message) => { if (!state.busy) { unfloat(); over = ""; send(message); effects() } }
 let over = "", drawn = null // the effect that is previewed, and what is drawn of it
+let floats = false // whether it is that under the pointer or with the focus, beside the list
 const place = make("div", {class: "place", "aria-live": "polite"}) // below its line
 function preview(label) { // a second click ends it
   if (state.busy || state.stale) return // candidates of another model
-  over = label === over ? "" : label
+  const pinned = floats && over === label
+  if (pinned) { floats = false; place.remove() } else unfloat()
+  over = !pinned && label === over ? "" : label
   send({do: "preview", label: over})
   effects()
   previewed()
+}
+function float(label) { // nothing on the page moves
+  if (state.busy || state.stale || (over && !floats)) return
+  floats = true
+  over = label
+  send({do: "preview", label})
+  document.body.append(place)
+  previewed()
+}
+function unfloat() {
+  if (!floats) return
+  floats = false
+  over = ""
+  place.remove()
+  send({do: "preview", label: ""})
 }
 const previewed = () => {
   const wanted = over && state.preview?.label === over ? state.preview.shown : null
@@ -36,8 +54,14 @@ const busy = () => ({"aria-disabled": String(state.busy)}) // not `disabled`, wh
 let listed = ""
 const MOST = 4 // places of a kind whose falls are written on its line
 
-const previewer = (label, title) => button("preview", () => preview(label),
-  {"aria-label": `preview ${title}`, "aria-pressed": String(label === over), "data-key": `preview ${label}`, ...busy()})
+const previewer = (label, title) => {
+  const made = button("preview", () => preview(label), {"aria-label": `preview ${title}`,
+    "aria-pressed": String(label === over && !floats), "data-key": `preview ${label}`, ...busy()})
+  made.addEventListener("pointerenter", (event) => { if (event.pointerType === "mouse") float(label) })
+  made.addEventListener("focus", () => { if (made.matches(":focus-visible")) float(label) })
+  for (const end of ["pointerleave", "blur"]) made.addEventListener(end, unfloat)
+  return made
+}
 
 function effects() {
   const focus = document.activeElement?.dataset.key, focused = focus?.replace(/^(preview|refuse) /, ""), list = $("effects")
@@ -69,7 +93,7 @@ function effects() {
       const best = alike.slice(0, MOST).map((y) => `${judged ? y.label : y.label.split(":").slice(1).join(":")}: ${y.fall}`)
       const where = [...best, ...(alike.length > MOST ? [`${alike.length - MOST} more`] : [])]
       lines.append(make("li", {class: "sure several"}, parts, make("div", {class: "about"}, ...where.map((each) => make("div", {}, each))), ...all))
-      if (labels === over) lines.lastChild.append(place)
+      if (labels === over && !floats) lines.lastChild.append(place)
     }
     for (const y of several ? alike : [x]) (several ? together : lines).append(row(y, several && y.set !== y.mark && y !== alike[0]))
   }
@@ -95,7 +119,7 @@ function row(x, likewise = false) { // likewise: the row above, of the same kind
     name, make("span", {class: "fall"}, x.fall),
     make("span", {class: "bar", style: `--share: ${100 * x.share}%`, "aria-hidden": "true"}))
   for (const part of likewise ? ["why"] : ["about", "why"]) if (x[part]) line.append(make("span", {class: part}, x[part]))
-  if (x.label === over) line.append(place)
+  if (x.label === over && !floats) line.append(place)
   return line
 }
 
