@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -100,7 +101,7 @@ class PartialRegression(Projection):
     def _gains(self, groups: Index) -> Gains:
         """Gains of groups (n, u) of equal size, those of r_1 … r_B in single precision."""
         n, u = groups.shape
-        (G, M), q = self._downdated, self.by_block(self._Q, self._residual)
+        (G, M), q = self._downdated, self._inside
         blocks, rank, B = self.blocks, self.rank, q.shape[2] - 1
         columns = [self._columns_of(part, groups) for part in self.parts]
         p = np.zeros((blocks, rank, n * u))
@@ -152,23 +153,42 @@ class PartialRegression(Projection):
             Z[k] = P - Mp
         D, by = np.zeros((n, blocks)), np.zeros((n, self.d))
         null = np.zeros((n, self.d, B), dtype=np.float32)
-        for part, Q, E, (mine, X) in zip(self.parts, self.Q, self.errors, columns, strict=True):
-            for k in range(blocks):
+        single = Z.astype(np.float32) if B else Z
+        for part, Q, left, (mine, X) in zip(self.parts, self.Q, self._left, columns, strict=True):
+            for k, (QQ, e, qe, random, q_random) in enumerate(left):
                 rows = part.block(k)
-                x, e = _turned(V[mine], X[rows]), E[rows]
-                GZ = (Q[rows].T @ Q[rows]) @ Z[k]
-                a = _inner(Z[k], GZ, u)
+                x = _turned(V[mine], X[rows])
+                a = _inner(Z[k], QQ @ Z[k], u)
                 own = Z[k].reshape(rank, n, u)[:, mine].reshape(rank, len(mine) * u)
                 cross = _inner(Q[rows].T @ x, own, u)
                 a[mine] += _inner(x, x, u) - cross - cross.transpose(0, 2, 1)
-                qe = Q[rows].T @ e
-                fall = _fall(mine, cy[k], x, Z[k], e[:, :1], qe[:, :1], a)[:, 0]
+                fall = _fall(mine, cy[k], x, Z[k], e, qe, a)[:, 0]
                 D[:, k] += fall
                 by[:, part.coordinate] += fall
                 if B:
-                    single = (cn[k], x, Z[k], e[:, 1:], qe[:, 1:], a)
-                    null[:, part.coordinate] += _fall(mine, *(y.astype(np.float32) for y in single))
+                    x, a = x.astype(np.float32), a.astype(np.float32)
+                    fall = _fall(mine, cn[k], x, single[k], random, q_random, a)
+                    null[:, part.coordinate] += fall
         return Gains(D, by, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
+
+    @cached_property
+    def _inside(self) -> Array:
+        """QᵀỸ (blocks, rank, 1 + B) of each block."""
+        return self.by_block(self._Q, self._residual)
+
+    @cached_property
+    def _left(self) -> list[list[tuple[np.ndarray, ...]]]:
+        """By part and block QᵀQ, e = L b̃ and Qᵀe, and of r_1 … r_B in single precision."""
+        found = []
+        for part, Q, E in zip(self.parts, self.Q, self.errors, strict=True):
+            mine = list[tuple[np.ndarray, ...]]()
+            for rows in map(part.block, range(self.blocks)):
+                q, e = Q[rows], E[rows]
+                qe = q.T @ e
+                random, q_random = (y[:, 1:].astype(np.float32) for y in (e, qe))
+                mine.append((q.T @ q, e[:, :1], qe[:, :1], random, q_random))
+            found.append(mine)
+        return found
 
     def _columns_of(self, part: Part, groups: Index) -> tuple[Index, Array]:
         """Which groups (n, u) have columns in a part, and those (m, ·), weighted."""
@@ -247,8 +267,8 @@ def _inner(a: np.ndarray, b: np.ndarray, u: int) -> np.ndarray:
 def _turned(V: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Columns x (…, n u) of n groups times V (n, u, u)."""
     n, u = V.shape[:2]
-    three = x.reshape(*x.shape[:-1], n, u)
-    return np.asarray(sum(three[..., i, None] * V[:, i] for i in range(u))).reshape(x.shape)
+    groups = np.moveaxis(x.reshape(*x.shape[:-1], n, u), -2, -3)
+    return np.moveaxis(groups @ V, -3, -2).reshape(x.shape)
 
 
 def _theta(
