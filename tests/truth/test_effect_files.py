@@ -162,6 +162,18 @@ def test_a_kind_is_described_in_full(kind):
         assert parameter.meaning in line
 
 
+def test_couplings_are_tried_where_motors_may_have_a_common_shaft():
+    def pairs(name):
+        found = ident.load(ROBOTS / name).candidates()
+        return {each.joints for each in found if each.kind == "coupling"}
+
+    assert pairs("arm") == {("yaw", "shoulder"), ("shoulder", "elbow"), ("elbow", "wrist")}
+    assert pairs("five_bar") == {("left", "right")}
+    assert pairs("slider_crank") == set()
+    told = ident.load(ROBOTS / "arm").with_effect("coupling:yaw,wrist")
+    assert told.effects[-1].joints == ("yaw", "wrist")
+
+
 @pytest.mark.parametrize("name", ["four_bar", "five_bar"])
 def test_lengths_across_the_plane_of_a_planar_loop_are_no_candidates(name):
     mechanism = ident.load(ROBOTS / name)

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.effect import Bounds, Correcting, Correction, Effect, Signals, Unknown
+from ident.effects.effect import Bounds, Correcting, Correction, Effect, Signals, Sites, Unknown
 from ident.effects.joint import direction
 
 LATEST = 0.05  # [s] that a channel may be late or early
@@ -54,6 +54,10 @@ class Coupling(Effect):
     signature = "the residuals of two joints are alike and step with their speeds' sum"
     confused_with = ("viscous and coulomb of the two joints, if they always move alike",)
     source = JANOT
+
+    @classmethod
+    def candidates(cls, sites: Sites) -> list[tuple[str, ...]]:
+        return [*sites.geared]
 
     def columns(self, s: Signals) -> np.ndarray:
         v = s.v.sum(axis=1)

@@ -150,6 +150,8 @@ class Sites:
 
     joint: tuple[str, ...] = ()  # all coordinates, closures' own as well
     driven: tuple[str, ...] = ()  # joints with a drive
+    # pairs of these whose motors may have a common shaft: one after the other, or on one body
+    geared: tuple[tuple[str, str], ...] = ()
     # joints whose load the model predicts: driven ones and closures' own
     loaded: tuple[str, ...] = ()
     logged: tuple[str, ...] = ()  # joints whose position is logged

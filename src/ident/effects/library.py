@@ -179,11 +179,18 @@ def _of_one_kind(group: Sequence[Effect], word: str) -> str:
     first = group[0]
     signals = listed(dict.fromkeys(each.signal for each in group if each.signal))
     of = f" of {signals}" if any(each.signal for each in group) else ""
-    sites = first.joints if len(group) == 1 else [",".join(each.joints) for each in group]
+    sites = [_together(each.joints) for each in group]
     own = places(sites) if word == "and" else listed(sites, word)  # of rivals the best first
+    if len(group) == 1:
+        own = places(first.joints)
     where = f" {PREPOSITIONS.get(first.site, 'in')} {own}" if first.joints else ""
     code = "" if first.kind.replace("_", " ") in plain(first) else f" ({first.kind})"
     return f"{plain(first)}{of}{where}{code}"
+
+
+def _together(joints: Sequence[str]) -> str:
+    """Return the joints of one effect beside those of others."""
+    return " with ".join(joints) if len(joints) < 3 else f"{places(joints)} together"
 
 
 # --- of a user ------------------------------------------------------------------------------------

@@ -36,6 +36,7 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
     "position swapped", "joints swapped", "time", "gravity", "another run", "units",
 }  # fmt: skip
+PART = 0.1  # of a joint's squared error, of which less is not what is wrong with it
 BEYOND = 3.0  # times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
 ABSENT = 1e-9  # of the largest column, below which an unknown has no effect on any torque
 LIKE = 0.9  # correlation from which the URDF's torque is like the identified one, …
@@ -91,7 +92,15 @@ class DataChecks(FaultSearch):
             if {each.code for each in found} <= {"scale"} and any(x.code == "units" for x in sizes):
                 found = sizes
             found = found or [*self._strangers(self.faults[2])] or sizes
-        return Health((*found, *log_findings(self.mechanism, self.problem.motion)))
+        channels = filter(self._matters, log_findings(self.mechanism, self.problem.motion))
+        return Health((*found, *channels))
+
+    def _matters(self, finding: Finding) -> bool:
+        """Whether the steps of a torque, if the finding is of these, make a part of the errors."""
+        kind, _, joint = finding.where[0].partition(".") if finding.where else ("", "", "")
+        if finding.code != "steps" or kind != "tau" or finding.number is None:
+            return True
+        return finding.number**2 > PART * self.errors.get(joint, 0.0) ** 2
 
     @property
     def moved(self) -> Array:

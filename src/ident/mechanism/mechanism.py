@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -207,7 +208,8 @@ class Mechanism(Displayed):
         names = tuple(self.joint_index)
         own = tuple(joint.name for joint in self.joints if not joint.in_tree)
         return Sites(
-            joint=names, driven=self.driven, loaded=(*self.driven, *own), logged=names,
+            joint=names, driven=self.driven, geared=self._geared,
+            loaded=(*self.driven, *own), logged=names,
             link=self.bodies.links, place=tuple(self.lengths),
             closure=tuple(closure.name for closure in self.closures),
             loop=tuple(closure.name for closure in self.closures if closure.frames),
@@ -216,6 +218,24 @@ class Mechanism(Displayed):
                 if abs(x) > SHORTEST and not self._across(place)
             ),
         )  # fmt: skip
+
+    @property
+    def _geared(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of driven joints of one type that follow each other or are on one body."""
+        model = self.model
+        driven = [name for name in self.driven if model.existJointName(name)]
+        on = {name: model.parents[model.getJointId(name)] for name in driven}
+        before = dict[str, str]()  # the next driven joint towards the base
+        for name, body in on.items():
+            while body and model.names[body] not in on:
+                body = model.parents[body]
+            before[name] = model.names[body]
+        return tuple(
+            (a, b)
+            for a, b in combinations(driven, 2)
+            if self.joint(a).rotational == self.joint(b).rotational
+            if on[a] == on[b] or before[b] == a or before[a] == b
+        )
 
     @cached_property
     def lengths(self) -> Mapping[str, float]:

@@ -14,7 +14,7 @@ from ident.diagnosis.selection import PARSIMONY
 from ident.show.board import GROUPS, effect_rows
 from ident.show.exploration import Exploration, PredictedGain, rows_of
 
-ARM = ["viscous:elbow", "coulomb:wrist", "spring:shoulder", "coupling:shoulder,wrist"]
+ARM = ["viscous:elbow", "coulomb:wrist", "spring:shoulder", "coupling:elbow,wrist"]
 
 
 def announced(e: Exploration, label: str, present: bool = False) -> PredictedGain:
