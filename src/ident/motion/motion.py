@@ -343,7 +343,8 @@ def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str,
             f"[log] {entries}{more and f' and {more}'}; columns that are not used: "
             f"{some(columns)}"
         )
-    other = f"; or map columns that it has in mechanism.toml: [log] {entries}" if entries else ""
+    other = f"; or hold what did not move, as --lock {free[0]} does" if free else ""
+    other += f"; or map columns that it has in mechanism.toml: [log] {entries}" if entries else ""
     raise MotionError(
         f"{fewest.log.name}: {mechanism.name} has {dof} degrees of "
         f"freedom, but the positions logged ({given or 'none'}) determine only {len(names)}{check};"
