@@ -28,6 +28,9 @@ from ident.motion.closures import LoopSolver, best_conditioned, independent_join
 from ident.motion.motion import prescribed
 from ident.text import significant, two_digits
 
+IN_PROPORTION = (
+    "in proportion to the torques' scale, whose error is not in their standard errors"  # of a load
+)
 BIASED = 1e-4  # share of a parameter that a time basis may move unmentioned
 FEW = 3.0  # equations a parameter below which values follow the noise
 SHORT, USUAL = 10.0, 30.0  # the same: below the first a log is called short; what is advised
@@ -119,8 +122,7 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         remedy = "to identify, give [parameters] unknown in mechanism.toml or add an effect"
         yield Finding("nothing unknown", text, remedy)
     if loads := tuple(e.label for e in problem.mechanism.effects if e.kind == "payload"):
-        text = f"{_some(loads, 4)}: masses and moments are in proportion to the torques' scale, "
-        text += "whose error is not in their standard errors"
+        text = f"{_some(loads, 4)}: masses and moments are {IN_PROPORTION}"
         yield Finding("scale", text, "log once more with a known mass to measure the scale", loads)
     if (condition := estimate.base.condition_number) > POOR:
         size = significant(condition)

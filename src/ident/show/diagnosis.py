@@ -13,6 +13,7 @@ from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.display import folder, renders
 from ident.effects import Effect
 from ident.effects.library import by_kind, named
+from ident.fit.findings import IN_PROPORTION
 from ident.information.blocks import Error
 from ident.information.chance import odds_ratio
 from ident.show.html import NOISY, Bar, Card, add_command, good_enough, next_command
@@ -182,7 +183,7 @@ def where_rows(d: Diagnosis) -> Rows:
     rows = [["joint", "held out", "", "noise", "of misfit", *repeats, "depends on"]]
     for f in d.where:
         error = errors_of(d.fit)[f.joint]
-        signals = ", ".join(each.signal for each in f.depends_on[:2])
+        signals = ", ".join(dict.fromkeys(each.signal for each in f.depends_on[:2]))
         quiet = error.rms <= NOISY * d.floor[f.joint]
         rows.append(
             [
@@ -310,6 +311,7 @@ def _claim(d: Diagnosis) -> list[str]:
         f"The torque of {named([effect])}: {effect.equation}. What to look for in the plots of "
         f"{best.joint}{own}: {effect.signature}.",
         *([_apart(d, effect, best.rivals)] if best.rivals else []),
+        *([f"Its mass and moments are {IN_PROPORTION}."] if effect.loaded_link else []),
         *beside(d),
     ]
 
@@ -345,7 +347,7 @@ def beside(d: Diagnosis) -> list[str]:
     laws = [_relative(each) for each in d.relatives[:MOST]]
     found = [f"Over the travelled range {listed(laws, 'or')} would do as well."] if laws else []
     more = [named(group) for group in by_kind(m.effect for m in d.also if not m.curve)]
-    more += [f"{named([m.effect])}, or a {curve_name(m.curve)}" for m in d.also if m.curve]
+    more += [f"{named([m.effect])} (or a {curve_name(m.curve)})" for m in d.also if m.curve]
     if more:
         found.append(
             f"That is not all: beside it, the data ask for {some(more)}. Add it and diagnose "
