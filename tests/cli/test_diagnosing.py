@@ -147,6 +147,20 @@ def test_diagnose_of_a_whole_model_is_no_failure(arm_folder, done):
     assert "nothing is missing" in outcome.out.splitlines()[0]
 
 
+def test_a_folder_of_a_fit_is_fitted_anew_and_told_what_has_changed(arm_folder, tmp_path, done):
+    """What changed is no cause there, since everything is fitted anew: `identified` finds it."""
+    done("identify", arm_folder, arm_folder / "run.csv", *given(*FRICTION), "--out", tmp_path)
+    mechanism = api.load(tmp_path)
+    values = {"viscous.elbow.Fv": 0.3, "coulomb.elbow.Fc": 1.2}
+    later = plant(mechanism, motion_log("arm", 100.0, 8.0), values, noise=NOISE, seed=4)
+    later.log.write(tmp_path / "later.csv")
+    outcome = done("diagnose", tmp_path, tmp_path / "later.csv")
+    note = outcome.err.replace("\n", " ")
+    assert "all parameters were fitted anew. Changed" in note
+    assert "dry friction in elbow (coulomb), Fc" in note.partition("fitted anew")[2]
+    assert f"ident diagnose {tmp_path}/identified {tmp_path}/later.csv" in note
+
+
 def test_identify_says_that_a_channel_has_the_wrong_sign(arm_folder, tmp_path, done):
     log = api.read_log(arm_folder / "run.csv")
     wrong = {**log.columns, "tau.elbow": -log.columns["tau.elbow"]}
