@@ -35,7 +35,7 @@ from matplotlib.patches import Patch
 import ident
 
 ROOT = Path(__file__).resolve().parents[1]
-NAMES = ("tx40", "kr300", "panda", "lwr4", "ur10e", "baxter", "xl330")
+NAMES = ("tx40", "kr300", "panda", "lwr4", "ur10e", "baxter", "xl330", "airbot")
 COLUMNS = (
     "machine", "published", "viscous + Coulomb", "by hand", "grown", "effects", "time", "memory",
 )  # fmt: skip
