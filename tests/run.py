@@ -22,7 +22,8 @@ CHECKS = (
     ("ruff", "format", "--check", "."),
     ("ruff", "check", "."),
     ("mypy",),
-    ("pytest", "-n", "auto", "--dist", "loadfile"),
+    # files in their order: the longest are not the last, where a worker would wait for them
+    ("pytest", "-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder"),
 )
 
 SYSTEM = ("chromium", "python3-venv")  # packages: the browser, and what makes environments
