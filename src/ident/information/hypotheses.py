@@ -152,22 +152,26 @@ class PartialRegression(Projection):
             Z[k] = P - Mp
         D, by = np.zeros((n, blocks)), np.zeros((n, self.d))
         null = np.zeros((n, self.d, B), dtype=np.float32)
+        Zn = Z.astype(np.float32) if B else Z
         for part, Q, E, (mine, X) in zip(self.parts, self.Q, self.errors, columns, strict=True):
+            T = _turned(V[mine], X)
+            En, Tn = (x.astype(np.float32) if B else x for x in (E[:, 1:], T))
             for k in range(blocks):
                 rows = part.block(k)
-                x, e = _turned(V[mine], X[rows]), E[rows]
+                x, qe = T[rows], Q[rows].T @ E[rows]
                 GZ = (Q[rows].T @ Q[rows]) @ Z[k]
                 a = _inner(Z[k], GZ, u)
                 own = Z[k].reshape(rank, n, u)[:, mine].reshape(rank, len(mine) * u)
                 cross = _inner(Q[rows].T @ x, own, u)
                 a[mine] += _inner(x, x, u) - cross - cross.transpose(0, 2, 1)
-                qe = Q[rows].T @ e
-                fall = _fall(mine, cy[k], x, Z[k], e[:, :1], qe[:, :1], a)[:, 0]
+                fall = _fall(mine, cy[k], x, Z[k], E[rows, :1], qe[:, :1], a)[:, 0]
                 D[:, k] += fall
                 by[:, part.coordinate] += fall
                 if B:
-                    single = (cn[k], x, Z[k], e[:, 1:], qe[:, 1:], a)
-                    null[:, part.coordinate] += _fall(mine, *(y.astype(np.float32) for y in single))
+                    single, qn_k = a.astype(np.float32), qe[:, 1:].astype(np.float32)
+                    null[:, part.coordinate] += _fall(
+                        mine, cn[k], Tn[rows], Zn[k], En[rows], qn_k, single
+                    )
         return Gains(D, by, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
 
     def _columns_of(self, part: Part, groups: Index) -> tuple[Index, Array]:
@@ -247,6 +251,8 @@ def _inner(a: np.ndarray, b: np.ndarray, u: int) -> np.ndarray:
 def _turned(V: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Columns x (…, n u) of n groups times V (n, u, u)."""
     n, u = V.shape[:2]
+    if u == 1:
+        return x * V[:, 0, 0]
     three = x.reshape(*x.shape[:-1], n, u)
     return np.asarray(sum(three[..., i, None] * V[:, i] for i in range(u))).reshape(x.shape)
 
