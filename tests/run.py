@@ -17,13 +17,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
-CHECKS = (
+FIRST = (
     ("pip", "install", "--quiet", "--editable", ".[test]"),
     ("ruff", "format", "--check", "."),
     ("ruff", "check", "."),
-    ("mypy",),
-    ("pytest", "-n", "auto", "--dist", "loadfile"),
 )
+TYPES = ("mypy",)  # beside the tests, which leave a core alone where they wait
+# files in their order: the longest are not the last, where a worker would wait for them
+TESTS = ("pytest", "-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder")
 
 SYSTEM = ("chromium", "python3-venv")  # packages: the browser, and what makes environments
 
@@ -46,22 +47,32 @@ def system() -> None:
     print(f"could not install {', '.join(missing)}: tests that need them are skipped", flush=True)
 
 
+def started(tool: str, *arguments: str, **options: object) -> subprocess.Popen[str]:
+    # workers share the cores; processes that tests start need not compile the package anew
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
+    print("+", tool, *arguments, flush=True)
+    command = [str(BIN / "python"), "-m", tool, *arguments]
+    return subprocess.Popen(command, cwd=ROOT, env=environment, text=True, **options)
+
+
+def failed(tool: str, status: int) -> bool:
+    if status:
+        print(f"{tool} failed with status {status}", flush=True)
+    return bool(status)
+
+
 def main() -> int:
     system()
     if not (BIN / "python").exists():
         venv.create(ROOT / ".venv", with_pip=True)
-    # workers share the cores; processes that tests start need not compile the package anew
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
-    for tool, *arguments in CHECKS:
-        if tool == "pytest" and "--slow" in sys.argv[1:]:
-            arguments += ["-m", "slow or not slow"]
-        command = [str(BIN / "python"), "-m", tool, *arguments]
-        print("+", tool, *arguments, flush=True)
-        status = subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
-        if status:
-            print(f"{tool} failed with status {status}", flush=True)
+    for check in FIRST:
+        if failed(check[0], status := started(*check).wait()):
             return status
-    return 0
+    long = ("-m", "slow or not slow") if "--slow" in sys.argv[1:] else ()
+    with started(*TYPES, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as types:
+        tests = started(*TESTS, *long).wait()
+        print(types.communicate()[0], end="", flush=True)
+    return int(failed("pytest", tests) | failed("mypy", types.returncode))
 
 
 if __name__ == "__main__":

@@ -20,8 +20,14 @@ Result = dict[str, Any]
 REFITTED = ("visible", "loop", "quarter", "two", "parallelogram")  # the true effect can be added
 
 
-def judge(case: Case) -> Result:
-    """Runs ident on the case; whatever goes wrong is a result too."""
+def judge(case: Case, whole: bool = True) -> Result:
+    """Runs ident on the case; whatever goes wrong is a result too.
+
+    Args:
+        case: the logs.
+        whole: whether to make also what the category's first score does not need: the fits with the
+            true effect, and, of two effects, the diagnosis before the first is added.
+    """
     result: Result = {
         "name": case.name,
         "category": case.category,
@@ -35,7 +41,7 @@ def judge(case: Case) -> Result:
         begin = time.perf_counter()
         result["truth"] = dict(made.truth)
         with tempfile.TemporaryDirectory() as place:
-            result |= asked(made, Path(place))
+            result |= asked(made, Path(place), whole)
         result["seconds"] = round(time.perf_counter() - begin, 1)
     except Exception:  # a crash must not end the battery; it counts as a miss
         result["error"] = traceback.format_exc(limit=-3)
@@ -46,25 +52,28 @@ def told(kind: str, joints: Sequence[str]) -> Result:
     return {"effect": kind, "joints": list(joints)}
 
 
-def asked(made: Made, place: Path) -> Result:
-    """Diagnosis, growth for two effects, and the fit with the true effect."""
+def asked(made: Made, place: Path, whole: bool) -> Result:
+    """Diagnosis, growth for two effects, and, of the whole, the fit with the true effect."""
     mechanism = ident.load(made.folder(place))
     motion = ident.complete(mechanism, read(made.logs))
+    result: Result = {}
+    if made.case.category == "two":
+        history = ident.grow(mechanism, motion)  # type: ignore[attr-defined]
+        result["added"] = [told(e.kind, e.joints) for e in history.added]
+        result["grown"] = history.diagnosis.json()["verdict"]
+        if not whole:
+            return result
     fit = ident.identify(mechanism, motion)
     diagnosis = ident.diagnose(fit).json()  # type: ignore[attr-defined]
     diagnosis = json.loads(diagnosis) if isinstance(diagnosis, str) else diagnosis
-    result: Result = {
+    result |= {
         "verdict": diagnosis["verdict"],
         "best": diagnosis.get("best"),
         "candidates": diagnosis["candidates"][:8],
         "invisible": diagnosis["invisible"],
         "text": diagnosis["text"],
     }
-    if made.case.category == "two":
-        history = ident.grow(mechanism, motion)  # type: ignore[attr-defined]
-        result["added"] = [told(e.kind, e.joints) for e in history.added]
-        result["grown"] = history.diagnosis.json()["verdict"]
-    if made.case.category in REFITTED:
+    if whole and made.case.category in REFITTED:
         result |= refitted(made, mechanism, motion)
     return result
 

@@ -28,7 +28,7 @@ DECIDES = {  # by category, the score that a case must pass
 @pytest.mark.parametrize("case", cases("ci"), ids=lambda case: case.name)
 def test_a_hidden_effect(case: Case) -> None:
     """The verdict on a log of another program, with a wrong prior and noise on positions too."""
-    result = judge(case)
+    result = judge(case, whole=False)
     assert "error" not in result, result["error"]
     (score,) = (each for each in SCORES if each.title == DECIDES[case.category])
     assert all(ok for _, ok in score.of([result])), result
@@ -40,6 +40,6 @@ def test_three_effects_of_one_joint_of_which_none_is_credible_alone() -> None:
     case = Case(
         "three", "two", "arm3", hidden, 1.0, noise=0.01, encoder=0.001, motion=71, seed=9010
     )
-    result = judge(case)
+    result = judge(case, whole=False)
     assert "error" not in result, result["error"]
     assert all(each in result["added"] for each in result["hidden"]), result["added"]

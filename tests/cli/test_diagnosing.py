@@ -142,9 +142,11 @@ def test_the_command_to_copy_tells_rivals_apart(robots, tmp_path, done):
     assert out.is_file()
 
 
-def test_diagnose_of_a_whole_model_is_no_failure(arm_folder, done):
-    outcome = done("diagnose", arm_folder, arm_folder / "run.csv", *given(*FRICTION))
+def test_diagnose_of_a_whole_model_is_no_failure_and_is_reproducible(arm_folder, done):
+    words = ("diagnose", arm_folder, arm_folder / "run.csv", *given(*FRICTION), "--seed", "5")
+    outcome = done(*words)
     assert "nothing is missing" in outcome.out.splitlines()[0]
+    assert done(*words).out == outcome.out
 
 
 def test_a_folder_of_a_fit_is_fitted_anew_and_told_what_has_changed(arm_folder, tmp_path, done):
@@ -168,11 +170,6 @@ def test_identify_says_that_a_channel_has_the_wrong_sign(arm_folder, tmp_path, d
     for name, expected in ((arm_folder / "run.csv", False), (tmp_path / "wrong.csv", True)):
         got = done("identify", str(arm_folder), str(name))
         assert ("tau.elbow: the sign is against that of q.elbow" in got.err) is expected
-
-
-def test_the_seed_makes_it_reproducible(arm_folder, done):
-    words = ("diagnose", arm_folder, arm_folder / "run.csv", *given(*FRICTION), "--seed", "5")
-    assert done(*words).out == done(*words).out
 
 
 def test_grow_prints_the_ladder_and_writes_a_mechanism(arm_folder, tmp_path, done):
@@ -317,7 +314,9 @@ def test_what_decides_is_refused_before_the_work(arm_folder, tmp_path, refused):
 
 
 def test_grow_goes_on_where_it_was(arm_folder, tmp_path):
-    mechanism = api.load(arm_folder).with_effect("viscous")
+    mechanism = api.load(arm_folder)
+    for effect in LACKING:
+        mechanism = mechanism.with_effect(effect)
     motion = api.complete(mechanism, arm_folder / "run.csv")
     whole = api.grow(mechanism, motion)
     steps = []
@@ -346,7 +345,7 @@ def test_ctrl_c_in_grow_keeps_what_is_fitted(moment, arm_folder, tmp_path, monke
         raise KeyboardInterrupt
 
     log, out = arm_folder / "run.csv", tmp_path / "out"
-    words = "grow", arm_folder, log, *given("viscous"), "--out", out
+    words = "grow", arm_folder, log, *given(*LACKING), "--out", out
     with monkeypatch.context() as patched:
         patched.setattr(sys.modules["ident.diagnosis.grow"], moment, stop)
         outcome = ident(*words)
@@ -367,7 +366,8 @@ def test_ctrl_c_in_the_next_experiment_keeps_the_diagnosis(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("ident.show.experiment._advice", stop)
-    outcome = ident("diagnose", arm_folder, arm_folder / "run.csv", "--out", tmp_path)
+    words = "diagnose", arm_folder, arm_folder / "run.csv", *given(*LACKING)
+    outcome = ident(*words, "--out", tmp_path)
     assert outcome.status == 130
     assert json.loads((tmp_path / "diagnosis.json").read_text())["verdict"] == "missing"
     assert "the next experiment" in outcome.err.splitlines()[-1]
@@ -393,13 +393,12 @@ def test_ctrl_c_says_how_to_go_on(arm_folder, tmp_path, monkeypatch, ident):
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose", "compare"])
-def test_notes_follow_the_result(verb, arm_folder, tmp_path):
-    out, log = tmp_path / "out", arm_folder / "run.csv"
-    run = [sys.executable, "-m", "ident"]
+def test_notes_follow_the_result(verb, arm_folder, tmp_path, done):
+    out, log, more = tmp_path / "out", arm_folder / "run.csv", given(*FRICTION)
     if verb == "compare":
-        subprocess.run([*run, "identify", arm_folder, log, "--out", tmp_path / "fit"], check=True)
-    fit = ["--fit", tmp_path / "fit"] if verb == "compare" else []
-    words = [*run, verb, arm_folder, log, *fit, "--out", out]
+        done("identify", arm_folder, log, "--out", tmp_path / "fit")
+        more = ["--fit", tmp_path / "fit"]
+    words = [sys.executable, "-m", "ident", verb, arm_folder, log, *more, "--out", out]
     both = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=True)
     lines = both.stdout.decode().splitlines()
     first = next(i for i, line in enumerate(lines) if line.startswith("note: "))

@@ -131,10 +131,9 @@ def test_what_the_samples_show_of_their_channels_is_a_note(spoken, long, tmp_pat
 
 def test_garbage_changes_no_parameter_and_raises_no_alarm(spoken, long, tmp_path):
     """100 rad in a sample, 1e20 N m in a cell, a time of 1e9 s, binary rubbish: named by line."""
-    path = tmp_path / "bad.csv"
-    clean, _ = watched(spoken, long, path, "--like", path)
-    reference, _ = watched(spoken, long, tmp_path / "like.csv", "--like", path)
-    lines = (tmp_path / "like.csv").read_text().splitlines()
+    path, like = tmp_path / "bad.csv", tmp_path / "like.csv"
+    reference, _ = watched(spoken, long, like, "--like", like)
+    lines = like.read_text().splitlines()
     names = lines[0].split(",")
 
     def put(number, name, text):
@@ -147,7 +146,7 @@ def test_garbage_changes_no_parameter_and_raises_no_alarm(spoken, long, tmp_path
     put(4004, "t", "1e9")
     lines.insert(5004, "\x07\x01garbage")
     path.write_text("\n".join(lines) + "\n")
-    words = [ROBOTS / "arm", path, "--like", tmp_path / "like.csv", "--every", 10]
+    words = [ROBOTS / "arm", path, "--like", like, "--every", 10]
     words += ["--with", "viscous", "--with", "coulomb"]
     status, said, noted = spoken("monitor", *words)
     assert status == 0
@@ -165,7 +164,6 @@ def test_garbage_changes_no_parameter_and_raises_no_alarm(spoken, long, tmp_path
     assert len(before) == 8
     for name, (x, stderr) in before.items():
         assert abs(after[name][0] - x) < stderr
-    assert values(clean) == before
 
 
 @pytest.mark.parametrize("change", ["tau.theta", "t"])

@@ -413,9 +413,9 @@ def test_memory_does_not_grow(name, forget):
     motion = ident.complete(case.mechanism, case.log, cutoff=12.0)
     online = Online(case.mechanism, like=motion, forget=forget)
     sizes = []
-    for turn in range(81):
+    for turn in range(41):
         online.update({"t": case.log.t + turn * 2.02, **case.log.columns})
-        if turn in (40, 80):
+        if turn in (20, 40):
             online.snapshot()
             sizes.append(len(pickle.dumps(online)))
     assert sizes[1] < 1.2 * sizes[0] + 10_000

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -54,7 +55,7 @@ class Triangle:
     @classmethod
     def empty(cls, k: int) -> Triangle:
         """Return the triangle of no equations in `k` unknowns."""
-        return cls._of_square(np.zeros((k + 1, k + 1), order="F"), 0)
+        return _empty(k)
 
     @classmethod
     def of(cls, A: ArrayLike, b: ArrayLike) -> Triangle:
@@ -70,6 +71,8 @@ class Triangle:
             return first
         stack = np.concatenate([each.stack() for each in others])
         stack = stack[stack.any(axis=1)]  # rows of zeros hold no information
+        if not len(stack):
+            return replace(first, rows=sum(each.rows for each in triangles))
         merged = first.updated(stack[:, :-1], stack[:, -1])
         return replace(merged, rows=sum(each.rows for each in triangles))
 
@@ -163,6 +166,12 @@ class Triangle:
         signed += 0.0  # no −0.0
         signed.flags.writeable = False
         return cls(signed[:-1, :-1], signed[:-1, -1], float(signed[-1, -1]), rows)
+
+
+@lru_cache(maxsize=256)
+def _empty(k: int) -> Triangle:
+    """Triangle of no equations, which are many: of rows that inform of nothing, of standstill."""
+    return Triangle._of_square(np.zeros((k + 1, k + 1)), 0)
 
 
 NOT_FINITE = (
