@@ -42,13 +42,14 @@ from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
 from ident.information.hypotheses import PartialRegression
 
-TRIED = 3  # rivals of a formula whose constants are not determined
-LOUD = 1.25  # times the largest of the noise's draws, from which a residual is more than noise
+TRIED = 3  # work: rivals of a formula whose constants are not determined
+# tuned: times the largest of the noise's draws, from which a residual is more than noise
+LOUD = 1.25
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
-THIRD = 1 / 3  # of a length, by which no drawing is off
-STEP = 0.08  # of dry friction's rms, by which it may differ from a step around reversals; a
+THIRD = 1 / 3  # range: of a length, by which no drawing is off
+STEP = 0.08  # tuned: of dry friction's rms, by which it may differ from a step around reversals; a
 # simulator's friction, 10 ms early, differs by 0.06, breakaway of eight times as much by 0.1
-AGAIN = 0.6  # correlation of a residual between periods that noise does not have
+AGAIN = 0.6  # tuned: correlation of a residual between periods that noise does not have
 
 
 def diagnose(

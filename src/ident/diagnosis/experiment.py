@@ -31,10 +31,12 @@ from ident.motion.motion import left_out
 # blocks of held-out errors would show, in their standard errors.
 
 
-SMALL = 1e-3  # share of a joint's torque that is never trusted
-NEARBY = (0.7, 0.85, 1.2, 1.4)  # times a formula's constant, at which it may do what a rival does
-SURE = 7.0  # standard errors by which rivals are told apart, with chance against it
-WORSE = 10.0  # times the present log's largest ‖K⁺‖: nearer no trial goes to a singular position
+SMALL = 1e-3  # tuned: share of a joint's torque that is never trusted
+# work: times a formula's constant, at which it may do what a rival does
+NEARBY = (0.7, 0.85, 1.2, 1.4)
+SURE = 7.0  # level: standard errors by which rivals are told apart, with chance against it
+# range: times the present log's largest ‖K⁺‖: nearer no trial goes to a singular position
+WORSE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,12 +190,12 @@ def _length(motion: Motion) -> float:
 # First question: at which place, of effects of one kind. Second: of which kind.
 
 
-SOME = 1.0  # from which a longer log tells them apart
-AMPLE = 10.0  # beyond which more is worth nothing
-CLOSE = 0.8  # share of the best worth with which a simpler motion does
-SAME = 2e-3  # share of a rival's torque: what differs by less is the same in this motion
-RIVALS = 12  # that are looked at
-FORMULAS = 3  # rivals of a law, the simplest first
+SOME = 1.0  # level: from which a longer log tells them apart
+AMPLE = 10.0  # work: beyond which more is worth nothing
+CLOSE = 0.8  # tuned: share of the best worth with which a simpler motion does
+SAME = 2e-3  # tuned: share of a rival's torque: what differs by less is the same in this motion
+RIVALS = 12  # work: that are looked at
+FORMULAS = 3  # work: rivals of a law, the simplest first
 PLACES = ("same", "turn", "limits", "wider", "faster", "speeds", "alone", "strokes")
 KINDS = ("same", "faster", "speeds", "turn", "limits", "wider", "alone", "strokes")
 KINDS_SLOW = ("same", "strokes", "speeds", "faster", "turn", "limits", "wider", "alone")

@@ -121,7 +121,7 @@ class SavedRounds:
             write_all(self.folder, {NAME: json_bytes(content)})
 
 
-ROUNDS = 4  # fits, lest shapes that move with the working point take turns for ever
+ROUNDS = 4  # work: fits, lest shapes that move with the working point take turns for ever
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -24,17 +24,19 @@ from ident.information.chance import paired
 from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.information.projection import EXACT
 
-LOUD = 1.25  # times the rms of noise, from which more than noise is left
-OTHERS = 1  # joint whose signals are tried beside the own ones
-JOINTS = 2  # whose laws are searched
-PARSIMONY = 0.1  # of the least left-out squares, within which the least complex formula is chosen
-SAME = 0.01  # of the least left-out squares, within which formulas are equal
-# standard errors within which the simplest formula is preferred to the best one (Breiman,
+LOUD = 1.25  # tuned: times the rms of noise, from which more than noise is left
+OTHERS = 1  # work: joint whose signals are tried beside the own ones
+JOINTS = 2  # work: whose laws are searched
+# tuned: of the least left-out squares, within which the least complex formula is chosen
+PARSIMONY = 0.1
+SAME = 0.01  # tuned: of the least left-out squares, within which formulas are equal
+# level: standard errors within which the simplest formula is preferred to the best one (Breiman,
 # Friedman, Olshen, Stone, Classification and Regression Trees, 1984, 3.4.3)
 ONE_SE = 1.0
-WRONG_FORM = 1.5  # times a formula's left-out squares, from which an effect has the wrong form
-RIVALS = 12  # formulas that are listed beside the law
-REPEATS = 1.5  # waves in the travel, from which a torque is seen to repeat
+# tuned: times a formula's left-out squares, from which an effect has the wrong form
+WRONG_FORM = 1.5
+RIVALS = 12  # shown: formulas that are listed beside the law
+REPEATS = 1.5  # range: waves in the travel, from which a torque is seen to repeat
 CUBIC = Term(("1", "q", "q**2", "q**3"))
 
 

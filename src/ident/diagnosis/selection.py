@@ -30,14 +30,15 @@ from ident.errors import FitError
 from ident.information.chance import Chance, paired, zscore
 from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 
-MOST = 0.5  # of a joint's squares: what explains less of them is no law, and not its main cause
-PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
-ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
-NEGATIVE = 2.0  # standard errors from zero at which a value has a sign
-PASSED = 1 / 3  # of the samples, at least, at which the filter must pass waves of position
-HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
-CLOSEST = 12  # candidates that are looked at in detail though they are not credible
-MINE = 0.1  # share of a fall that makes a coordinate one that it mends
+# level: of a joint's squares: what explains less of them is no law, and not its main cause
+MOST = 0.5
+PARSIMONY = 0.10  # tuned: share of the best gain within which fewer numbers are preferred
+ALIKE = 0.7  # tuned: cosine of what two candidates explain, from which it is the same part
+NEGATIVE = 2.0  # level: standard errors from zero at which a value has a sign
+PASSED = 1 / 3  # tuned: of the samples, at least, at which the filter must pass waves of position
+HIDDEN = 0.02  # shown: visible share below which the data cannot speak of an effect
+CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
+MINE = 0.1  # tuned: share of a fall that makes a coordinate one that it mends
 OnProgress = Callable[[str, float], None]
 
 

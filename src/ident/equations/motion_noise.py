@@ -47,14 +47,16 @@ from ident.motion.smoothing import through_motion
 from ident.motion.spline import WIDTH, Smooth, Spline, fitted
 from ident.motion.state import State
 
-STEP = 1e-6  # of the spread of a coordinate or its derivative
-LOOKED_AT = 60  # samples of a log whose motion's noise is looked at
-LONGEST = 2000  # functions of a run that are looked at
-BLOCKS = 40  # of time, of a run
-FASTER = 2.0  # cut-off of the rows over the rate of the motion's knots: all that splines resolve
-NYQUIST = 0.4  # of the log's rate, above which nothing is filtered
-STICKING = 0.01  # share of a row that may come from standstill, where friction jumps
-PERIOD = 8.0  # samples of G to a period of the rows' cut-off; between them it is interpolated
+STEP = 1e-6  # numerics: of the spread of a coordinate or its derivative
+LOOKED_AT = 60  # work: samples of a log whose motion's noise is looked at
+LONGEST = 2000  # work: functions of a run that are looked at
+BLOCKS = 40  # work: of time, of a run
+# level: cut-off of the rows over the rate of the motion's knots: all that splines resolve
+FASTER = 2.0
+NYQUIST = 0.4  # level: of the log's rate, above which nothing is filtered
+STICKING = 0.01  # tuned: share of a row that may come from standstill, where friction jumps
+# numerics: samples of G to a period of the rows' cut-off; between them it is interpolated
+PERIOD = 8.0
 
 
 def gain(

@@ -35,9 +35,10 @@ from ident.mechanism.parameters import supports
 from ident.motion.closures import integrate
 from ident.motion.state import State
 
-WIDER = 3.0  # times the rows' cut-off: a filter that passes all that the rows' filter passes
-STEP = 1e-5  # of the range of a shape parameter: corrections are smooth in their shapes
-CORRECTED_TOGETHER = 4096  # samples whose residual is made at once
+# numerics: times the rows' cut-off: a filter that passes all that the rows' filter passes
+WIDER = 3.0
+STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smooth in their shapes
+CORRECTED_TOGETHER = 4096  # work: samples whose residual is made at once
 
 
 def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -> Samples:
@@ -220,8 +221,9 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
                 )
 
 
-LEVER = 0.1  # a joint that barely moves with a coordinate may stand still without harm
-ROUNDING = 1e-9  # of a joint's largest transmission: below, it does not move with a coordinate
+LEVER = 0.1  # tuned: a joint that barely moves with a coordinate may stand still without harm
+# numerics: of a joint's largest transmission: below, it does not move with a coordinate
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,8 +377,8 @@ def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.nd
     return found
 
 
-ABSENT = 1e-9  # of a unit torque: below, it is not in a row
-FINEST = 20.0  # knots a sample; more say nothing, and fill the memory
+ABSENT = 1e-9  # numerics: of a unit torque: below, it is not in a row
+FINEST = 20.0  # work: knots a sample; more say nothing, and fill the memory
 
 
 def basis_of(mechanism: Mechanism, segment: slice, e: State) -> Basis:

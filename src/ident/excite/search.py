@@ -31,11 +31,12 @@ from ident.excite.excitation import Criterion, Excitation, with_rivals
 from ident.excite.limits import Limits
 from ident.mechanism.mechanism import Mechanism
 
-DRAWS = 25  # random motions, the best of which each search starts from
-ROUND, STEPS = 30, 150  # steps of every search, and of the best one after these, at most
-CENTRED = 1e-2  # μ of the first problem of a search, times the number of drives
-DIRECT = 1e-3  # μ, likewise, of every second search for a separation: either may end higher
-KEPT = 5.0  # s between two motions that are handed out before the end
+DRAWS = 25  # work: random motions, the best of which each search starts from
+ROUND, STEPS = 30, 150  # work: steps of every search, and of the best one after these, at most
+CENTRED = 1e-2  # numerics: μ of the first problem of a search, times the number of drives
+# numerics: μ, likewise, of every second search for a separation: either may end higher
+DIRECT = 1e-3
+KEPT = 5.0  # shown: s between two motions that are handed out before the end
 
 
 def excite(
@@ -190,14 +191,18 @@ def _check(duration: float, periods: int, rate: float, harmonics: int, tries: in
 
 # --- interior points ------------------------------------------------------------------------------
 
-LAST, SMALLER = 1e-5, 0.3  # μ of the last problem, and ratio of one problem's μ to the one before
-SOLVED = 5.0  # multiple of μ by which a step must lower φ, by its model; below, μ becomes smaller
-WALL = 0.95  # share of the way to the nearest limit that a step may go
-ARMIJO = 1e-4  # share of the predicted decrease of φ that a step must have
-HALVINGS = 12  # of a step at most
-APART = 100.0  # factor by which λ s may differ from μ
-CURVED = 0.2  # share of B's curvature along a step, below which the measured one is damped
-DAMPING = 1e-12  # of the mean diagonal of the matrix of a step, added to it against rounding
+# numerics: μ of the last problem, and ratio of one problem's μ to the one before
+LAST, SMALLER = 1e-5, 0.3
+# numerics: multiple of μ by which a step must lower φ, by its model; below, μ becomes smaller
+SOLVED = 5.0
+WALL = 0.95  # numerics: share of the way to the nearest limit that a step may go
+ARMIJO = 1e-4  # numerics: share of the predicted decrease of φ that a step must have
+HALVINGS = 12  # work: of a step at most
+APART = 100.0  # numerics: factor by which λ s may differ from μ
+# numerics: share of B's curvature along a step, below which the measured one is damped
+CURVED = 0.2
+# numerics: of the mean diagonal of the matrix of a step, added to it against rounding
+DAMPING = 1e-12
 Near = Callable[[np.ndarray, ExcitingMotion], ExcitingMotion | None]
 """The point at x, from one near it; None where there is none."""
 

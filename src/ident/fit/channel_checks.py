@@ -25,29 +25,31 @@ from ident.text import significant
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 
-ZERO = 0.2  # share of the samples at which a joint moves, where its torque is exactly zero
-NOISE = 0.7  # noise over rms from which a torque channel is no torque
-NOISELESS = 1e-3  # of the other torques' share of noise: a channel with less has none
-NOISY = 1e-3  # share of noise from which the others count as measured
-HELD = 2  # samples for which most values stay: a staircase of a slower controller
-ALWAYS = 0.98  # share of pairs from which rows are repeated: a slow channel repeats some
-REGULAR = 0.8  # share of the steps that are of one length
-SHORTEST = 20  # samples of a channel that can be judged
-FROZEN = 0.25  # s for which a channel stays at a value while its joint moves
-JUMP = 5.0  # times the largest other step, by which a position that was frozen goes on
-COARSE = 0.01  # step of a torque over √12, of its rms: no model can explain this error
-ROUGH = 0.1  # noise in the accelerations by the steps of an encoder, of their rms
-SPIKE = 15.0  # standard deviations from the mean of its neighbours, from which a sample is no noise
-RARE = 1e-3  # share of lone samples that no sensor is free of
-ROUNDING = 1e-9  # of a channel's largest value: nearer values are one
-SAME = 1e-6  # of a channel's size, by which it may differ from a command and still be it
+ZERO = 0.2  # tuned: share of the samples at which a joint moves, where its torque is exactly zero
+NOISE = 0.7  # tuned: noise over rms from which a torque channel is no torque
+NOISELESS = 1e-3  # tuned: of the other torques' share of noise: a channel with less has none
+NOISY = 1e-3  # tuned: share of noise from which the others count as measured
+HELD = 2  # range: samples for which most values stay: a staircase of a slower controller
+ALWAYS = 0.98  # tuned: share of pairs from which rows are repeated: a slow channel repeats some
+REGULAR = 0.8  # tuned: share of the steps that are of one length
+SHORTEST = 20  # work: samples of a channel that can be judged
+FROZEN = 0.25  # tuned: s for which a channel stays at a value while its joint moves
+JUMP = 5.0  # tuned: times the largest other step, by which a position that was frozen goes on
+COARSE = 0.01  # tuned: step of a torque over √12, of its rms: no model can explain this error
+ROUGH = 0.1  # tuned: noise in the accelerations by the steps of an encoder, of their rms
+# level: standard deviations from the mean of its neighbours, from which a sample is no noise
+SPIKE = 15.0
+RARE = 1e-3  # tuned: share of lone samples that no sensor is free of
+ROUNDING = 1e-9  # numerics: of a channel's largest value: nearer values are one
+SAME = 1e-6  # numerics: of a channel's size, by which it may differ from a command and still be it
 COMMAND = re.compile(
     r"(des|cmd|command|ref|set|target|goal|con)(ired|erence|point|trol)?[\W_\d]*", re.I
 )
-ROUNDED = 0.3  # of a channel's noise, by which two copies may differ; two measurements do by √2
-JUDGED = 2000  # samples by which two logs are compared
-ALIKE = 1e-3  # of a position's range, within which it is that of the other log
-LOCKED = 0.05  # [rad | m] by which a joint that is held may move: fingers give way a little
+# numerics: of a channel's noise, by which two copies may differ; two measurements do by √2
+ROUNDED = 0.3
+JUDGED = 2000  # work: samples by which two logs are compared
+ALIKE = 1e-3  # numerics: of a position's range, within which it is that of the other log
+LOCKED = 0.05  # range: [rad | m] by which a joint that is held may move: fingers give way a little
 MEASURED = "a command, not a measurement"
 
 

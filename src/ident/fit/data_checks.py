@@ -36,16 +36,21 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
     "position swapped", "joints swapped", "time", "gravity", "another run", "units",
 }  # fmt: skip
-BEYOND = 3.0  # times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
-ABSENT = 1e-9  # of the largest column, below which an unknown has no effect on any torque
-LIKE = 0.9  # correlation from which the URDF's torque is like the identified one, …
-MANY = 3.0  # equations a parameter, of which fewer say nothing of bodies
-UNLIKE = 0.5**0.5  # … and below which less than half of its squares is of the same shape
-TIMES = 30.0  # of the URDF's torque at one joint, where a rotor behind its gears may be missing
-TOGETHER = 3.0  # the same at all joints alike: masses in a URDF are rarely so wrong, units are
-SAME = 0.03  # difference of logarithms of factors that are one number, as no errors of masses are,
-ALIKE = 0.99  # … where torques correlate from there on (URDFs 15 % off do by 0.998, a load by 0.92)
-OTHER = 1.15  # … from which that number is another scale than the URDF's
+# tuned: times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
+BEYOND = 3.0
+ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
+LIKE = 0.9  # tuned: correlation from which the URDF's torque is like the identified one, …
+MANY = 3.0  # level: equations a parameter, of which fewer say nothing of bodies
+UNLIKE = 0.5**0.5  # level: … and below which less than half of its squares is of the same shape
+# tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing
+TIMES = 30.0
+# tuned: the same at all joints alike: masses in a URDF are rarely so wrong, units are
+TOGETHER = 3.0
+# tuned: difference of logarithms of factors that are one number, as no errors of masses are,
+SAME = 0.03
+# tuned: … where torques correlate from there on (URDFs 15 % off do by 0.998, a load by 0.92)
+ALIKE = 0.99
+OTHER = 1.15  # tuned: … from which that number is another scale than the URDF's
 
 
 @dataclass(frozen=True, repr=False)

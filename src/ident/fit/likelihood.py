@@ -32,15 +32,15 @@ from ident.information.estimate import Estimate, estimate
 from ident.motion import Motion, State
 from ident.motion.smoothing import along, finer
 
-MATTERS = 0.05  # share of a coordinate's squared residual that is the motion's noise
-FINER = 3  # knots of the likelihood for one of smoothing: torques tell more of the motion
-EXPLAINED = 1.5  # squared residual over squared noise at which noise explains the residual
-AGREED = 1.2  # the same, for the noise that a refined fit takes for the torques'
-TRIALS = 6  # of the torques' noise
-STEPS = 12
-RAISED = 1.05  # times the sensors' noise from which noise does not explain the residual
-ROUNDING = 1e-6
-CONVERGED = 0.05  # of a standard error: a smaller step is the last
+MATTERS = 0.05  # tuned: share of a coordinate's squared residual that is the motion's noise
+FINER = 3  # work: knots of the likelihood for one of smoothing: torques tell more of the motion
+EXPLAINED = 1.5  # tuned: squared residual over squared noise at which noise explains the residual
+AGREED = 1.2  # numerics: the same, for the noise that a refined fit takes for the torques'
+TRIALS = 6  # work: of the torques' noise
+STEPS = 12  # work
+RAISED = 1.05  # tuned: times the sensors' noise from which noise does not explain the residual
+ROUNDING = 1e-6  # numerics
+CONVERGED = 0.05  # numerics: of a standard error: a smaller step is the last
 
 Weighed = tuple[Problem, Estimate, "Likelihood"]
 Runs = Sequence[Sequence[EliminatedRun]]

@@ -34,7 +34,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import rigid_forces
 from ident.motion import Motion, State
 
-CHUNK = 2048  # samples whose regressor is in memory at once
+CHUNK = 2048  # work: samples whose regressor is in memory at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,9 +196,10 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     )  # fmt: skip
 
 
-SAMPLES = 200  # of an experiment that are looked at
-MATTERS = 0.01  # share of a multiplier that priors may move unmentioned
-OPEN = 1e-8  # of the largest singular value of J: smaller ones leave a direction of λ open
+SAMPLES = 200  # work: of an experiment that are looked at
+MATTERS = 0.01  # tuned: share of a multiplier that priors may move unmentioned
+# numerics: of the largest singular value of J: smaller ones leave a direction of λ open
+OPEN = 1e-8
 
 
 def identifiable_multipliers(mechanism: Mechanism, motion: Motion) -> np.ndarray:

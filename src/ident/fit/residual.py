@@ -39,13 +39,13 @@ from ident.motion import Motion
 from ident.motion.signals import runs
 from ident.text import stamp
 
-FAR = 1e4  # s, beyond which no experiment begins by its own clock
-ROUNDING = 1e-9  # of the torque: a smaller residual is none
-PARTS = 50  # of an experiment that one window is
-SHORTEST, LONGEST = 0.1, 1.0  # s, of a window
-WINDOW_LARGER = 2.0  # times the median of local rms values
-MOST = 5  # windows
-LEAST = 30  # rows from which an error away from reversals is one
+FAR = 1e4  # shown: s, beyond which no experiment begins by its own clock
+ROUNDING = 1e-9  # numerics: of the torque: a smaller residual is none
+PARTS = 50  # shown: of an experiment that one window is
+SHORTEST, LONGEST = 0.1, 1.0  # shown: s, of a window
+WINDOW_LARGER = 2.0  # shown: times the median of local rms values
+MOST = 5  # shown: windows
+LEAST = 30  # shown: rows from which an error away from reversals is one
 
 
 class Charted(Plotted):
@@ -68,9 +68,9 @@ class Charted(Plotted):
         return render(self, "plot_maps", joint)
 
 
-ANOTHER = 2.0  # times the squares that the same machine's noise may leave of another motion
-# the same of what a model leaves beyond noise: 11 of an unchanged arm whose model lacks its dry
-# friction, 27 of one with a part of it
+ANOTHER = 2.0  # tuned: times the squares that the same machine's noise may leave of another motion
+# tuned: the same of what a model leaves beyond noise: 11 of an unchanged arm whose model lacks its
+# dry friction, 27 of one with a part of it
 MISFIT = 36.0
 
 

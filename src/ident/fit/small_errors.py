@@ -34,14 +34,18 @@ from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array, PartialRegression
 from ident.information.projection import RANK
 
-SLOW = 0.03  # share of a joint's top speed below which it counts as reversing
-GUARD = 0.06  # s on either side that are left out; 0.3 periods of the motion, where that is less
-ENOUGH = 0.5  # share of a coordinate's rows that must stay
-FEWEST = 30  # rows at reversals that tell how well they fit
-RIVAL = 2.0  # standard errors by which a common delay must do better without any one joint
-FAINT = 0.01  # weight of a row there, by which what only such rows determine stays as it is
-WORSE = 4.0  # squared residual of a row there over that of the others, from which they fit worse
-MATTERS = 0.003  # rms of the residual there over that of the torque, as `material` of a diagnosis
+SLOW = 0.03  # tuned: share of a joint's top speed below which it counts as reversing
+# tuned: s on either side that are left out; 0.3 periods of the motion, where that is less
+GUARD = 0.06
+ENOUGH = 0.5  # level: share of a coordinate's rows that must stay
+FEWEST = 30  # work: rows at reversals that tell how well they fit
+RIVAL = 2.0  # level: standard errors by which a common delay must do better without any one joint
+# numerics: weight of a row there, by which what only such rows determine stays as it is
+FAINT = 0.01
+# tuned: squared residual of a row there over that of the others, from which they fit worse
+WORSE = 4.0
+# tuned: rms of the residual there over that of the torque, as `material` of a diagnosis
+MATTERS = 0.003
 
 
 def away_from_reversals(table: Table) -> np.ndarray:
@@ -118,7 +122,7 @@ def moved_by_reversals(
 
 # --- a common delay ---------------------------------------------------------------------------
 
-GAP = 1.5  # usual steps from one row to the next, beyond which no rate is taken
+GAP = 1.5  # numerics: usual steps from one row to the next, beyond which no rate is taken
 
 
 @dataclass(frozen=True)

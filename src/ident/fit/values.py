@@ -27,10 +27,10 @@ from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, beyond_centro
 from ident.motion import Motion
 from ident.text import rounded
 
-STRONG = 0.95  # |r| at which two parameters are known only together
-ALPHA = 0.01  # chance that one of all unchanged parameters is named as changed
-SAME = 1e-4  # of a combination's coefficients, which names state with six digits
-EXACT = 1e-6  # of a value: a change below is that of rounding and interpolation
+STRONG = 0.95  # level: |r| at which two parameters are known only together
+ALPHA = 0.01  # level: chance that one of all unchanged parameters is named as changed
+SAME = 1e-4  # numerics: of a combination's coefficients, which names state with six digits
+EXACT = 1e-6  # numerics: of a value: a change below is that of rounding and interpolation
 TERM = re.compile(r"(?:^| ([+-]) )(?:([\d.e+-]+) )?(\S+)")
 
 

@@ -23,7 +23,8 @@ from ident.information import linear
 from ident.information.linear import Array, Triangle
 
 _EPS = float(np.finfo(float).eps)
-_NULL = 1e-12  # of its reference magnitude: a column, or what is left of one, is null below this
+# numerics: of its reference magnitude: a column, or what is left of one, is null below this
+_NULL = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +122,12 @@ def solve(triangle: Triangle, base: Base, prior: ArrayLike | None = None) -> Sol
     return Solution(x=x, beta=beta, C=inverse @ inverse.T)
 
 
-FLOOR = 0.003  # of a joint's terms: a smaller residual weighs no more, lest rows ask for no inertia
-TOLERANCE = 1e-8  # share of a column that must be new for its unknown to count as identifiable
-CLEAR = 6.0  # standard errors from its prior at which an unknown is no work of noise
-ITERATIONS = 12
+# tuned: of a joint's terms: a smaller residual weighs no more, lest rows ask for no inertia
+FLOOR = 0.003
+# numerics: share of a column that must be new for its unknown to count as identifiable
+TOLERANCE = 1e-8
+CLEAR = 6.0  # level: standard errors from its prior at which an unknown is no work of noise
+ITERATIONS = 12  # work
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,11 @@ from ident.information import linear
 from ident.information.blocks import Information, Part
 from ident.information.linear import Array, Index
 
-RANK = 1e-8  # of the largest singular value of unit columns: below, a direction is rounding
-VISIBLE = 1e-4  # share of a column that must be new; squares of less are rounding
-EXACT = 1e-6  # of the squares that a coordinate's weight expects: what is below is explained
+# numerics: of the largest singular value of unit columns: below, a direction is rounding
+RANK = 1e-8
+VISIBLE = 1e-4  # numerics: share of a column that must be new; squares of less are rounding
+# numerics: of the squares that a coordinate's weight expects: what is below is explained
+EXACT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,11 +33,12 @@ from ident.motion.smoothing import FEWEST, Derived, finest
 from ident.motion.spline import INCONSISTENT, basis_over, fitted
 from ident.motion.state import State
 
-STEPS = 5  # of the alternation between δ and the sizes of both noises
-STRETCHES = 10  # of a log, lest one jump decides
-PREDICTED = 0.2  # share of a joint's squared r that the others must predict, in half of all cases
-ROUGH = 0.3  # of 2 δ² that its steps must be: what a spline misses of a corner is smooth
-SLOWEST = 0.05  # share of the top speed below which positions say nothing of time
+STEPS = 5  # work: of the alternation between δ and the sizes of both noises
+STRETCHES = 10  # work: of a log, lest one jump decides
+# tuned: share of a joint's squared r that the others must predict, in half of all cases
+PREDICTED = 0.2
+ROUGH = 0.3  # tuned: of 2 δ² that its steps must be: what a spline misses of a corner is smooth
+SLOWEST = 0.05  # tuned: share of the top speed below which positions say nothing of time
 
 
 def without_time_errors(
@@ -91,19 +92,21 @@ def common(r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return error, np.array([1 - left / (all_ + 1e-300) for left, all_ in squares])
 
 
-STEP = 2.0  # ratio of one spacing that is tried to the next
-FINER, COARSER = 4, 3  # steps from the present spacing that are tried
-ALIKE = 0.02  # share by which errors must fall for other knots than the present ones
-ROWS = 250  # filtered rows of a coordinate, at least: a dozen in each of a diagnosis's 20 blocks
-OVERSAMPLING = 4.0  # filtered rows a period of the cut-off, as `equations.filter` keeps them
-CLOSEST = 1.01  # times the closest knots: no further than rounding
-FILTER = 7.3  # knots that the filter of `equations.filter` spans at the cut-off of knots
-LOST = 2.0  # lengths of the filter that the usual run between gaps must last
-SAMPLES = 1000  # of a log, at which torques are predicted
-FOLDS = 10  # stretches of time that are left out in turn
-SLOW = 0.01  # share of a joint's top speed below which its dry friction is gradual
-ROUNDING = 1e-9  # of the largest torque
-EQUATIONS = 12_000  # of all joints: of a mechanism with more than twelve fewer samples are taken
+STEP = 2.0  # work: ratio of one spacing that is tried to the next
+FINER, COARSER = 4, 3  # work: steps from the present spacing that are tried
+ALIKE = 0.02  # tuned: share by which errors must fall for other knots than the present ones
+# work: filtered rows of a coordinate, at least: a dozen in each of a diagnosis's 20 blocks
+ROWS = 250
+OVERSAMPLING = 4.0  # level: filtered rows a period of the cut-off, as `equations.filter` keeps them
+CLOSEST = 1.01  # numerics: times the closest knots: no further than rounding
+FILTER = 7.3  # level: knots that the filter of `equations.filter` spans at the cut-off of knots
+LOST = 2.0  # range: lengths of the filter that the usual run between gaps must last
+SAMPLES = 1000  # work: of a log, at which torques are predicted
+FOLDS = 10  # work: stretches of time that are left out in turn
+SLOW = 0.01  # tuned: share of a joint's top speed below which its dry friction is gradual
+ROUNDING = 1e-9  # numerics: of the largest torque
+# work: of all joints: of a mechanism with more than twelve fewer samples are taken
+EQUATIONS = 12_000
 
 
 def doubtful(derived: Sequence[Derived], band: Band) -> bool:

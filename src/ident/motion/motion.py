@@ -37,13 +37,13 @@ from ident.motion.state import State, wrenches
 from ident.text import some
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
-AGREE = 1e-9  # share of its motion below which a logged joint differs by rounding only
-TWICE = 2.0  # times the noise of a rate: a larger residual contradicts other channels
-MOSTLY = 0.5  # of a residual's squares that steps make, from which it is theirs
-NEAREST = 0.1  # periods of a given cut-off between two knots: the least of automatic choices
-CONTRADICTION = 0.3  # share of its own motion by which a logged joint may miss the closures
-ROUNDING = 1e-6  # of a sampling step, within which two times are the same
-LISTED = 4  # cuts near singular positions that a note lists
+AGREE = 1e-9  # numerics: share of its motion below which a logged joint differs by rounding only
+TWICE = 2.0  # tuned: times the noise of a rate: a larger residual contradicts other channels
+MOSTLY = 0.5  # level: of a residual's squares that steps make, from which it is theirs
+NEAREST = 0.1  # work: periods of a given cut-off between two knots: the least of automatic choices
+CONTRADICTION = 0.3  # tuned: share of its own motion by which a logged joint may miss the closures
+ROUNDING = 1e-6  # numerics: of a sampling step, within which two times are the same
+LISTED = 4  # shown: cuts near singular positions that a note lists
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,12 +6,14 @@ from math import comb
 
 import numpy as np
 
-ORDER = 6  # of the difference that leaves little but noise
-COLOURED = 1.3  # times the noise from sample to sample: more over several samples is not white
-POWER = 0.999  # share of the velocities' power that is the motion's
-VISIBLE = 200.0  # times the mean power of noise; real noise (quantised, jittering) is not white
-GRAINS = 20  # changes of a signal from which its quantisation can be known
-MOST = 1000.0  # steps between two samples beyond which multiples are no sign of anything
+ORDER = 6  # numerics: of the difference that leaves little but noise
+# tuned: times the noise from sample to sample: more over several samples is not white
+COLOURED = 1.3
+POWER = 0.999  # range: share of the velocities' power that is the motion's
+# tuned: times the mean power of noise; real noise (quantised, jittering) is not white
+VISIBLE = 200.0
+GRAINS = 20  # work: changes of a signal from which its quantisation can be known
+MOST = 1000.0  # numerics: steps between two samples beyond which multiples are no sign of anything
 
 
 def noise_level(x: np.ndarray) -> float:

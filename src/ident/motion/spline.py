@@ -21,12 +21,13 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from ident.information.time_bases import Basis
 from ident.motion.signals import Channel
 
-DEGREE = 5
-WIDTH = DEGREE + 1  # functions that are nonzero at a time
-BRIDGE = 1e-12  # weight of smoothness, which decides only where a few samples are missing
-DOUBLINGS = 12
-HEAVIEST = 1e6  # rows of one channel over those of another, whose squares rounding can add
-INCONSISTENT = 1.3  # times its noise: a channel that misses the others by more weighs less
+DEGREE = 5  # range
+WIDTH = DEGREE + 1  # range: functions that are nonzero at a time
+BRIDGE = 1e-12  # numerics: weight of smoothness, which decides only where a few samples are missing
+DOUBLINGS = 12  # work
+# numerics: rows of one channel over those of another, whose squares rounding can add
+HEAVIEST = 1e6
+INCONSISTENT = 1.3  # tuned: times its noise: a channel that misses the others by more weighs less
 
 
 @dataclass(frozen=True, eq=False)

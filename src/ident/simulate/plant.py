@@ -36,8 +36,9 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Rigid
 from ident.mechanism.tree import rates
 
-SMOOTH = 1e-3  # [rad/s | m/s] speed below which the sign of a law that is no dry friction is smooth
-SIGN_ONLY = 1e-200  # [rad/s | m/s] a speed that has a sign and no size
+# range: [rad/s | m/s] speed below which the sign of a law that is no dry friction is smooth
+SMOOTH = 1e-3
+SIGN_ONLY = 1e-200  # numerics: [rad/s | m/s] a speed that has a sign and no size
 Extra = Mapping[str, Callable[[float], float]]
 
 
@@ -170,7 +171,8 @@ class ForwardLaws:
         )
 
 
-SINGULAR = 1e-7  # of the largest singular value of J: below, the closures lose a direction
+# numerics: of the largest singular value of J: below, the closures lose a direction
+SINGULAR = 1e-7
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 

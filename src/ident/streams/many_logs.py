@@ -47,12 +47,16 @@ from ident.motion.recipe import AUTO
 from ident.pool import Workers
 from ident.streams.logs import Given, excerpt, log_paths, summarise
 
-RATE = 0.01  # of folders of logs that are alike, in which one is said to disagree
-SAME = 1e-6  # of the largest fall of squared error, within which two are the same
-NEARLY = 0.05  # of what a log's difference explains: parts as near as that are not told apart
-UNKNOWN = 1e-12  # of the largest eigenvalue of H, below which logs do not determine a direction
-BELIEVED = 0.5  # of ν: far out in the tail it counts that how long blocks are alike is estimated
-LEAST_NOISE = 0.01, 1e-3  # of σ² of a log's own rows, and of the joint residual: the least believed
+RATE = 0.01  # level: of folders of logs that are alike, in which one is said to disagree
+SAME = 1e-6  # numerics: of the largest fall of squared error, within which two are the same
+# tuned: of what a log's difference explains: parts as near as that are not told apart
+NEARLY = 0.05
+# numerics: of the largest eigenvalue of H, below which logs do not determine a direction
+UNKNOWN = 1e-12
+# tuned: of ν: far out in the tail it counts that how long blocks are alike is estimated
+BELIEVED = 0.5
+# numerics: of σ² of a log's own rows, and of the joint residual: the least believed
+LEAST_NOISE = 0.01, 1e-3
 
 
 @dataclass(frozen=True)
@@ -304,8 +308,8 @@ def _inverse(H: np.ndarray) -> np.ndarray:
     return linear.pinv(H, rcond=UNKNOWN, hermitian=True)
 
 
-TOGETHER = 300_000  # samples of all logs, from which stretches stand for them
-EACH = 0.8  # of the work is done when each log has been diagnosed
+TOGETHER = 300_000  # work: samples of all logs, from which stretches stand for them
+EACH = 0.8  # shown: of the work is done when each log has been diagnosed
 
 
 @dataclass(frozen=True)

@@ -45,10 +45,11 @@ from ident.streams.suspects import (
     name_since_onset,
 )  # fmt: skip
 
-INTERVAL, SHORTEST, STEP = 0.5, 0.4, 0.02  # [s] usual; where logs are short, the least, by steps
-HELD = 240  # intervals kept, of which the onset can be one
-ENOUGH = 4  # intervals since the onset before anything is named
-STEADY = 3  # intervals in a row for which one suspect must lead alone
+# range: [s] usual; where logs are short, the least, by steps
+INTERVAL, SHORTEST, STEP = 0.5, 0.4, 0.02
+HELD = 240  # work: intervals kept, of which the onset can be one
+ENOUGH = 4  # tuned: intervals since the onset before anything is named
+STEADY = 3  # tuned: intervals in a row for which one suspect must lead alone
 
 
 @dataclass(frozen=True, repr=False)

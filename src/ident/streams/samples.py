@@ -163,10 +163,10 @@ class SampleParser:
         return given
 
 
-SECONDS = 10.0  # [s] of a window
-FEWEST = 400  # samples of a window
-MOVING = 0.2  # share of a window in which a joint must move to be judged
-REPORTED = 100  # kinds of findings, after which no other is reported
+SECONDS = 10.0  # range: [s] of a window
+FEWEST = 400  # work: samples of a window
+MOVING = 0.2  # tuned: share of a window in which a joint must move to be judged
+REPORTED = 100  # shown: kinds of findings, after which no other is reported
 
 
 @dataclass(frozen=True)

@@ -55,17 +55,21 @@ from ident.motion.state import State
 from ident.streams.charts import FELT, MARGIN, NormalRunning, WatchedInterval
 
 WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
-DIRECT = 4  # columns of a suspect that have charts; of a payload the mass and its first moments
-APART = 3.0  # standard errors within which two suspects are not told apart
-RANK = 1e-4  # of the largest singular value of unit columns; below, a direction is not asked for
-SURPLUS = 2.5  # standard errors by which what is left may exceed noise
-EXPLAINS = 0.999  # or share of what is beyond noise that is explained: no model is that exact
-MOSTLY = 0.8  # share that a cause must explain however little is left
-NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such thing can have
-EARLIER = 10  # intervals before the leading chart's onset in which it can have been
-RIDGE = 1e-3  # of unit columns, for what the intervals do not determine of a load
-THINNED = 600  # samples of an experiment in which Δλ is taken
-TINY = 1e-300  # so that nothing is divided by zero
+# range: columns of a suspect that have charts; of a payload the mass and its first moments
+DIRECT = 4
+APART = 3.0  # level: standard errors within which two suspects are not told apart
+# numerics: of the largest singular value of unit columns; below, a direction is not asked for
+RANK = 1e-4
+SURPLUS = 2.5  # level: standard errors by which what is left may exceed noise
+# numerics: or share of what is beyond noise that is explained: no model is that exact
+EXPLAINS = 0.999
+MOSTLY = 0.8  # tuned: share that a cause must explain however little is left
+# level: standard errors below zero at which a value is one that no such thing can have
+NEGATIVE = 2.0
+EARLIER = 10  # work: intervals before the leading chart's onset in which it can have been
+RIDGE = 1e-3  # numerics: of unit columns, for what the intervals do not determine of a load
+THINNED = 600  # work: samples of an experiment in which Δλ is taken
+TINY = 1e-300  # numerics: so that nothing is divided by zero
 BODIES = np.stack([svec(pseudo_inertia(each)) for each in np.eye(COUNT)], axis=1)
 
 
