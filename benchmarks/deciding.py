@@ -21,7 +21,6 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -150,10 +149,10 @@ def main() -> None:
     usual = outcomes(logs, lambda: None)
     count = deciding = 0
     print("| number | value | halved | doubled |\n|---|---|---|---|")
-    for module, name, value, modules in numbers(sys.argv[1:] or list(KERNEL)):
+    for module, name, value, places in numbers(sys.argv[1:] or list(KERNEL)):
         cells = []
         for factor in (0.5, 2.0):
-            found = outcomes(logs, partial(put, modules, name, scaled(value, factor)))
+            found = outcomes(logs, partial(put, places, name, scaled(value, factor)))
             changes = [difference(a, b) for a, b in zip(usual, found, strict=True)]
             pairs = zip((each[0] for each in logs), changes, strict=True)
             cells.append("; ".join(f"{log}: {text}" for log, text in pairs if text))

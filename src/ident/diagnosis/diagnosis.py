@@ -40,11 +40,11 @@ from ident.fit.faults import CredibleFault, Fault, fault_finding, scale_of_time
 from ident.fit.findings import Finding
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
+from ident.information.chance import ALPHA, LOUD, RIVAL
+from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import PartialRegression
 
 TRIED = 3  # work: rivals of a formula whose constants are not determined
-# tuned: times the largest of the noise's draws, from which a residual is more than noise
-LOUD = 1.25
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
 STEP = 0.08  # tuned: of dry friction's rms, by which it may differ from a step around reversals; a
@@ -56,9 +56,9 @@ def diagnose(
     fit: Fit,
     *,
     seed: int = 0,
-    alpha: float = 0.01,
-    material: float = 0.003,
-    rival_se: float = 2.0,
+    alpha: float = ALPHA,
+    material: float = MATERIAL,
+    rival_se: float = RIVAL,
     progress: OnProgress | None = None,
 ) -> Diagnosis:
     """Where the model fails, what is missing, how sure that is, and what to measure next.

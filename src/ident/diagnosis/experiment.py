@@ -18,6 +18,7 @@ from ident.errors import IdentError
 from ident.fit.problem import Table
 from ident.fit.small_errors import away_from_reversals
 from ident.information import linear
+from ident.information.estimate import MATERIAL
 from ident.information.projection import RANK
 from ident.motion import Motion, State, complete
 from ident.motion.motion import left_out
@@ -31,7 +32,6 @@ from ident.motion.motion import left_out
 # blocks of held-out errors would show, in their standard errors.
 
 
-SMALL = 1e-3  # tuned: share of a joint's torque that is never trusted
 # work: times a formula's constant, at which it may do what a rival does
 NEARBY = (0.7, 0.85, 1.2, 1.4)
 SURE = 7.0  # level: standard errors by which rivals are told apart, with chance against it
@@ -169,7 +169,7 @@ def _noise(d: Diagnosis, table: Table) -> np.ndarray:
         torque = float(np.sqrt(np.mean(table.tau[:, u] ** 2)))
         error = d.fit.train[name]
         now = error.rms / error.relative if error.relative else torque
-        found.append(max(d.floor[name] * max(1.0, torque / max(now, 1e-300)), SMALL * torque))
+        found.append(max(d.floor[name] * max(1.0, torque / max(now, 1e-300)), MATERIAL * torque))
     return np.maximum(np.array(found), 1e-12)
 
 
@@ -193,7 +193,6 @@ def _length(motion: Motion) -> float:
 SOME = 1.0  # level: from which a longer log tells them apart
 AMPLE = 10.0  # work: beyond which more is worth nothing
 CLOSE = 0.8  # tuned: share of the best worth with which a simpler motion does
-SAME = 2e-3  # tuned: share of a rival's torque: what differs by less is the same in this motion
 RIVALS = 12  # work: that are looked at
 FORMULAS = 3  # work: rivals of a law, the simplest first
 PLACES = ("same", "turn", "limits", "wider", "faster", "speeds", "alone", "strokes")
@@ -232,7 +231,7 @@ class Attempt:
     def separation(self, pair: Pair) -> float:
         """Standard errors; none where the two are the same but for rounding."""
         x, share = self.found[pair]
-        return x if share > SAME else 0.0
+        return x if share > MATERIAL else 0.0
 
     def worth(self, pairs: Sequence[Pair]) -> float:
         """Value of the trial for these pairs: squared standard errors, up to AMPLE each."""

@@ -24,7 +24,7 @@ from ident.diagnosis.grammar import terms
 from ident.diagnosis.null import SURROGATES
 from ident.effects import Effect
 from ident.effects.formula import Formula, Term
-from ident.information.chance import quantile
+from ident.information.chance import ALPHA, MINE, NEGATIVE, quantile
 from ident.information.hypotheses import Array, PartialRegression, Refit
 from ident.text import significant
 
@@ -191,10 +191,8 @@ WAVES = 4  # work: wave numbers of sines with which other functions of a wave ar
 NUMBERS = 8  # work: of a formula: more is a curve, not a law
 BEAM = 2  # work: formulas to which a further term is added
 TERMS = 2  # work: of a formula
-CERTAIN = 2.0  # level: standard errors of a coefficient that is determined
 EDGE = 1e-3  # numerics: of a constant's range, from its ends
 ENDS = ("angle", "share", "power")  # constants whose ends are no limit of what the data can show
-MINE = 0.1  # tuned: share of a fall that makes a coordinate one that a law mends
 OnProgress = Callable[[str, float], None]
 Starts = Sequence[Mapping[str, float]]
 
@@ -236,7 +234,7 @@ class FittedFormula:
         least = np.linalg.eigvalsh(S / size[:, None] / size)[0]
         noise = np.sqrt(float(self.loss.sum()) / max(float(regression.rows.sum()), 1.0))
         count = len(self.formula.unknowns)
-        large = (np.abs(self.refit.theta) > CERTAIN * noise * self.refit.stderr)[:count]
+        large = (np.abs(self.refit.theta) > NEGATIVE * noise * self.refit.stderr)[:count]
         ends = np.cumsum([0, *(len(term.columns) for term in self.formula.terms)])
         return least > RANK and all(large[a:b].any() for a, b in pairwise(ends))
 
@@ -267,7 +265,7 @@ class LawSearch:
     on_progress: OnProgress
     of_position: bool = False
     drawn: PartialRegression | None = None
-    alpha: float = 0.01
+    alpha: float = ALPHA
 
     @cached_property
     def terms(self) -> list[Formula]:

@@ -20,15 +20,12 @@ from ident.display import part
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import ROUNDING, largest_transmission
-from ident.information.chance import paired
+from ident.information.chance import LOUD, PARSIMONY, paired
 from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.information.projection import EXACT
 
-LOUD = 1.25  # tuned: times the rms of noise, from which more than noise is left
 OTHERS = 1  # work: joint whose signals are tried beside the own ones
 JOINTS = 2  # work: whose laws are searched
-# tuned: of the least left-out squares, within which the least complex formula is chosen
-PARSIMONY = 0.1
 SAME = 0.01  # tuned: of the least left-out squares, within which formulas are equal
 # level: standard errors within which the simplest formula is preferred to the best one (Breiman,
 # Friedman, Olshen, Stone, Classification and Regression Trees, 1984, 3.4.3)

@@ -16,10 +16,9 @@ from ident.diagnosis.selection import HIDDEN, Decision, Ranking, torque_squares
 from ident.effects import KINDS, Effect, Signals
 from ident.fit import Fit
 from ident.information import linear
-from ident.information.chance import zscore
+from ident.information.chance import CERTAIN, zscore
 from ident.information.hypotheses import Array, PartialRegression
 
-CERTAIN = 3.0  # level: standard errors below zero
 SHARE = 0.05  # shown: of a column, from which an unknown is named as one that carries it
 NAMED = 4  # shown: unknowns that are named
 STILL = 1e-9  # numerics: of other effects' columns: below, the motion does not feel this one at all

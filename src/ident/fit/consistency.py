@@ -51,7 +51,7 @@ from ident.information.cone import (
     smat,
     svec,
 )
-from ident.information.estimate import FLOOR, Estimate
+from ident.information.estimate import MATERIAL, Estimate
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import (
@@ -232,7 +232,7 @@ class Program:
             W = _metric(mechanism, columns, scale, 1.0, None)
             anchor = nearest_within(W, W @ prior, limits, W, None).x
         W = _metric(mechanism, columns, scale, BALL, anchor)
-        least = FLOOR * problem.torque + 1e-300
+        least = MATERIAL * problem.torque + 1e-300
         rest = list(zip(problem.information.at_rest, least, strict=True))
         return cls(columns, limits, anchor, W, rest)
 
@@ -288,7 +288,7 @@ def _noise(found: Estimate) -> float:
         return 1.0
     left = found.triangle.residual_norm(found.x)
     terms = np.linalg.norm(found.triangle.column_norms() * found.x)
-    return float(max(left, FLOOR * terms) / np.sqrt(max(found.triangle.rows, 1))) or 1.0
+    return float(max(left, MATERIAL * terms) / np.sqrt(max(found.triangle.rows, 1))) or 1.0
 
 
 def _metric(

@@ -19,7 +19,7 @@ from ident.fit.channel_checks import log_findings
 from ident.fit.channel_fits import DOUBT, HALF, LEAVES, SMALL, columns_of
 from ident.fit.fault_search import FaultSearch
 from ident.fit.faults import exact_factor, fault_finding, log_entry
-from ident.fit.findings import Finding
+from ident.fit.findings import FEW, Finding
 from ident.fit.problem import Problem, Table
 from ident.fit.small_errors import (
     WORSE,
@@ -40,7 +40,6 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
 BEYOND = 3.0
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
 LIKE = 0.9  # tuned: correlation from which the URDF's torque is like the identified one, …
-MANY = 3.0  # level: equations a parameter, of which fewer say nothing of bodies
 UNLIKE = 0.5**0.5  # level: … and below which less than half of its squares is of the same shape
 # tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TIMES = 30.0
@@ -225,7 +224,7 @@ class DataChecks(FaultSearch):
             like = max(_cosine(now, then), _cosine(fitted, own))  # bodies may stand in for those
             if np.linalg.norm(own) > SMALL * sizes[1] and (c := _cosine(own, logged)) > LIKE:
                 gains[name], alike = float(own @ logged / (own @ own)), min(alike, c)
-            many = self.estimate.triangle.rows > MANY * self.estimate.base.rank
+            many = self.estimate.triangle.rows > FEW * self.estimate.base.rank
             matter = min(sizes) > LEAVES * float(np.linalg.norm(tau))
             if many and matter and like < UNLIKE and self.errors[name] < LEAVES:
                 text = (

@@ -32,7 +32,7 @@ from ident.fit.faults import (
 )
 from ident.fit.problem import Problem, Table
 from ident.fit.small_errors import away_from_reversals
-from ident.information.chance import credible_t, zscore
+from ident.information.chance import RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
@@ -41,7 +41,6 @@ LEAST_FACTOR = 1.5  # tuned: a smaller one is an effect's: a gain, a load-depend
 # tuned: times the error that all effects of the library leave: a fault leaves no more
 AS_WELL = 1.5
 POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
-RIVAL = 2.0  # level: standard errors of the paired difference within which two causes are rivals
 CLOSEST = 6  # work: hypotheses that are looked at in detail
 FEW = 300  # work: samples that tell a right motion from a wrong one
 CALM = 0.5  # level: of a fall of errors, which a delay must bring away from reversals, too

@@ -29,8 +29,8 @@ from ident.fit.channel_fits import HALF, ROUNDING, ROUNDS, SMALL, columns_of
 from ident.fit.problem import Table
 from ident.information import linear
 from ident.information.blocks import Part
-from ident.information.chance import credible_t, zscore
-from ident.information.estimate import Estimate
+from ident.information.chance import RIVAL, credible_t, zscore
+from ident.information.estimate import MATERIAL, Estimate
 from ident.information.hypotheses import Array, PartialRegression
 from ident.information.projection import RANK
 
@@ -39,13 +39,10 @@ SLOW = 0.03  # tuned: share of a joint's top speed below which it counts as reve
 GUARD = 0.06
 ENOUGH = 0.5  # level: share of a coordinate's rows that must stay
 FEWEST = 30  # work: rows at reversals that tell how well they fit
-RIVAL = 2.0  # level: standard errors by which a common delay must do better without any one joint
 # numerics: weight of a row there, by which what only such rows determine stays as it is
 FAINT = 0.01
 # tuned: squared residual of a row there over that of the others, from which they fit worse
 WORSE = 4.0
-# tuned: rms of the residual there over that of the torque, as `material` of a diagnosis
-MATTERS = 0.003
 
 
 def away_from_reversals(table: Table) -> np.ndarray:
@@ -89,7 +86,7 @@ def misfit_at_reversals(table: Table, away: np.ndarray, x: np.ndarray) -> np.nda
         if near.sum() < FEWEST or not calm.any():
             continue
         there, elsewhere = (float(squares[rows, u].mean()) for rows in (near, calm))
-        if there > MATTERS**2 * float((table.tau[informed, u] ** 2).mean()):
+        if there > MATERIAL**2 * float((table.tau[informed, u] ** 2).mean()):
             found[u] = there / max(elsewhere, 1e-300)
     return found
 

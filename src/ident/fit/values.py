@@ -21,6 +21,7 @@ from scipy.special import ndtri
 from ident.display import Displayed
 from ident.effects import Effect
 from ident.equations.unknowns import Columns, Point
+from ident.information.chance import ALPHA
 from ident.information.estimate import Base, Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, beyond_centroidal, unit_of
@@ -28,7 +29,6 @@ from ident.motion import Motion
 from ident.text import rounded
 
 STRONG = 0.95  # level: |r| at which two parameters are known only together
-ALPHA = 0.01  # level: chance that one of all unchanged parameters is named as changed
 SAME = 1e-4  # numerics: of a combination's coefficients, which names state with six digits
 EXACT = 1e-6  # numerics: of a value: a change below is that of rounding and interpolation
 TERM = re.compile(r"(?:^| ([+-]) )(?:([\d.e+-]+) )?(\S+)")

@@ -44,7 +44,14 @@ from ident.information.linear import Array, Triangle
 
 ALIKE = 1.3  # level: standard errors of no correlation beyond which neighbouring blocks are alike
 LASTING = 0.8  # tuned: the most by which a block is believed to resemble the one before
-ALPHA = 0.01  # level: chance that a fault is named where nothing is wrong
+ALPHA = 0.01  # level: chance that anything is named where nothing is missing, wrong or changed
+RIVAL = 2.0  # level: standard errors of a paired difference within which two are rivals
+NEGATIVE = 2.0  # level: standard errors from zero at which a value has a sign
+CERTAIN = 3.0  # level: the same where a sign that cannot be is no accident
+LOUD = 1.25  # tuned: times a noise, from which something is more than this noise
+# tuned: share of the best gain within which fewer numbers are preferred (benchmarks/ablation.py)
+PARSIMONY = 0.1
+MINE = 0.1  # tuned: share of a fall that makes a coordinate one that a cause mends
 FEWEST_SQUARES = 3.0  # level: ν below which the t-distribution's width means nothing
 
 Times = Sequence[tuple[int, int]]  # (log, block)

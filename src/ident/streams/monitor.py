@@ -18,6 +18,7 @@ from ident.display import Displayed, render
 from ident.equations.rows import Rows
 from ident.errors import FitError
 from ident.fit import Fit
+from ident.information.estimate import MATERIAL
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -185,7 +186,7 @@ class Monitor(Displayed):
         kinds: Sequence[str] = WATCHED,
         interval: float | None = None,
         false_alarms_per_hour: float = 0.1,
-        material: float = 0.003,
+        material: float = MATERIAL,
         patience: float = 20.0,
     ) -> Monitor:
         """Make a monitor from a reference and logs of normal running.

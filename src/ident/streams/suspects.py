@@ -45,6 +45,7 @@ from ident.errors import FitError, one_of
 from ident.fit import Fit
 from ident.information import linear
 from ident.information.blocks import Block, Information
+from ident.information.chance import NEGATIVE
 from ident.information.cone import Limit, nearest, svec
 from ident.information.hypotheses import PartialRegression
 from ident.information.linear import Triangle
@@ -56,16 +57,15 @@ from ident.streams.charts import FELT, MARGIN, NormalRunning, WatchedInterval
 
 WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
 # range: columns of a suspect that have charts; of a payload the mass and its first moments
+# level: standard errors within which two suspects are not told apart
+APART = 3.0
 DIRECT = 4
-APART = 3.0  # level: standard errors within which two suspects are not told apart
 # numerics: of the largest singular value of unit columns; below, a direction is not asked for
 RANK = 1e-4
 SURPLUS = 2.5  # level: standard errors by which what is left may exceed noise
 # numerics: or share of what is beyond noise that is explained: no model is that exact
 EXPLAINS = 0.999
 MOSTLY = 0.8  # tuned: share that a cause must explain however little is left
-# level: standard errors below zero at which a value is one that no such thing can have
-NEGATIVE = 2.0
 EARLIER = 10  # work: intervals before the leading chart's onset in which it can have been
 RIDGE = 1e-3  # numerics: of unit columns, for what the intervals do not determine of a load
 THINNED = 600  # work: samples of an experiment in which Δλ is taken
