@@ -33,9 +33,8 @@ from ident.effects.formula import Formula
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError, check_whole
 from ident.fit import Fit, identify
-from ident.fit.channel_fits import LEAVES
+from ident.fit.channel_fits import LEAVES, NEARLY
 from ident.fit.data_checks import DataChecks, Health
-from ident.fit.fault_search import NEARLY
 from ident.fit.faults import CredibleFault, Fault, fault_finding, scale_of_time
 from ident.fit.findings import Finding
 from ident.fit.residual import residual_of

@@ -18,6 +18,7 @@ from ident.errors import IdentError
 from ident.fit.problem import Table
 from ident.fit.small_errors import away_from_reversals
 from ident.information import linear
+from ident.information.chance import PARSIMONY
 from ident.information.estimate import MATERIAL
 from ident.information.projection import RANK
 from ident.motion import Motion, State, complete
@@ -185,14 +186,13 @@ def _length(motion: Motion) -> float:
 # --- propose -------------------------------------------------------------------------------------
 # The simplest motion, among some that are tried out, that tells rivals apart.
 #
-#     worth = Σ min(separation, AMPLE)²  over the pairs of a question, within CLOSE of the best
+#     worth = Σ min(separation, AMPLE)²  over the pairs of a question, within PARSIMONY of the best
 #
 # First question: at which place, of effects of one kind. Second: of which kind.
 
 
 SOME = 1.0  # level: from which a longer log tells them apart
 AMPLE = 10.0  # work: beyond which more is worth nothing
-CLOSE = 0.8  # tuned: share of the best worth with which a simpler motion does
 RIVALS = 12  # work: that are looked at
 FORMULAS = 3  # work: rivals of a law, the simplest first
 PLACES = ("same", "turn", "limits", "wider", "faster", "speeds", "alone", "strokes")
@@ -311,7 +311,7 @@ def proposal(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) -> P
     """The simplest trial that answers a question about as well as the best; None if none does."""
     other = [each for each in tried if each.trial.kind != "same"]
     most = max((each.worth(pairs) for each in other), default=0.0)
-    best = next((each for each in other if each.worth(pairs) >= CLOSE * most), None)
+    best = next((each for each in other if each.worth(pairs) >= (1 - PARSIMONY) * most), None)
     if best is None or not (told := [p for p in pairs if best.separation(p) >= SOME]):
         return None
     worst = min(told, key=best.separation)

@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_solve_banded
 
-from ident.equations.filter import Decimator, filtered_windows
+from ident.equations.filter import STANDING, Decimator, filtered_windows
 from ident.equations.rows import (
     Rows,
     Scene,
@@ -54,7 +54,6 @@ BLOCKS = 40  # work: of time, of a run
 # level: cut-off of the rows over the rate of the motion's knots: all that splines resolve
 FASTER = 2.0
 NYQUIST = 0.4  # level: of the log's rate, above which nothing is filtered
-STICKING = 0.01  # tuned: share of a row that may come from standstill, where friction jumps
 # numerics: samples of G to a period of the rows' cut-off; between them it is interpolated
 PERIOD = 8.0
 
@@ -277,7 +276,7 @@ def linear(
         G = _between(e.t, some.t, G)
     decimator = Decimator.of(cutoff, e.rate)
     scene = Scene.of(mechanism, columns, e, point, cutoff)
-    pieces = [*rows(scene, cutoff, STICKING)]
+    pieces = [*rows(scene, cutoff, STANDING)]
     coefficients: list[np.ndarray] = []
     torques: list[TorqueRows | None] = []
     for k, (segment, spline) in enumerate(fine.runs):

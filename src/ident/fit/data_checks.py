@@ -39,16 +39,15 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
 # tuned: times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
 BEYOND = 3.0
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
-LIKE = 0.9  # tuned: correlation from which the URDF's torque is like the identified one, …
-UNLIKE = 0.5**0.5  # level: … and below which less than half of its squares is of the same shape
+# tuned: correlation from which torques are alike (URDFs 15 % off: 0.998, an unknown load: 0.92)
+LIKE = 0.95
+UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
 # tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TIMES = 30.0
 # tuned: the same at all joints alike: masses in a URDF are rarely so wrong, units are
 TOGETHER = 3.0
-# tuned: difference of logarithms of factors that are one number, as no errors of masses are,
+# tuned: difference of logarithms of factors that are one number, as no errors of masses are, …
 SAME = 0.03
-# tuned: … where torques correlate from there on (URDFs 15 % off do by 0.998, a load by 0.92)
-ALIKE = 0.99
 OTHER = 1.15  # tuned: … from which that number is another scale than the URDF's
 
 
@@ -207,7 +206,6 @@ class DataChecks(FaultSearch):
         may be wrong; but a fault where factors of several torques explain the log.
         """
         columns, table, gains = self.problem.columns, self.table, dict[str, float]()
-        alike = 1.0  # least correlation of the torques of `gains` with what the URDF's bodies need
         rigid = np.arange(len(columns)) < len(columns.rigid)
         beside = [table.effect_columns(each, [{}]) for each in self.common]
         for u, name in enumerate(self.problem.motion.independent):
@@ -222,8 +220,8 @@ class DataChecks(FaultSearch):
                 x - X @ np.linalg.lstsq(X, x, rcond=None)[0] for x in (now, then, tau)
             )
             like = max(_cosine(now, then), _cosine(fitted, own))  # bodies may stand in for those
-            if np.linalg.norm(own) > SMALL * sizes[1] and (c := _cosine(own, logged)) > LIKE:
-                gains[name], alike = float(own @ logged / (own @ own)), min(alike, c)
+            if np.linalg.norm(own) > SMALL * sizes[1] and _cosine(own, logged) > LIKE:
+                gains[name] = float(own @ logged / (own @ own))
             many = self.estimate.triangle.rows > FEW * self.estimate.base.rank
             matter = min(sizes) > LEAVES * float(np.linalg.norm(tau))
             if many and matter and like < UNLIKE and self.errors[name] < LEAVES:
@@ -235,7 +233,7 @@ class DataChecks(FaultSearch):
                 remedy = "check [mechanism] gravity, q.… and t against the machine"
                 yield Finding("unlike", text, remedy, (f"tau.{name}",), like, UNLIKE)
         logs = np.log(list(gains.values()))
-        one = len(gains) > 1 and np.ptp(logs) < SAME and alike > ALIKE
+        one = len(gains) > 1 and np.ptp(logs) < SAME
         least = OTHER if one else TOGETHER
         far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}
         several = 2 * len(far) >= len(self.use.T) and len({x > 1 for x in far.values()}) == 1

@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.errors import IdentError
-from ident.fit.channel_fits import DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
+from ident.fit.channel_fits import DOUBT, HALF, NEARLY, SMALL, ChannelEquations, limits_of_machines
 from ident.fit.faults import (
     CLOCKS,
     FACTORS,
@@ -44,8 +44,6 @@ POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something ma
 CLOSEST = 6  # work: hypotheses that are looked at in detail
 FEW = 300  # work: samples that tell a right motion from a wrong one
 CALM = 0.5  # level: of a fall of errors, which a delay must bring away from reversals, too
-# tuned: times the error of a fault that its rival leaves: a missing effect, another number
-NEARLY = 1.2
 NUMBERED = ("scale", "delay", "time")  # faults of which a number is sought, not one of several
 
 

@@ -29,7 +29,7 @@ from ident.motion.closures import LoopSolver, best_conditioned, independent_join
 from ident.motion.motion import prescribed
 from ident.text import significant, two_digits
 
-BIASED = 1e-4  # tuned: share of a parameter that a time basis may move unmentioned
+BIASED = 1e-4  # shown: share of a parameter that a time basis may move unmentioned
 FEW = 3.0  # level: equations a parameter below which values follow the noise
 SHORT, USUAL = 10.0, 30.0  # level: the same: below the first a log is called short; what is advised
 POOR = 1e3  # level: condition number above which the motion excites some base parameter poorly
@@ -37,7 +37,7 @@ LEAST_MASS = 1e-9  # range: kg below which a body with first moments cannot be w
 # tuned: torque over its terms: an error of 5 % in one of them is half the torque or more; and the
 # relative error of a torque from which its unit is in doubt
 FREELY = 0.1
-LITTLE = 0.1  # tuned: of the farthest joint's way: one that moves less is named
+LITTLE = 0.1  # shown: of the farthest joint's way: one that moves less is named
 POSSIBLE = -1e-6  # numerics: of a body's largest eigenvalue: what rounding may leave below zero
 
 

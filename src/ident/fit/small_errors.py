@@ -33,8 +33,8 @@ from ident.information.chance import RIVAL, credible_t, zscore
 from ident.information.estimate import MATERIAL, Estimate
 from ident.information.hypotheses import Array, PartialRegression
 from ident.information.projection import RANK
+from ident.motion.signals import SLOW
 
-SLOW = 0.03  # tuned: share of a joint's top speed below which it counts as reversing
 # tuned: s on either side that are left out; 0.3 periods of the motion, where that is less
 GUARD = 0.06
 ENOUGH = 0.5  # level: share of a coordinate's rows that must stay

@@ -6,9 +6,9 @@ from math import comb
 
 import numpy as np
 
+from ident.information.chance import LOUD
+
 ORDER = 6  # numerics: of the difference that leaves little but noise
-# tuned: times the noise from sample to sample: more over several samples is not white
-COLOURED = 1.3
 POWER = 0.999  # range: share of the velocities' power that is the motion's
 # tuned: times the mean power of noise; real noise (quantised, jittering) is not white
 VISIBLE = 200.0
@@ -43,7 +43,7 @@ def is_white(x: np.ndarray, longest: int) -> bool:
             difference = difference[k:] - difference[:-k]
         sizes.append(float(np.median(np.abs(difference))))
         k *= 2
-    return len(sizes) > 1 and max(sizes) < COLOURED * sizes[0]
+    return len(sizes) > 1 and max(sizes) < LOUD * sizes[0]
 
 
 def noise_share(x: np.ndarray, differences: int = 0) -> float:

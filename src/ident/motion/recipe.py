@@ -31,7 +31,8 @@ CLEAN = 1e-3  # tuned: share of noise below which a channel is taken as it is
 NOISY = 0.02  # tuned: share of noise in an acceleration that the filter may let pass
 ROWS_OVER_MOTION = 5.0  # tuned: cut-off of the rows' filter over the motion's bandwidth
 ROWS_OVER_MOTION_LEAST = 2.0  # tuned: the same where accelerations are noisy
-SMOOTH_OVER_MOTION = 10.0  # tuned: resolution of smoothing over the motion's bandwidth
+# level: resolution of smoothing over the motion's bandwidth: twice what the rows' filter passes
+SMOOTH_OVER_MOTION = 2.0 * ROWS_OVER_MOTION
 WHITE = 1 / 3  # tuned: of that resolution: differences over longer times may hold motion
 STILL = 0.004  # tuned: share of a joint's top speed below which it counts as standing still
 NOISE = 4.0  # level: or so many times the noise of speeds, where that is more

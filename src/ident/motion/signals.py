@@ -33,9 +33,10 @@ NIL = 1e-12  # numerics: rad, m and their rates: what moves less stands still, b
 ROUNDING = 1e-9  # numerics: of its spread, or of 1 rad or m: no channel is trusted better
 WINDOW = 0.01  # range: s; increments over it are compared, in which noise is small
 CLIPPED = 0.005  # tuned: share of a torque's samples at an extreme, in runs of 3 or more
-PILED = 5.0  # tuned: times as many at the extreme as one step below it; 2.4 where a sine turns
+PILED = 5.0  # level: times as many at the extreme as one step below it; 2.4 where a sine turns
+# tuned: share of a joint's top speed below which it is slow: at rest, or about to reverse
+SLOW = 0.03
 SWITCHED = 0.5  # level: share of all samples that are too many to be left out
-AT_REST = 0.02  # tuned: of what a joint usually moves in the same time, below which it is held
 FACTORS = {
     180 / np.pi: "the first in degrees",
     np.pi / 180: "the second in degrees",
@@ -296,7 +297,7 @@ def _without_limits(
             n = run.stop - run.start - 1
             if n > 1 and np.isfinite(q).all():
                 moved = float(np.sqrt(np.mean((q[n:] - q[:-n]) ** 2)))
-                clipped[run] = np.ptp(q[run]) > AT_REST * moved
+                clipped[run] = np.ptp(q[run]) > SLOW * moved
             elif n < 2:
                 clipped[run] = False
         if clipped.any():

@@ -49,7 +49,6 @@ from ident.streams.suspects import (
 # range: [s] usual; where logs are short, the least, by steps
 INTERVAL, SHORTEST, STEP = 0.5, 0.4, 0.02
 HELD = 240  # work: intervals kept, of which the onset can be one
-ENOUGH = 4  # tuned: intervals since the onset before anything is named
 STEADY = 3  # tuned: intervals in a row for which one suspect must lead alone
 
 
@@ -131,13 +130,13 @@ class _Raised:
     lead: int = 0
     named: float = np.inf  # when it was named [s]
 
-    def ready(self, naming: Naming, length: int) -> bool:
-        """Whether one suspect has led alone for long enough, on a window of `length` intervals."""
+    def ready(self, naming: Naming) -> bool:
+        """Whether one suspect has led alone for long enough."""
         alone = naming.best is not None and naming.sound and naming.alone
         leader = naming.best.suspect.label if naming.best and alone else ""
         self.lead = self.lead + 1 if leader and leader == self.leader else int(alone)
         self.leader = leader
-        return self.lead >= STEADY and length >= ENOUGH
+        return self.lead >= STEADY
 
 
 @dataclass(eq=False, repr=False)
@@ -295,7 +294,7 @@ class Monitor(Displayed):
         if named and not late:
             return None
         naming, window = self._naming(raised)
-        ready = raised.ready(naming, len(window)) or late
+        ready = raised.ready(naming) or late
         alarm = self._alarm(raised, naming, window) if ready and not named else None
         if late:
             self._go_on(raised, naming, window)

@@ -57,9 +57,8 @@ from ident.streams.charts import FELT, MARGIN, NormalRunning, WatchedInterval
 
 WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
 # range: columns of a suspect that have charts; of a payload the mass and its first moments
-# level: standard errors within which two suspects are not told apart
-APART = 3.0
 DIRECT = 4
+APART = 3.0  # level: standard errors within which two suspects are not told apart
 # numerics: of the largest singular value of unit columns; below, a direction is not asked for
 RANK = 1e-4
 SURPLUS = 2.5  # level: standard errors by which what is left may exceed noise
