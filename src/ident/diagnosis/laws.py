@@ -30,8 +30,6 @@ SAME = 0.01  # tuned: of the least left-out squares, within which formulas are e
 # level: standard errors within which the simplest formula is preferred to the best one (Breiman,
 # Friedman, Olshen, Stone, Classification and Regression Trees, 1984, 3.4.3)
 ONE_SE = 1.0
-# tuned: times a formula's left-out squares, from which an effect has the wrong form
-WRONG_FORM = 1.5
 RIVALS = 12  # shown: formulas that are listed beside the law
 REPEATS = 1.5  # range: waves in the travel, from which a torque is seen to repeat
 CUBIC = Term(("1", "q", "q**2", "q**3"))
@@ -354,7 +352,7 @@ def _takes_place(
     """
     if once and law.formula.terms == (PLAIN_WAVE,):
         return False
-    ratio = WRONG_FORM if chance is None else 1 + chance
+    ratio = LOUD**2 if chance is None else 1 + chance
     if compare.clear(with_names.losses, law.refit.loss, ratio):
         return True
     numbers = sum(len(m.effect.parameters) for m in named)

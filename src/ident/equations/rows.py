@@ -29,6 +29,7 @@ from ident.equations.filter import STANDING, STICKING, Decimator, filtered_windo
 from ident.equations.terms import Samples, Terms, effect_terms, unbalanced, with_bodies
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError
+from ident.information.chance import MINE
 from ident.information.time_bases import Basis, Chunk
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import supports
@@ -221,7 +222,6 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
                 )
 
 
-LEVER = 0.1  # tuned: a joint that barely moves with a coordinate may stand still without harm
 # numerics: of a joint's largest transmission: below, it does not move with a coordinate
 ROUNDING = 1e-9
 
@@ -269,7 +269,7 @@ def informing(
     for name, moves in s.informative if informative is None else informative:
         at, lever = s.lever(name)
         most = np.ones(1) if farthest is None else farthest[s.mechanism.joint_index[name]]
-        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > LEVER * most)
+        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > MINE * most)
         informed[:, at] &= moves[:, None] | ~moved
     return informed
 

@@ -64,8 +64,8 @@ from ident.mechanism.parameters import (
     split,
 )
 
-STILL = 0.1  # tuned: rows that all rows of a coordinate at standstill count as
-PULL = 0.01  # tuned: ρ: bodies' own sizes in which the prior counts as one standard deviation
+STILL = 0.1  # numerics: rows that all rows of a coordinate at standstill count as
+PULL = 0.01  # numerics: ρ: bodies' own sizes in which the prior counts as one standard deviation
 # numerics: of the prior's ball in S, so that a flat prior can become a little less flat
 BALL = 0.05
 EFFECT = 1e-4  # numerics: of a plausible size: an effect that bodies can replace gives way to them

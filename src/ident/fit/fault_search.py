@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.errors import IdentError
-from ident.fit.channel_fits import DOUBT, HALF, NEARLY, SMALL, ChannelEquations, limits_of_machines
+from ident.fit.channel_fits import DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
 from ident.fit.faults import (
     CLOCKS,
     FACTORS,
@@ -32,14 +32,12 @@ from ident.fit.faults import (
 )
 from ident.fit.problem import Problem, Table
 from ident.fit.small_errors import away_from_reversals
-from ident.information.chance import RIVAL, credible_t, zscore
+from ident.information.chance import LOUD, RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
 
 LEAST_FACTOR = 1.5  # tuned: a smaller one is an effect's: a gain, a load-dependent friction
-# tuned: times the error that all effects of the library leave: a fault leaves no more
-AS_WELL = 1.5
 POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
 CLOSEST = 6  # work: hypotheses that are looked at in detail
 FEW = 300  # work: samples that tell a right motion from a wrong one
@@ -321,11 +319,11 @@ class FaultSearch:
         """Whether faults leave not much more than all effects of the library together, and less
         than one kind of effect would, missing at all drives: else nobody can tell which it is.
         """
-        if np.log(last.noise).mean() >= np.log(AS_WELL * self.reference).mean():
+        if np.log(last.noise).mean() >= np.log(LOUD * self.reference).mean():
             return False
         kinds = {each.kind for each in self.effects if not each.common}
         beside = (self._with_common(every, kind) for kind in sorted(kinds))
-        return not any(rms(x.noise(x.as_logged)) < NEARLY * rms(last.noise) for x in beside)
+        return not any(rms(x.noise(x.as_logged)) < LOUD * rms(last.noise) for x in beside)
 
     def _away_too(self, fault: Fault) -> bool:
         """Whether a delay explains rows away from reversals, too: friction that builds up over some
@@ -370,7 +368,7 @@ def _determined(best: FaultTrial, trial: Callable[[Fault], FaultTrial]) -> Fault
     for each in (trial(fault.at(f * fault.number[0])) for f in (0.5, 2.0)) if fault.at else ():
         if zscore((best.left - each.left).sum(axis=1)) < RIVAL:  # a factor takes the joint out
             return None
-        if fault.kind == "time" and each.error < NEARLY * best.error:
+        if fault.kind == "time" and each.error < LOUD * best.error:
             return None
     return fault
 

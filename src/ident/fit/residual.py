@@ -34,7 +34,7 @@ from ident.fit.residual_maps import (
 )
 from ident.fit.values import Model
 from ident.information.blocks import Error, Squares
-from ident.information.chance import credible_t, paired
+from ident.information.chance import LOUD, credible_t, paired
 from ident.motion import Motion
 from ident.motion.signals import runs
 from ident.text import stamp
@@ -68,9 +68,8 @@ class Charted(Plotted):
         return render(self, "plot_maps", joint)
 
 
-ANOTHER = 2.0  # tuned: times the squares that the same machine's noise may leave of another motion
-# tuned: the same of what a model leaves beyond noise: 11 of an unchanged arm whose model lacks its
-# dry friction, 27 of one with a part of it
+# tuned: times the squares that a model leaves beyond noise: 11 of an unchanged arm whose model lacks
+# its dry friction, 27 of one with a part of it
 MISFIT = 36.0
 
 
@@ -192,7 +191,7 @@ class Residual(Displayed):
         """Return the joints whose error is above that of `then`, the most first: by more than it
         differs between blocks of time and motions, not because the torque or the noise is larger.
 
-            e² > ANOTHER σ² + MISFIT (e_then² − σ²)        σ: noise; what else it left may grow more
+            e² > (LOUD σ)² + MISFIT (e_then² − σ²)        σ: noise; what else it left may grow more
         """
         if not then:
             return []
@@ -211,7 +210,7 @@ class Residual(Displayed):
             torque = self.parts["measured"][u]
             sigma = noise.get(joint) or 0.0
             least = max(old.rms, (old.relative or 0.0) * torque, sigma)
-            allowed = ANOTHER * sigma**2 + MISFIT * (least**2 - sigma**2)
+            allowed = (LOUD * sigma) ** 2 + MISFIT * (least**2 - sigma**2)
             usual = np.full(len(squares), allowed)
             if paired(np.array(squares), usual) > credible_t(len(then), len(squares)):
                 found[joint] = self.errors[joint].rms / max(old.rms, 1e-300)
