@@ -68,8 +68,8 @@ class Charted(Plotted):
         return render(self, "plot_maps", joint)
 
 
-# tuned: times the squares that a model leaves beyond noise: 11 of an unchanged arm whose model lacks
-# its dry friction, 27 of one with a part of it
+# tuned: times the squares that a model leaves beyond noise: 11 of an unchanged arm whose model
+# lacks its dry friction, 27 of one with a part of it
 MISFIT = 36.0
 
 
