@@ -46,9 +46,9 @@ MACHINES = ("tx40", "panda", "lwr4")
 CONSTANTS = {  # module: constants of the search, then those of the rows, which are made anew
     "diagnosis.search": ("TOGETHER", "NEAR", "TRIED", "ALONE"),
     "diagnosis.selection": (
-        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "STARTS", "HIDDEN", "CLOSEST", "MINE",
+        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "HIDDEN", "CLOSEST", "MINE",
     ),
-    "diagnosis.null": ("TRIALS",),
+    "diagnosis.null": ("TRIALS", "STARTS"),
     "diagnosis.candidates": ("CALM",),
     "fit.small_errors": ("SLOW", "GUARD", "ENOUGH", "WORSE"),
 }  # fmt: skip
