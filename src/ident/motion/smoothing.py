@@ -50,7 +50,8 @@ FEWEST = 6  # work: knot intervals of a run
 LOOKED_AT = 20000  # work: samples of a channel that decide
 ENDS = 2.0  # numerics: knots at either end of a run between which a spline is not to be trusted
 MOST = 0.08  # tuned: share of the shortest run that an end may lose
-ALONE = 1e-6  # numerics: share of noise up to which positions alone are differentiated
+WHOLE = 1e-4  # numerics: share of noise up to which q, v and a are exact but for rounding
+ALONE = 1e-6  # numerics: the same for positions alone, which are differentiated
 AS_LOGGED = "as logged"
 SAMPLES = 1.5  # numerics: from one knot to the next, at least
 STEPS = 6  # work
@@ -194,7 +195,7 @@ def _as_logged(channels: Sequence[Channel], band: Band, exact: bool) -> bool:
     if all(channel.spread == 0 for channel in channels):  # it stands still
         return True
     if len(channels) == 3 and exact:
-        return worst <= CLEAN
+        return worst <= WHOLE
     return worst <= ALONE and len(channels) == 1 and band.cutoff is None
 
 
