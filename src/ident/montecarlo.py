@@ -24,8 +24,7 @@ from ident.simulate.integrate import AnyLog
 from ident.simulate.inverse import CHANNELS as USUAL
 from ident.simulate.inverse import noisy, noisy_columns, random_of
 
-# range: between the paper's hat functions without a time basis: 5 ms of its 1 ms samples
-SAMPLES = 5
+SAMPLES = 5  # range: between the paper's hat functions without a basis: 5 ms of its 1 ms samples
 
 Estimate = Callable[[Mechanism, Log], Fit]
 

@@ -33,11 +33,9 @@ from ident.motion.motion import left_out
 # blocks of held-out errors would show, in their standard errors.
 
 
-# work: times a formula's constant, at which it may do what a rival does
-NEARBY = (0.7, 0.85, 1.2, 1.4)
+NEARBY = (0.7, 0.85, 1.2, 1.4)  # work: times a formula's constant, where it may do the same
 SURE = 7.0  # level: standard errors by which rivals are told apart, with chance against it
-# range: times the present log's largest ‖K⁺‖: nearer no trial goes to a singular position
-WORSE = 10.0
+WORSE = 10.0  # range: times the log's largest ‖K⁺‖: no trial goes nearer to a singular position
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,12 +37,10 @@ from ident.information.chance import Chance, exceeding, quantile, zscore
 from ident.information.hypotheses import Index, PartialRegression
 
 MOST = 60  # work: moves of one search
-# tuned: times the largest single gain, from which what every machine has enters at once
-TOGETHER = 1.5
+TOGETHER = 1.5  # tuned: times the largest gain, from which what every machine has enters at once
 NEAR = 0.8  # work: share of the largest gain below which a candidate is not looked at in detail
 PATH = 3  # work: effects of one joint that are looked at together
-# tuned: of the squares beyond noise, which one effect leaves where only a path is credible
-ALONE = 0.1
+ALONE = 0.1  # tuned: of the squares beyond noise, that one effect leaves where a path is credible
 TRIED = 3  # work: of the best candidates, until one makes a better set
 
 

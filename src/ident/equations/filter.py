@@ -19,8 +19,7 @@ OVERSAMPLING = 4.0  # level: filtered samples a period of the cut-off
 STICKING = 0.2  # tuned: share of a filtered row that may come from samples that do not inform it
 STANDING = 0.02  # tuned: share of a row in motion that may come from standstill
 CHUNK = 4096  # work: samples that are in memory at once
-# numerics: of a sample: parts of a log, whose rates differ by it, are decimated alike
-ROUNDING = 1e-6
+ROUNDING = 1e-6  # numerics: of a sample: rates that differ by it are decimated alike
 Product = tuple[slice, np.ndarray]  # samples m, and weights (rows, m) of some filtered rows
 
 

@@ -51,11 +51,9 @@ STEP = 1e-6  # numerics: of the spread of a coordinate or its derivative
 LOOKED_AT = 60  # work: samples of a log whose motion's noise is looked at
 LONGEST = 2000  # work: functions of a run that are looked at
 BLOCKS = 40  # work: of time, of a run
-# level: cut-off of the rows over the rate of the motion's knots: all that splines resolve
-FASTER = 2.0
+FASTER = 2.0  # level: cut-off of the rows over the rate of knots: all that splines resolve
 NYQUIST = 0.4  # level: of the log's rate, above which nothing is filtered
-# numerics: samples of G to a period of the rows' cut-off; between them it is interpolated
-PERIOD = 8.0
+PERIOD = 8.0  # numerics: samples of G to a period of the cut-off; between, interpolated
 
 
 def gain(

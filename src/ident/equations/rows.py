@@ -36,8 +36,7 @@ from ident.mechanism.parameters import supports
 from ident.motion.closures import integrate
 from ident.motion.state import State
 
-# numerics: times the rows' cut-off: a filter that passes all that the rows' filter passes
-WIDER = 3.0
+WIDER = 3.0  # numerics: times the rows' cut-off: passes all that the rows' filter passes
 STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smooth in their shapes
 CORRECTED_TOGETHER = 4096  # work: samples whose residual is made at once
 
@@ -222,8 +221,7 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
                 )
 
 
-# numerics: of a joint's largest transmission: below, it does not move with a coordinate
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # numerics: of a joint's largest transmission: below, it does not move
 
 
 @dataclass(frozen=True, eq=False)

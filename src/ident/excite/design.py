@@ -30,8 +30,7 @@ MARGIN = 0.97  # range: share of the limits that follow from the drives' motion,
 PILOTS = 12, 40  # work: random motions whose rows give base and scale; draws at most
 SHRINK, SHRINKS = 0.99, 20  # numerics: of a motion that breaks a limit between the samples
 AWAY = 0.05  # range: of its range, the distance of home from a joint's limits
-# range: share of the top speed within which the search smooths the step of dry friction
-SOFT = 0.02
+SOFT = 0.02  # range: share of the top speed within which the step of dry friction is smooth
 NOISE = 0.01  # range: of the limit of torque: the noise expected of a torque signal
 
 

@@ -31,8 +31,7 @@ from ident.motion import State
 from ident.motion.closures import best_conditioned
 from ident.motion.motion import prescribed
 
-# numerics: of a number of x, or of the usual size of a position or rate, for differences
-STEP = 1e-5
+STEP = 1e-5  # numerics: of a number of x, a usual position or rate, for differences
 TOGETHER = 1024  # work: samples of neighbours of a motion that are worked at once
 LEAP = 0.4  # numerics: [rad | m] by which a drive may move in one step along the branch
 SLIP, GAIN = 0.05, 2.0  # numerics: [rad | m] and times ‖K⁺‖ of that step, by which the others may

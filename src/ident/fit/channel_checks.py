@@ -33,16 +33,14 @@ REGULAR = 0.9  # tuned: share of the times that a channel is held, which are of 
 SHORTEST = 20  # work: samples of a channel that can be judged
 FROZEN = 0.25  # tuned: s for which a channel stays at a value while its joint moves
 ROUGH = 0.1  # tuned: noise in the accelerations by the steps of an encoder, of their rms
-# level: standard deviations from the mean of its neighbours, from which a sample is no noise
-SPIKE = 15.0
+SPIKE = 15.0  # level: standard deviations from its neighbours, from which a sample is no noise
 RARE = 1e-3  # tuned: share of lone samples that no sensor is free of
 ROUNDING = 1e-9  # numerics: of a channel's largest value: nearer values are one
 SAME = 1e-6  # numerics: of a channel's size, by which it may differ from a command and still be it
 COMMAND = re.compile(
     r"(des|cmd|command|ref|set|target|goal|con)(ired|erence|point|trol)?[\W_\d]*", re.I
 )
-# numerics: of a channel's noise, by which two copies may differ; two measurements do by √2
-ROUNDED = 0.3
+ROUNDED = 0.3  # numerics: of a channel's noise, by which copies may differ; measurements do by √2
 JUDGED = 2000  # work: samples by which two logs are compared
 ALIKE = 1e-3  # numerics: of a position's range, within which it is that of the other log
 LOCKED = 0.05  # range: [rad | m] by which a joint that is held may move: fingers give way a little

@@ -30,15 +30,13 @@ from ident.information.hypotheses import Array
 from ident.mechanism.parameters import regressor
 from ident.motion.state import State
 
-# tuned: error of a torque at which nothing is explained: a cause that leaves it is none
-LEAVES = 0.3
+LEAVES = 0.3  # tuned: error of a torque at which nothing is explained: no cause leaves it
 FAR = 7  # work: shifts round the log by so many parts of it: torques of another time
 IN_MEMORY = 30_000_000  # work: numbers of all Gram matrices, a quarter of a gigabyte
 LONGEST = 0.1  # range: s; a torque that is later still is another log's
 NODES = 12  # work: shifts on either side, from one sample up to LONGEST
 HALF = 0.5  # level: of the relative error: what explains less of it is an effect, no fault
-# tuned: relative error below which no channel is blamed, and none is better than another
-SMALL = 0.01
+SMALL = 0.01  # tuned: relative error below which no channel is blamed, none is better
 DOUBT = 2.5 * SMALL  # tuned: relative error of some torque from which a fit is doubted
 SEVERAL = 3  # range: joints from which on torques of another run are told from a missing effect
 ROUNDS = 3  # work: in which weights settle

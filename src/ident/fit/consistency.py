@@ -66,8 +66,7 @@ from ident.mechanism.parameters import (
 
 STILL = 0.1  # numerics: rows that all rows of a coordinate at standstill count as
 PULL = 0.01  # numerics: ρ: bodies' own sizes in which the prior counts as one standard deviation
-# numerics: of the prior's ball in S, so that a flat prior can become a little less flat
-BALL = 0.05
+BALL = 0.05  # numerics: of the prior's ball in S: a flat prior can become a little less flat
 EFFECT = 1e-4  # numerics: of a plausible size: an effect that bodies can replace gives way to them
 UNFELT = 1e9  # numerics: plausible size of an unknown that no data feel
 PASSES = 6  # work: over what the equations are not linear in
@@ -75,8 +74,7 @@ CONVERGED = 1e-6  # numerics: of a plausible size: a smaller change of any unkno
 PUSHED = 0.1  # level: standard errors of white noise by which a limit must push to count as active
 COSTS = 0.05  # tuned: of the error: a rise that asks for an explanation
 IMPOSSIBLE = -1e-9  # numerics: smallest eigenvalue of a prior that is no possible body
-# numerics: of the ball, what a body keeps at least: with 0 no simulator could invert its mass
-MARGIN = 1e-6
+MARGIN = 1e-6  # numerics: of the ball, what a body keeps: a simulator inverts its mass
 SMALL = 1e-3  # range: of a mean link, the least size that is believed
 CENTROID = {centroidal: about for about, centroidal in CENTROIDAL.items()}
 

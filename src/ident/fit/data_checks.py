@@ -39,15 +39,12 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
 # tuned: times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
 BEYOND = 3.0
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
-# tuned: correlation from which torques are alike (URDFs 15 % off: 0.998, an unknown load: 0.92)
-LIKE = 0.95
+LIKE = 0.95  # tuned: correlation of torques that are alike (URDFs 15 % off: 0.998, a load: 0.92)
 UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
 # tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TIMES = 30.0
-# tuned: the same at all joints alike: masses in a URDF are rarely so wrong, units are
-TOGETHER = 3.0
-# tuned: difference of logarithms of factors that are one number, as no errors of masses are, …
-SAME = 0.03
+TOGETHER = 3.0  # tuned: the same at all joints: masses in a URDF are rarely so wrong, units are
+SAME = 0.03  # tuned: difference of logarithms of factors that are one number, as no masses' are, …
 OTHER = 1.15  # tuned: … from which that number is another scale than the URDF's
 
 

@@ -198,8 +198,7 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
 
 SAMPLES = 200  # work: of an experiment that are looked at
 MATTERS = 0.01  # shown: share of a multiplier that priors may move unmentioned
-# numerics: of the largest singular value of J: smaller ones leave a direction of λ open
-OPEN = 1e-8
+OPEN = 1e-8  # numerics: of J's largest singular value: smaller ones leave a direction of λ open
 
 
 def identifiable_multipliers(mechanism: Mechanism, motion: Motion) -> np.ndarray:

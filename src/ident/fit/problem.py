@@ -54,8 +54,7 @@ BOUNDLESS = 1e30  # numerics: stands for infinity, with which 0 may be multiplie
 TORQUE = 10.0  # range: times the largest torque, by which an effect's unknown is bounded
 TABLE = 20_000  # work: rows; of more, one in so many is kept: they decide, they are not fitted
 BLOCKS = 20  # work: of time, in all experiments together
-# numerics: samples a period of the cut-off at which smooth sensitivities are evaluated
-SMOOTH = 16.0
+SMOOTH = 16.0  # numerics: samples a period of the cut-off at which sensitivities are evaluated
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,8 +44,7 @@ FEWEST = 20  # work: rows of which signals can be told
 MEMORY = 0.15  # tuned: autocorrelation beyond the filter's length that is always taken for noise
 ERRORS = 4.0  # level: or so many of its standard errors
 FARTHEST = 400  # work: lags of the autocorrelation
-# range: lags at which differentiated noise of encoders is correlated without any filter
-UNFILTERED = 2
+UNFILTERED = 2  # range: lags at which differentiated noise is correlated without any filter
 FINER = 10  # work: samples a row at which the filter's own correlation is computed
 ROUNDING = 1e-9  # numerics: of a signal: a smaller change is none
 

@@ -43,8 +43,7 @@ from ident.mechanism.parameters import Covariance
 from ident.motion import Motion
 
 LONG = 40  # shown: characters of a name that tells where each effect is
-# numerics: relative error below which a residual is that of rounding and interpolation
-ROUNDING = 1e-6
+ROUNDING = 1e-6  # numerics: relative error below which a residual is rounding and interpolation
 
 
 @dataclass(frozen=True, eq=False, repr=False)

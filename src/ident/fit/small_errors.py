@@ -35,14 +35,11 @@ from ident.information.hypotheses import Array, PartialRegression
 from ident.information.projection import RANK
 from ident.motion.signals import SLOW
 
-# tuned: s on either side that are left out; 0.3 periods of the motion, where that is less
-GUARD = 0.06
+GUARD = 0.06  # tuned: s on either side that are left out; at most 0.3 periods of the motion
 ENOUGH = 0.5  # level: share of a coordinate's rows that must stay
 FEWEST = 30  # work: rows at reversals that tell how well they fit
-# numerics: weight of a row there, by which what only such rows determine stays as it is
-FAINT = 0.01
-# tuned: squared residual of a row there over that of the others, from which they fit worse
-WORSE = 4.0
+FAINT = 0.01  # numerics: weight of a row there: what only such rows determine stays as it is
+WORSE = 4.0  # tuned: squared residual there over that elsewhere, from which these rows fit worse
 
 
 def away_from_reversals(table: Table) -> np.ndarray:

@@ -25,8 +25,7 @@ from ident.information.linear import Array, Triangle
 
 TOLERANCE = 1e-9  # numerics
 PASSES, ABOUT, HEAVIEST = 4, 1e-2, 1e24  # numerics: of the cost's weight
-# numerics: of a limit's scale: a smaller shortfall is the solver's, not the limits'
-POSSIBLE = 1e-7
+POSSIBLE = 1e-7  # numerics: of a limit's scale: a smaller shortfall is the solver's
 SLACK = {"psd": 5e-7, "nonnegative": 1e-7, "zero": 1e-7}  # of a limit's scale: a smaller breach is
 # rounding; half of the margin by which matrices are asked to be definite (`fit.consistency`)
 ROOT2 = float(np.sqrt(2.0))

@@ -23,8 +23,7 @@ from ident.information import linear
 from ident.information.linear import Array, Triangle
 
 _EPS = float(np.finfo(float).eps)
-# numerics: of its reference magnitude: a column, or what is left of one, is null below this
-_NULL = 1e-12
+_NULL = 1e-12  # numerics: of its reference: what is left of a column is null below this
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +124,7 @@ def solve(triangle: Triangle, base: Base, prior: ArrayLike | None = None) -> Sol
 # tuned: share of a joint's torque (rms) below which nothing matters: neither an effect nor a
 # residual; a joint that is trusted better would ask for no inertia
 MATERIAL = 0.003
-# numerics: share of a column that must be new for its unknown to count as identifiable
-TOLERANCE = 1e-8
+TOLERANCE = 1e-8  # numerics: share of a column that must be new for its unknown to count
 CLEAR = 6.0  # level: standard errors from its prior at which an unknown is no work of noise
 ITERATIONS = 12  # work
 

@@ -214,8 +214,7 @@ def _check_finite(*arrays: Array) -> None:
 
 # --- many small products at once ----------------------------------------------------------------
 
-# numerics: of 1: a direction that only the left-out block excites is not predicted in it
-UNDETERMINED = 1e-8
+UNDETERMINED = 1e-8  # numerics: of 1: a direction of the left-out block alone is not predicted
 
 
 def inverse(H: Array) -> Array:

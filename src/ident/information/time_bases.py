@@ -34,8 +34,7 @@ from ident.errors import FitError
 from ident.information import linear
 from ident.information.linear import Array, Index, Triangle
 
-# numerics: of a spacing: times this far outside the span are rounding, not extrapolation
-_ROUND = 1e-9
+_ROUND = 1e-9  # numerics: of a spacing: times this far outside the span are rounding
 
 
 @dataclass(frozen=True)

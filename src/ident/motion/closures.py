@@ -27,10 +27,8 @@ STRIDE = 32  # work: samples between the anchors that are solved one after the o
 CLOSED = 1e-11  # numerics: [m | rad] largest equation that Newton leaves
 OPEN = 1e-10  # numerics: [m | rad] largest equation at which a configuration counts as closed
 STEPS = 12  # work
-# range: [rad | m] from the start to the sample nearest to it; beyond, a unit is wrong
-FARTHEST = 1000.0
-# numerics: share of a step by which it may differ from the prediction of the tangents at its ends
-BENT = 0.2
+FARTHEST = 1000.0  # range: [rad | m] from the start to the nearest sample; beyond, a unit is wrong
+BENT = 0.2  # numerics: share of a step by which the tangents at its ends may mispredict it
 LEAP = 20.0  # range: [rad | m] from one sample to the next
 PARALLEL = 1e-6  # numerics: sine of the angle between axes that are meant to be parallel
 

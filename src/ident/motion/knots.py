@@ -94,8 +94,7 @@ def common(r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 STEP = 2.0  # work: ratio of one spacing that is tried to the next
 FINER, COARSER = 4, 3  # work: steps from the present spacing that are tried
 ALIKE = 0.02  # tuned: share by which errors must fall for other knots than the present ones
-# work: filtered rows of a coordinate, at least: a dozen in each of a diagnosis's 20 blocks
-ROWS = 250
+ROWS = 250  # work: filtered rows of a coordinate, at least: a dozen in each of 20 blocks
 OVERSAMPLING = 4.0  # level: filtered rows a period of the cut-off, as `equations.filter` keeps them
 CLOSEST = 1.01  # numerics: times the closest knots: no further than rounding
 FILTER = 7.3  # level: knots that the filter of `equations.filter` spans at the cut-off of knots
@@ -103,8 +102,7 @@ LOST = 2.0  # range: lengths of the filter that the usual run between gaps must 
 SAMPLES = 1000  # work: of a log, at which torques are predicted
 FOLDS = 10  # work: stretches of time that are left out in turn
 ROUNDING = 1e-9  # numerics: of the largest torque
-# work: of all joints: of a mechanism with more than twelve fewer samples are taken
-EQUATIONS = 12_000
+EQUATIONS = 12_000  # work: of all joints: with more than twelve fewer samples are taken
 
 
 def doubtful(derived: Sequence[Derived], band: Band) -> bool:

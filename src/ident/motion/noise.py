@@ -10,8 +10,7 @@ from ident.information.chance import LOUD
 
 ORDER = 6  # numerics: of the difference that leaves little but noise
 POWER = 0.999  # range: share of the velocities' power that is the motion's
-# tuned: times the mean power of noise; real noise (quantised, jittering) is not white
-VISIBLE = 200.0
+VISIBLE = 200.0  # tuned: times the mean power of noise; real noise (steps, jitter) is not white
 GRAINS = 20  # work: changes of a signal from which its quantisation can be known
 MOST = 1000.0  # numerics: steps between two samples beyond which multiples are no sign of anything
 

@@ -31,8 +31,7 @@ CLEAN = 1e-3  # tuned: share of noise below which a channel is taken as it is
 NOISY = 0.02  # tuned: share of noise in an acceleration that the filter may let pass
 ROWS_OVER_MOTION = 5.0  # tuned: cut-off of the rows' filter over the motion's bandwidth
 ROWS_OVER_MOTION_LEAST = 2.0  # tuned: the same where accelerations are noisy
-# level: resolution of smoothing over the motion's bandwidth: twice what the rows' filter passes
-SMOOTH_OVER_MOTION = 2.0 * ROWS_OVER_MOTION
+SMOOTH_OVER_MOTION = 2.0 * ROWS_OVER_MOTION  # level: of splines: twice what the rows' filter passes
 WHITE = 1 / 3  # tuned: of that resolution: differences over longer times may hold motion
 STILL = 0.004  # tuned: share of a joint's top speed below which it counts as standing still
 NOISE = 4.0  # level: or so many times the noise of speeds, where that is more

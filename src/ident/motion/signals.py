@@ -34,8 +34,7 @@ ROUNDING = 1e-9  # numerics: of its spread, or of 1 rad or m: no channel is trus
 WINDOW = 0.01  # range: s; increments over it are compared, in which noise is small
 CLIPPED = 0.005  # tuned: share of a torque's samples at an extreme, in runs of 3 or more
 PILED = 5.0  # level: times as many at the extreme as one step below it; 2.4 where a sine turns
-# tuned: share of a joint's top speed below which it is slow: at rest, or about to reverse
-SLOW = 0.03
+SLOW = 0.03  # tuned: share of a joint's top speed below which it is at rest, or about to reverse
 SWITCHED = 0.5  # level: share of all samples that are too many to be left out
 FACTORS = {
     180 / np.pi: "the first in degrees",

@@ -26,8 +26,7 @@ DEGREE = 5  # range
 WIDTH = DEGREE + 1  # range: functions that are nonzero at a time
 BRIDGE = 1e-12  # numerics: weight of smoothness, which decides only where a few samples are missing
 DOUBLINGS = 12  # work
-# numerics: rows of one channel over those of another, whose squares rounding can add
-HEAVIEST = 1e6
+HEAVIEST = 1e6  # numerics: rows of a channel over another's, whose squares rounding can add
 
 
 @dataclass(frozen=True, eq=False)

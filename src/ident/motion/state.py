@@ -22,8 +22,7 @@ from ident.motion.spline import Smooth
 
 SINGULAR = 50.0  # tuned: times the log's median ‖K⁺‖: beyond, a sample is near a singular position
 HOPELESS = 1e6  # numerics: ‖K⁺‖ at which a position is singular whatever the median is
-# numerics: [m | rad] largest equation of a sample that is used at other coordinates
-LEFT_OPEN = 1e-6
+LEFT_OPEN = 1e-6  # numerics: [m | rad] largest equation of a sample, used at other coordinates
 
 
 class Store:

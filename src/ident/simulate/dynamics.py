@@ -26,11 +26,9 @@ from ident.motion.state import wrenches
 from ident.simulate.plant import Extra, InstantSignals, InstantTerms, Plant
 
 STICK = 0  # range: a mode; −1 and +1 are sliding, by the sign of the rate
-# numerics: of F, by which a stuck joint's friction may be exceeded before it breaks away
-MARGIN = 1e-9
+MARGIN = 1e-9  # numerics: of F, by which a stuck joint's friction may be exceeded
 SMALL = 1e-12  # numerics: of the largest term of the box programme: zero
-# numerics: relative error of x = g(x), and evaluations of g at most
-CONVERGED, ITERATIONS = 1e-12, 60
+CONVERGED, ITERATIONS = 1e-12, 60  # numerics: relative error of x = g(x); evaluations of g
 # τ (driven,) [N m | N] from the terms and (nv,): smooth effects, less external forces
 Actuator = Callable[[InstantTerms, np.ndarray], np.ndarray]
 # v̇, friction, its limits F, their sides, forces without friction, whether friction suffices

@@ -45,14 +45,11 @@ MARGIN = 1.5  # tuned: for what a log of minutes has not shown yet
 BLOCKS = 8  # work: at least, in the longest sums, and drawn from a log
 FEWEST = 40  # work: intervals of a log of normal running
 USUAL = 0.5  # level: of the rows that an interval usually has; one with fewer is left out
-# numerics: of the largest column of its unit, singular value or component: less is no effect
-FELT = 1e-5
-# tuned: of the largest singular value of unit columns: a direction known less well stays
-KNOWN = 0.03
+FELT = 1e-5  # numerics: of the largest column, singular value or component: less is no effect
+KNOWN = 0.03  # tuned: of unit columns' largest singular value: what is known less well stays
 REMAINS = 3.0  # tuned: times what is left of a change that has been named: that is no new change
 STREAMS, STEPS = 20, 2000  # work: simulated beside each other, and intervals of each
-# work: alarms that a calibration would have at the stated rate, at a lowered threshold
-OFTEN = 20.0
+OFTEN = 20.0  # work: alarms that a calibration has at the stated rate, at a lower threshold
 WIDER, MOST = 1.15, 12  # work: factor of φ² a step, and steps
 
 

@@ -48,12 +48,9 @@ from ident.pool import Workers
 from ident.streams.logs import Given, excerpt, log_paths, summarise
 
 SAME = 1e-6  # numerics: of the largest fall of squared error, within which two are the same
-# numerics: of the largest eigenvalue of H, below which logs do not determine a direction
-UNKNOWN = 1e-12
-# tuned: of ν: far out in the tail it counts that how long blocks are alike is estimated
-BELIEVED = 0.5
-# numerics: of σ² of a log's own rows, and of the joint residual: the least believed
-LEAST_NOISE = 0.01, 1e-3
+UNKNOWN = 1e-12  # numerics: of H's largest eigenvalue, below which nothing is determined
+BELIEVED = 0.5  # tuned: of ν: far out in the tail it counts that ν itself is estimated
+LEAST_NOISE = 0.01, 1e-3  # numerics: of σ² of a log's rows, of the joint residual
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,7 @@ from ident.streams.suspects import (
     name_since_onset,
 )  # fmt: skip
 
-# range: [s] usual; where logs are short, the least, by steps
-INTERVAL, SHORTEST, STEP = 0.5, 0.4, 0.02
+INTERVAL, SHORTEST, STEP = 0.5, 0.4, 0.02  # range: [s] usual; least; by steps
 HELD = 240  # work: intervals kept, of which the onset can be one
 STEADY = 3  # tuned: intervals in a row for which one suspect must lead alone
 

@@ -49,11 +49,9 @@ from ident.streams.stream import (
 )  # fmt: skip
 
 WARMUP = 5.0  # range: [s] from which a stream learns what it is like
-# level: times its noise that a position varies, in so many samples, if it moves
-MOVES, TELL = 3.0, 10
+MOVES, TELL = 3.0, 10  # level: times its noise that a position varies, in so many samples
 LONGEST = 100_000  # work: samples that a warm-up keeps at most
-# work: s and samples from the beginning, in which errors of the data are looked for
-CHECKED = 20.0, 5000
+CHECKED = 20.0, 5000  # work: s, samples from the beginning, in which errors are looked for
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -56,14 +56,11 @@ from ident.motion.state import State
 from ident.streams.charts import FELT, MARGIN, NormalRunning, WatchedInterval
 
 WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
-# range: columns of a suspect that have charts; of a payload the mass and its first moments
-DIRECT = 4
+DIRECT = 4  # range: columns of a suspect that have charts: a payload's mass and first moments
 APART = 3.0  # level: standard errors within which two suspects are not told apart
-# numerics: of the largest singular value of unit columns; below, a direction is not asked for
-RANK = 1e-4
+RANK = 1e-4  # numerics: of unit columns' largest singular value: below, it is not asked for
 SURPLUS = 2.5  # level: standard errors by which what is left may exceed noise
-# numerics: or share of what is beyond noise that is explained: no model is that exact
-EXPLAINS = 0.999
+EXPLAINS = 0.999  # numerics: or share beyond noise that is explained: no model is that exact
 MOSTLY = 0.8  # tuned: share that a cause must explain however little is left
 EARLIER = 10  # work: intervals before the leading chart's onset in which it can have been
 RIDGE = 1e-3  # numerics: of unit columns, for what the intervals do not determine of a load
