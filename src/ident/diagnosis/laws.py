@@ -26,7 +26,6 @@ from ident.information.projection import EXACT
 
 OTHERS = 1  # work: joint whose signals are tried beside the own ones
 JOINTS = 2  # work: whose laws are searched
-SAME = 0.01  # tuned: of the least left-out squares, within which formulas are equal
 # level: standard errors within which the simplest formula is preferred to the best one (Breiman,
 # Friedman, Olshen, Stone, Classification and Regression Trees, 1984, 3.4.3)
 ONE_SE = 1.0
@@ -116,14 +115,12 @@ class LossComparison:
         return better and self.ratio(worse, best) > ratio
 
     def equal(self, found: Sequence[FittedFormula], within: float) -> list[FittedFormula]:
-        """Return the formulas within so many standard errors of the best one, or as good but for
-        what does not matter, simplest first.
-        """
+        """Return the formulas within so many standard errors of the best one, simplest first."""
         best = min(found, key=lambda each: float(self.loss(each.refit.loss).sum())).refit.loss
 
         def as_good(loss: Array) -> bool:
             ratio = self.ratio(loss, best)
-            return ratio < 1 + SAME or (ratio < 1 + PARSIMONY and self.better(loss, best) < within)
+            return ratio < 1 + PARSIMONY and self.better(loss, best) < within
 
         equal = [each for each in found if as_good(each.refit.loss)]
         return sorted(equal, key=lambda e: (e.formula.cost, float(self.loss(e.refit.loss).sum())))

@@ -21,6 +21,7 @@ from ident.fit.fault_search import FaultSearch
 from ident.fit.faults import exact_factor, fault_finding, log_entry
 from ident.fit.findings import FEW, Finding
 from ident.fit.problem import Problem, Table
+from ident.fit.residual_maps import ALIKE
 from ident.fit.small_errors import (
     WORSE,
     common_delay,
@@ -39,7 +40,6 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
 # tuned: times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
 BEYOND = 3.0
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
-LIKE = 0.95  # tuned: correlation of torques that are alike (URDFs 15 % off: 0.998, a load: 0.92)
 UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
 # tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TIMES = 30.0
@@ -217,7 +217,7 @@ class DataChecks(FaultSearch):
                 x - X @ np.linalg.lstsq(X, x, rcond=None)[0] for x in (now, then, tau)
             )
             like = max(_cosine(now, then), _cosine(fitted, own))  # bodies may stand in for those
-            if np.linalg.norm(own) > SMALL * sizes[1] and _cosine(own, logged) > LIKE:
+            if np.linalg.norm(own) > SMALL * sizes[1] and _cosine(own, logged) > ALIKE:
                 gains[name] = float(own @ logged / (own @ own))
             many = self.estimate.triangle.rows > FEW * self.estimate.base.rank
             matter = min(sizes) > LEAVES * float(np.linalg.norm(tau))
