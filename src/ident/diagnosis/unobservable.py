@@ -157,7 +157,7 @@ def _absurd(fit: Fit, effect: Effect) -> list[str]:
 
 
 WIDER = 2.0  # range: times the travelled range, over which laws that do as well are compared
-DIFFERENT = 0.2  # shown: of a torque (rms) there, from which two are two laws
+DIFFERENT = 0.2  # tuned: of a torque (rms) there, from which two are two laws
 
 
 def relatives_of(

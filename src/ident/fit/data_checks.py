@@ -29,6 +29,7 @@ from ident.fit.small_errors import (
     misfit_at_reversals,
     moved_by_reversals,
 )
+from ident.information.chance import BEYOND
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.text import percent, some, two_digits
@@ -37,8 +38,6 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
     "position swapped", "joints swapped", "time", "gravity", "another run", "units",
 }  # fmt: skip
-# tuned: times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
-BEYOND = 3.0
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
 UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
 # tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing

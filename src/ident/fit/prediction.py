@@ -29,7 +29,7 @@ from ident.equations.unknowns import NOTHING, Point
 from ident.fit.problem import Problem
 from ident.information import linear
 from ident.information.blocks import Squares
-from ident.information.estimate import Estimate
+from ident.information.estimate import MATERIAL, Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import rigid_forces
 from ident.motion import Motion, State
@@ -197,7 +197,6 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
 
 
 SAMPLES = 200  # work: of an experiment that are looked at
-MATTERS = 0.01  # shown: share of a multiplier that priors may move unmentioned
 OPEN = 1e-8  # numerics: of J's largest singular value: smaller ones leave a direction of λ open
 
 
@@ -248,7 +247,7 @@ def resting_on_priors(problem: Problem, estimate: Estimate) -> dict[str, list[st
     resting = {}
     for i, name in enumerate(names):
         order = np.argsort(-by[i])
-        mine = [columns.names[base.dependent[j]] for j in order if by[i, j] > MATTERS * size[i]]
+        mine = [columns.names[base.dependent[j]] for j in order if by[i, j] > MATERIAL * size[i]]
         if mine:
             resting[name] = mine
     return resting

@@ -36,8 +36,7 @@ from ident.motion import Motion, State
 
 KNOTS, KNOTS_WAVE, KNOTS_TIME = 9, 41, 4  # work: of a map; of a joint's own position; of time
 JOINTS = 12  # work: whose signals are compared
-LEAST = 0.03  # shown: share of the residual's variance that a signal must explain to be mentioned
-SIMPLER = 0.02  # shown: R² that is given up for the simpler map, or for the joint's own signal
+LEAST = 0.03  # tuned: share of the residual's variance that makes a signal, or another map, matter
 SIGNALS = 4  # shown: of one joint
 DRAWS = 60  # work: surrogates of noise
 FEWEST = 20  # work: rows of which signals can be told
@@ -226,7 +225,7 @@ def depends_on(
         g = asked.explained(gains.by) * left / total
         if g.max() <= threshold or len(steps) == SIGNALS:
             break
-        near = np.flatnonzero(g >= g.max() - SIMPLER)
+        near = np.flatnonzero(g >= g.max() - LEAST)
         pick = min(near, key=lambda k: (len(groups[rest[k]]), rest[k]))
         chosen = rest.pop(pick)
         now = now.extended(groups[chosen])

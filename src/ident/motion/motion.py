@@ -11,6 +11,7 @@ import numpy as np
 
 from ident.display import Displayed, Progress, render
 from ident.errors import LogError, MotionError, one_of
+from ident.information.chance import BEYOND
 from ident.log import Log, read_log
 from ident.log.log import NoTime, entries_for, entry_for
 from ident.log.read import distinct
@@ -38,7 +39,6 @@ from ident.text import some
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # numerics: share of its motion below which a logged joint differs by rounding only
-TWICE = 2.0  # tuned: times the noise of a rate: a larger residual contradicts other channels
 MOSTLY = 0.5  # level: of a residual's squares that steps make, from which it is theirs
 NEAREST = 0.1  # work: periods of a given cut-off between two knots: the least of automatic choices
 CONTRADICTION = 0.3  # tuned: share of its own motion by which a logged joint may miss the closures
@@ -400,7 +400,7 @@ def state_of(
     rough = {
         c.column: c.residual / c.noise
         for c in experiment.channels
-        if c.spacing and c.residual > TWICE * c.noise and not c.column.startswith("q.")
+        if c.spacing and c.residual > BEYOND * c.noise and not c.column.startswith("q.")
     }
     if rough:
         notes.append(
