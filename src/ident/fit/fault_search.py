@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.errors import IdentError
-from ident.fit.channel_fits import DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
+from ident.fit.channel_fits import DOUBT, HALF, NEARLY, SMALL, ChannelEquations, limits_of_machines
 from ident.fit.faults import (
     CLOCKS,
     FACTORS,
@@ -32,7 +32,7 @@ from ident.fit.faults import (
 )
 from ident.fit.problem import Problem, Table
 from ident.fit.small_errors import away_from_reversals
-from ident.information.chance import LOUD, RIVAL, credible_t, zscore
+from ident.information.chance import RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
@@ -326,7 +326,7 @@ class FaultSearch:
             return False
         kinds = {each.kind for each in self.effects if not each.common}
         beside = (self._with_common(every, kind) for kind in sorted(kinds))
-        return not any(rms(x.noise(x.as_logged)) < LOUD * rms(last.noise) for x in beside)
+        return not any(rms(x.noise(x.as_logged)) < NEARLY * rms(last.noise) for x in beside)
 
     def _away_too(self, fault: Fault) -> bool:
         """Whether a delay explains rows away from reversals, too: friction that builds up over some
@@ -371,7 +371,7 @@ def _determined(best: FaultTrial, trial: Callable[[Fault], FaultTrial]) -> Fault
     for each in (trial(fault.at(f * fault.number[0])) for f in (0.5, 2.0)) if fault.at else ():
         if zscore((best.left - each.left).sum(axis=1)) < RIVAL:  # a factor takes the joint out
             return None
-        if fault.kind == "time" and each.error < LOUD * best.error:
+        if fault.kind == "time" and each.error < NEARLY * best.error:
             return None
     return fault
 

@@ -48,7 +48,7 @@ ALPHA = 0.01  # level: chance that anything is named where nothing is missing, w
 RIVAL = 2.0  # level: standard errors of a paired difference within which two are rivals
 NEGATIVE = 2.0  # level: standard errors from zero at which a value has a sign
 CERTAIN = 3.0  # level: the same where a sign that cannot be is no accident
-LOUD = 1.25  # tuned: times a noise or an error, from which something is more; below, it is as good
+LOUD = 1.25  # tuned: times a noise or an error, from which something is more than that
 PARSIMONY = 0.1  # tuned: share of the best gain within which fewer numbers are preferred
 MINE = 0.1  # tuned: share of a fall or a lever, with which a coordinate belongs to a cause
 # tuned: times the sensors' noise, beyond which a residual is not of it; in good logs 0.5 to 1.3

@@ -121,8 +121,8 @@ def solve(triangle: Triangle, base: Base, prior: ArrayLike | None = None) -> Sol
     return Solution(x=x, beta=beta, C=inverse @ inverse.T)
 
 
-# tuned: share of a torque (rms), a multiplier or a parameter, below which nothing matters: neither
-# an effect nor a residual; a joint that is trusted better would ask for no inertia
+# tuned: share of a torque (rms) or a multiplier, below which nothing matters: neither an effect nor
+# a residual; a joint that is trusted better would ask for no inertia
 MATERIAL = 0.003
 TOLERANCE = 1e-8  # numerics: share of a column that must be new for its unknown to count
 CLEAR = 6.0  # level: standard errors from its prior at which an unknown is no work of noise
