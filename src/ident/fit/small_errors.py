@@ -222,6 +222,8 @@ def common_delay(
 def _rates(table: Table, torque: Array) -> Array:
     """Rates (N, d) of torques (N, d) in a table's rows; 0 where a row stands alone."""
     step, rates = np.diff(table.t), np.zeros_like(torque)
+    if not len(step):
+        return rates
     cut = (step <= 0) | (step > GAP * np.median(step)) | (np.diff(table.experiment) > 0)
     for a, b in pairwise([0, *(np.flatnonzero(cut) + 1), len(torque)]):
         if b - a > 1:
