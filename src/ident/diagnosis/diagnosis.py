@@ -33,13 +33,13 @@ from ident.effects.formula import Formula
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError, check_whole
 from ident.fit import Fit, identify
-from ident.fit.channel_fits import LEAVES, NEARLY
+from ident.fit.channel_fits import NEARLY
 from ident.fit.data_checks import DataChecks, Health
 from ident.fit.faults import CredibleFault, Fault, fault_finding, scale_of_time
 from ident.fit.findings import Finding
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
-from ident.information.chance import ALPHA, LOUD, RIVAL
+from ident.information.chance import ALPHA, LEAVES, LOUD, RIVAL
 from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import PartialRegression
 

@@ -24,12 +24,12 @@ from scipy.linalg import lapack
 from ident.effects import Effect
 from ident.fit.faults import Fault
 from ident.fit.problem import Table
+from ident.information.chance import LEAVES
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import regressor
 from ident.motion.state import State
 
-LEAVES = 0.3  # tuned: error of a torque at which nothing is explained: no cause leaves it
 FAR = 7  # work: shifts round the log by so many parts of it: torques of another time
 IN_MEMORY = 30_000_000  # work: numbers of all Gram matrices, a quarter of a gigabyte
 LONGEST = 0.1  # range: s; a torque that is later still is another log's

@@ -16,7 +16,7 @@ import numpy as np
 from ident.display import Displayed
 from ident.equations.motion_noise import noise_floor
 from ident.fit.channel_checks import log_findings
-from ident.fit.channel_fits import DOUBT, HALF, LEAVES, SMALL, columns_of
+from ident.fit.channel_fits import DOUBT, HALF, SMALL, columns_of
 from ident.fit.fault_search import FaultSearch
 from ident.fit.faults import exact_factor, fault_finding, log_entry
 from ident.fit.findings import FEW, Finding
@@ -29,7 +29,7 @@ from ident.fit.small_errors import (
     misfit_at_reversals,
     moved_by_reversals,
 )
-from ident.information.chance import BEYOND
+from ident.information.chance import BEYOND, LEAVES
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.text import percent, some, two_digits

@@ -34,6 +34,7 @@ import numpy as np
 
 from ident.equations.rows import Rows
 from ident.information import linear
+from ident.information.chance import BEYOND
 from ident.information.linear import Triangle
 
 SIZES = 2.0 ** np.arange(6)  # times the least change watched for
@@ -47,7 +48,6 @@ FEWEST = 40  # work: intervals of a log of normal running
 USUAL = 0.5  # level: of the rows that an interval usually has; one with fewer is left out
 FELT = 1e-5  # numerics: of the largest column, singular value or component: less is no effect
 KNOWN = 0.03  # tuned: of unit columns' largest singular value: what is known less well stays
-REMAINS = 3.0  # tuned: times what is left of a change that has been named: that is no new change
 STREAMS, STEPS = 20, 2000  # work: simulated beside each other, and intervals of each
 OFTEN = 20.0  # work: alarms that a calibration has at the stated rate, at a lower threshold
 WIDER, MOST = 1.15, 12  # work: factor of φ² a step, and steps
@@ -194,7 +194,7 @@ class NormalRunning:
         own = np.maximum((R**2).sum(axis=0), 1e-300)
         error = np.linalg.norm((R.T @ R[:, places]) @ root, axis=1) / own
         remaining = np.abs(rest.gradient(x)) / np.maximum((rest.R**2).sum(axis=0), 1e-300)
-        least = np.sqrt(self.least**2 + (FLOOR * error) ** 2 + (REMAINS * remaining) ** 2)
+        least = np.sqrt(self.least**2 + (FLOOR * error) ** 2 + (BEYOND * remaining) ** 2)
         return replace(self, least=least)
 
     def worse(

@@ -21,10 +21,10 @@ from markupsafe import Markup
 from ident.display import acceptable, folder, inputs, running
 from ident.effects import Effect
 from ident.files import version
-from ident.fit.channel_fits import LEAVES
 from ident.fit.faults import UNITS
 from ident.fit.findings import Finding
 from ident.information.blocks import Error
+from ident.information.chance import LEAVES
 from ident.information.estimate import MATERIAL
 from ident.mechanism.load import has_identified
 from ident.mechanism.mechanism import Mechanism
