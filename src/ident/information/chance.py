@@ -51,8 +51,8 @@ CERTAIN = 3.0  # level: the same where a sign that cannot be is no accident
 LOUD = 1.25  # tuned: times a noise or an error, from which something is more than that
 PARSIMONY = 0.1  # tuned: share of the best gain within which fewer numbers are preferred
 MINE = 0.1  # tuned: share of a fall or a lever, with which a coordinate belongs to a cause
-# tuned: times what is known (a noise, a named change), beyond which there is more; residuals of good
-# logs are 0.5 to 1.3 times the sensors' noise
+# tuned: times what is known (a noise, a named change), beyond which there is more; residuals of
+# good logs are 0.5 to 1.3 times the sensors' noise
 BEYOND = 3.0
 LEAVES = 0.3  # tuned: relative error at which nothing is explained: no cause or closure leaves it
 FEWEST_SQUARES = 3.0  # level: ν below which the t-distribution's width means nothing
