@@ -46,11 +46,11 @@ MACHINES = ("tx40", "panda", "lwr4")
 CONSTANTS = {  # module: constants of the search, then those of the rows, which are made anew
     "diagnosis.search": ("TOGETHER", "NEAR", "TRIED", "ALONE"),
     "diagnosis.selection": (
-        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "STARTS", "HIDDEN", "CLOSEST", "MINE",
+        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "HIDDEN", "CLOSEST", "MINE",
     ),
-    "diagnosis.null": ("TRIALS",),
+    "diagnosis.null": ("TRIALS", "STARTS"),
     "diagnosis.candidates": ("CALM",),
-    "fit.reversals": ("SLOW", "GUARD", "ENOUGH", "WORSE"),
+    "fit.small_errors": ("SLOW", "GUARD", "ENOUGH", "WORSE"),
 }  # fmt: skip
 OFF = {  # values at which a constant has no influence
     "TOGETHER": (0.0,), "NEAR": (0.0,), "TRIED": (1,), "PARSIMONY": (0.0,),
@@ -58,7 +58,7 @@ OFF = {  # values at which a constant has no influence
     "STARTS": (1,), "HIDDEN": (0.0,), "CLOSEST": (0,), "MINE": (0.0,),
     "GUARD": (0.0,), "CALM": (0.0,), "ALONE": (0.0, 1e9),
 }  # fmt: skip
-OF_ROWS = ("diagnosis.candidates", "fit.reversals")
+OF_ROWS = ("diagnosis.candidates", "fit.small_errors")
 SHARES = {"ALIKE", "PASSED", "NEAR", "ENOUGH"}  # doubled: half way to one
 Variant = tuple[str, str, float, bool]  # module, constant, factor or value, whether a value
 
@@ -168,7 +168,9 @@ def changed(variant: Variant) -> Iterator[None]:
     new = factor * value if factor < 1 or constant not in SHARES else 0.5 * (1 + value)
     new = factor if absolute else new
     mine = [
-        m for n, m in sys.modules.items() if n.startswith(("ident.diagnosis.", "ident.fit.rev"))
+        m
+        for n, m in sys.modules.items()
+        if n.startswith(("ident.diagnosis.", "ident.fit.small_errors"))
     ]
     places = [m for m in mine if getattr(m, constant, None) == value]
     for place in places:

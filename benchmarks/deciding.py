@@ -21,13 +21,12 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 import numpy as np
-from inside import NOT_TUNED, ROOT
+from inside import ROOT, modules, named_numbers
 
 import ident
 
@@ -115,23 +114,17 @@ def outcomes(logs: list[Case], change: Callable[[], object]) -> list[Outcome | s
 
 
 def numbers(packages: list[str]) -> Iterator[tuple[str, str, Any, list[str]]]:
-    """Module, name and value of every named number, and the modules that have it."""
-    source, users = Path(ident.__file__).parent, dict[tuple[str | None, str], list[str]]()
-    found = []
-    for file in sorted(source.rglob("*.py")):
-        parts = file.relative_to(source).with_suffix("").parts
-        module = ".".join(("ident", *parts)).removesuffix(".__init__")
-        for node in ast.parse(file.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ImportFrom):
-                for each in node.names:
-                    users.setdefault((node.module, each.name), []).append(module)
-            if isinstance(node, ast.Assign) and parts[0] in packages:
-                names = (n for t in node.targets for n in ast.walk(t) if isinstance(n, ast.Name))
-                found += [(module, n.id) for n in names if n.id.isupper()]
-    for module, name in found:
-        value = getattr(sys.modules[module], name)
-        some = value if isinstance(value, tuple) else (value,)
-        if all(type(x) in (int, float) for x in some) and not NOT_TUNED.search(name):
+    """Module, name and value of every named number but those of rounding and display, and the
+    modules that have it.
+    """
+    users = dict[tuple[str | None, str], list[str]]()
+    for module, (_, tree) in modules().items():
+        for node in tree.body:
+            for each in node.names if isinstance(node, ast.ImportFrom) else ():
+                users.setdefault((node.module, each.name), []).append(module)
+    for module, name, kind in named_numbers():
+        if kind not in ("numerics", "shown") and module.split(".")[1] in packages:
+            value = getattr(sys.modules[module], name)
             yield module, name, value, [module, *users.get((module, name), [])]
 
 
@@ -156,10 +149,10 @@ def main() -> None:
     usual = outcomes(logs, lambda: None)
     count = deciding = 0
     print("| number | value | halved | doubled |\n|---|---|---|---|")
-    for module, name, value, modules in numbers(sys.argv[1:] or list(KERNEL)):
+    for module, name, value, places in numbers(sys.argv[1:] or list(KERNEL)):
         cells = []
         for factor in (0.5, 2.0):
-            found = outcomes(logs, partial(put, modules, name, scaled(value, factor)))
+            found = outcomes(logs, partial(put, places, name, scaled(value, factor)))
             changes = [difference(a, b) for a, b in zip(usual, found, strict=True)]
             pairs = zip((each[0] for each in logs), changes, strict=True)
             cells.append("; ".join(f"{log}: {text}" for log, text in pairs if text))

@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 SOURCE = Path(os.environ.get("IDENT_SOURCE", ROOT / "src"))
 ARM = ROOT / "robots" / "arm"
-NOT_TUNED = re.compile(r"ROUND|EPS|TOL|CHUNK|PIECE|BYTES|MEMORY|WIDTH|COUNT|DEGREE|NULL|TINY|ROOT2")
+KIND = re.compile(r"# (tuned|level|range|numerics|work|shown)(?::|$)")  # see CONTRIBUTING.md
 SHOWN = {"show", "cli", "chart", "page", "view", "demo", "explore"}
 
 
@@ -108,21 +108,37 @@ def classes() -> str:
 
 
 def numbers() -> str:
-    """Named numbers of the kernel whose names do not speak of rounding, memory or counts."""
-    found = 0
-    for name, (_, tree) in modules().items():
-        if set(name.split(".")) & SHOWN:
+    """Count of the named numbers of the kernel by kind."""
+    found = Counter(kind for *_, kind in named_numbers())
+    return f"{found.total()}: " + ", ".join(f"{n} {kind}" for kind, n in found.most_common())
+
+
+def named_numbers() -> Iterator[tuple[str, str, str]]:
+    """Module, name and kind of every named number of the kernel."""
+    for module, (file, tree) in modules().items():
+        if set(module.split(".")) & SHOWN:
             continue
+        lines = file.read_text(encoding="utf-8").splitlines()
         for node in tree.body:
-            if isinstance(node, ast.Assign):
-                targets = [
-                    n.id for t in node.targets for n in ast.walk(t) if isinstance(n, ast.Name)
-                ]
-                values = [n.value for n in ast.walk(node.value) if isinstance(n, ast.Constant)]
-                plain = not any(isinstance(n, ast.Call | ast.Dict) for n in ast.walk(node.value))
-                if plain and values and all(isinstance(v, int | float) for v in values):
-                    found += sum(t.isupper() and not NOT_TUNED.search(t) for t in targets)
-    return f"{found} named numbers in kernel modules"
+            if not isinstance(node, ast.Assign):
+                continue
+            inner = [*ast.walk(node.value)]
+            values = [each.value for each in inner if isinstance(each, ast.Constant)]
+            code = any(isinstance(each, (ast.Call, ast.Dict, ast.DictComp)) for each in inner)
+            if values and not code and all(type(each) in (int, float) for each in values):
+                names = [n.id for t in node.targets for n in ast.walk(t) if isinstance(n, ast.Name)]
+                kind = kind_of(lines, node)
+                yield from ((module, name, kind) for name in names if name.isupper())
+
+
+def kind_of(lines: list[str], node: ast.Assign) -> str:
+    """The first word of the comment behind a number, or of the comment above it."""
+    above = node.lineno - 1
+    while above and lines[above - 1].startswith("#"):
+        above -= 1
+    own = [*lines[node.lineno - 1 : node.end_lineno], *lines[above : node.lineno - 1]]
+    found = (match for line in own if (match := KIND.search(line)))
+    return next((match[1] for match in found), "without a kind")
 
 
 # --- work --------------------------------------------------------------------------------------

@@ -40,8 +40,8 @@ from ident.errors import IdentError, LogError, MechanismError, line_of, near, on
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint, EntryPoints
 
-LARGEST = 4.0  # GB of a log's numbers in memory: half a billion values
-ABANDONED = 600.0  # s without a change, after which the writer of a part is taken to be dead
+LARGEST = 4.0  # work: GB of a log's numbers in memory: half a billion values
+ABANDONED = 600.0  # range: s without a change, after which the writer of a part is taken to be dead
 LARGEST_LOG = "IDENT_LARGEST_LOG"  # variable of the environment, which workers inherit
 
 
@@ -245,7 +245,7 @@ def _quietly(change: Callable[..., object], *args: Path) -> None:
         change(*args)
 
 
-HUGE = 1e30  # numbers from which products overflow
+HUGE = 1e30  # numerics: numbers from which products overflow
 
 
 def is_number(value: object) -> bool:

@@ -24,7 +24,7 @@ from ident.simulate.integrate import AnyLog
 from ident.simulate.inverse import CHANNELS as USUAL
 from ident.simulate.inverse import noisy, noisy_columns, random_of
 
-SAMPLES = 5  # between the paper's hat functions without a time basis: 5 ms of its 1 ms samples
+SAMPLES = 5  # range: between the paper's hat functions without a basis: 5 ms of its 1 ms samples
 
 Estimate = Callable[[Mechanism, Log], Fit]
 
@@ -106,7 +106,7 @@ def estimators_of(given: Sequence[str | Estimator | Estimate]) -> tuple[Estimato
 
 
 SUMS = {"force": "N", "moment": "N m"}  # root sums of squares over all multipliers of a unit
-ENDS = 0.02  # share of the log at either end where errors of the multipliers do not count
+ENDS = 0.02  # range: share of the log at either end where errors of the multipliers do not count
 
 TrialRows = tuple[list[tuple[Any, ...]], list[tuple[Any, ...]], list[tuple[Any, ...]]]
 """Rows of `MonteCarlo.samples`, `errors` and `failures`."""
@@ -233,7 +233,7 @@ def _value_and_stderr(fit: Fit, name: str) -> tuple[float, float]:
     return float(one.value), np.nan if one.stderr is None else float(one.stderr)
 
 
-Z95 = 1.96  # standard errors: the central 95 % of a normal distribution
+Z95 = 1.96  # level: standard errors: the central 95 % of a normal distribution
 RUN = {"estimator": pl.String, "snr": pl.Float64, "run": pl.Int64}
 PARAMETER = {"parameter": pl.String, "value": pl.Float64, "stderr": pl.Float64,
              "truth": pl.Float64, "unit": pl.String}  # fmt: skip

@@ -29,17 +29,17 @@ from ident.display import Progress, part
 from ident.errors import IdentError, check_whole, line_of
 from ident.files import version
 
-TRIES = 3  # of a task whose process dies
-IDLE = 300  # [s] after which a process that has nothing to do ends
-HANDED_OUT = 5  # [s] within which a submitted task reaches its process
+TRIES = 3  # work: of a task whose process dies
+IDLE = 300  # range: [s] after which a process that has nothing to do ends
+HANDED_OUT = 5  # range: [s] within which a submitted task reaches its process
 CERTIFICATES = (
     "name them by DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__TLS__CLIENT__CERT and …__CLIENT__KEY in "
     "the environment, as docs/large_logs.md shows"
 )
 STOPPED = "stopped answering; start it and its workers anew and run this again"
-ANSWER = 5  # [s] within which a scheduler answers and has workers
-EMPTY = 60  # [s] without any worker after which the run is given up
-LOOK = 1  # [s] between looks at whether there are workers
+ANSWER = 5  # range: [s] within which a scheduler answers and has workers
+EMPTY = 60  # range: [s] without any worker after which the run is given up
+LOOK = 1  # range: [s] between looks at whether there are workers
 # whose results and pickles differ between versions; as pip and conda call them
 NUMERICAL = {"NumPy": ("numpy",), "Pinocchio": ("pin", "pinocchio"), "CasADi": ("casadi",)}
 LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB_MAXIMUM", "NUMEXPR")

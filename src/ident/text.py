@@ -11,11 +11,11 @@ from functools import partial
 
 import numpy as np
 
-WIDTH = 100  # characters of a line, where no terminal is narrower
-NARROW = 40  # of a terminal, in which nothing is set narrower
-MUCH = 10.0  # relative error above which its size says nothing more
+WIDTH = 100  # shown: characters of a line, where no terminal is narrower
+NARROW = 40  # shown: of a terminal, in which nothing is set narrower
+MUCH = 10.0  # shown: relative error above which its size says nothing more
 NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])")
-LARGE = 1e6  # below, a number with an error is written without an exponent
+LARGE = 1e6  # shown: below, a number with an error is written without an exponent
 
 
 def rounded(value: float, stderr: float | None) -> str:

@@ -8,7 +8,8 @@ import pytest
 
 import ident
 from ident import Multipliers
-from ident.equations.motion_noise import STICKING, gain, linear, rows_cutoff
+from ident.equations.filter import STANDING
+from ident.equations.motion_noise import gain, linear, rows_cutoff
 from ident.equations.rows import Scene, rows
 from ident.equations.unknowns import Columns, Point
 from ident.motion.smoothing import along, finer
@@ -62,7 +63,7 @@ def test_rows_are_linear_about_the_motion(crank, snr):
 
     def lacking(experiment):
         scene = Scene.of(mechanism, columns, experiment, point, cutoff)
-        return np.concatenate([p.b - p.A @ x for p in rows(scene, cutoff, STICKING)])
+        return np.concatenate([p.b - p.A @ x for p in rows(scene, cutoff, STANDING)])
 
     ((segment, spline),), (c,) = fine.runs, part.c
     step = 1e-7 * np.random.default_rng(0).standard_normal(c.shape)

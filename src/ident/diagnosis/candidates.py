@@ -20,8 +20,8 @@ from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
-CALM = 1 / 3  # share of a residual's squares away from reversals, below which these decide too
-SURE = 1.0  # standard errors over blocks by which pulses lower left-out errors
+CALM = 1 / 3  # tuned: share of squares away from reversals, below which these decide too
+SURE = 1.0  # level: standard errors over blocks by which pulses lower left-out errors
 Shape = Mapping[str, float]
 Columns = Mapping[int, np.ndarray]  # (m, u) in the rows of each coordinate
 OnProgress = Callable[[str, float], None]

@@ -33,31 +33,31 @@ from ident.effects.formula import Formula
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError, check_whole
 from ident.fit import Fit, identify
-from ident.fit.channel_fits import LEAVES
+from ident.fit.channel_fits import NEARLY
 from ident.fit.data_checks import DataChecks, Health
-from ident.fit.fault_search import NEARLY
 from ident.fit.faults import CredibleFault, Fault, fault_finding, scale_of_time
 from ident.fit.findings import Finding
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
+from ident.information.chance import ALPHA, LEAVES, LOUD, RIVAL
+from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import PartialRegression
 
-TRIED = 3  # rivals of a formula whose constants are not determined
-LOUD = 1.25  # times the largest of the noise's draws, from which a residual is more than noise
+TRIED = 3  # work: rivals of a formula whose constants are not determined
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
-THIRD = 1 / 3  # of a length, by which no drawing is off
-STEP = 0.08  # of dry friction's rms, by which it may differ from a step around reversals; a
+THIRD = 1 / 3  # range: of a length, by which no drawing is off
+STEP = 0.08  # tuned: of dry friction's rms, by which it may differ from a step around reversals; a
 # simulator's friction, 10 ms early, differs by 0.06, breakaway of eight times as much by 0.1
-AGAIN = 0.6  # correlation of a residual between periods that noise does not have
+AGAIN = 0.6  # tuned: correlation of a residual between periods that noise does not have
 
 
 def diagnose(
     fit: Fit,
     *,
     seed: int = 0,
-    alpha: float = 0.01,
-    material: float = 0.003,
-    rival_se: float = 2.0,
+    alpha: float = ALPHA,
+    material: float = MATERIAL,
+    rival_se: float = RIVAL,
     progress: OnProgress | None = None,
 ) -> Diagnosis:
     """Where the model fails, what is missing, how sure that is, and what to measure next.

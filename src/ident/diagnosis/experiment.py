@@ -18,6 +18,8 @@ from ident.errors import IdentError
 from ident.fit.problem import Table
 from ident.fit.small_errors import away_from_reversals
 from ident.information import linear
+from ident.information.chance import PARSIMONY
+from ident.information.estimate import MATERIAL
 from ident.information.projection import RANK
 from ident.motion import Motion, State, complete
 from ident.motion.motion import left_out
@@ -31,10 +33,9 @@ from ident.motion.motion import left_out
 # blocks of held-out errors would show, in their standard errors.
 
 
-SMALL = 1e-3  # share of a joint's torque that is never trusted
-NEARBY = (0.7, 0.85, 1.2, 1.4)  # times a formula's constant, at which it may do what a rival does
-SURE = 7.0  # standard errors by which rivals are told apart, with chance against it
-WORSE = 10.0  # times the present log's largest ‖K⁺‖: nearer no trial goes to a singular position
+NEARBY = (0.7, 0.85, 1.2, 1.4)  # work: times a formula's constant, where it may do the same
+SURE = 7.0  # level: standard errors by which rivals are told apart, with chance against it
+WORSE = 10.0  # range: times the log's largest ‖K⁺‖: no trial goes nearer to a singular position
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +168,7 @@ def _noise(d: Diagnosis, table: Table) -> np.ndarray:
         torque = float(np.sqrt(np.mean(table.tau[:, u] ** 2)))
         error = d.fit.train[name]
         now = error.rms / error.relative if error.relative else torque
-        found.append(max(d.floor[name] * max(1.0, torque / max(now, 1e-300)), SMALL * torque))
+        found.append(max(d.floor[name] * max(1.0, torque / max(now, 1e-300)), MATERIAL * torque))
     return np.maximum(np.array(found), 1e-12)
 
 
@@ -183,17 +184,15 @@ def _length(motion: Motion) -> float:
 # --- propose -------------------------------------------------------------------------------------
 # The simplest motion, among some that are tried out, that tells rivals apart.
 #
-#     worth = Σ min(separation, AMPLE)²  over the pairs of a question, within CLOSE of the best
+#     worth = Σ min(separation, AMPLE)²  over the pairs of a question, within PARSIMONY of the best
 #
 # First question: at which place, of effects of one kind. Second: of which kind.
 
 
-SOME = 1.0  # from which a longer log tells them apart
-AMPLE = 10.0  # beyond which more is worth nothing
-CLOSE = 0.8  # share of the best worth with which a simpler motion does
-SAME = 2e-3  # share of a rival's torque: what differs by less is the same in this motion
-RIVALS = 12  # that are looked at
-FORMULAS = 3  # rivals of a law, the simplest first
+SOME = 1.0  # level: from which a longer log tells them apart
+AMPLE = 10.0  # work: beyond which more is worth nothing
+RIVALS = 12  # work: that are looked at
+FORMULAS = 3  # work: rivals of a law, the simplest first
 PLACES = ("same", "turn", "limits", "wider", "faster", "speeds", "alone", "strokes")
 KINDS = ("same", "faster", "speeds", "turn", "limits", "wider", "alone", "strokes")
 KINDS_SLOW = ("same", "strokes", "speeds", "faster", "turn", "limits", "wider", "alone")
@@ -230,7 +229,7 @@ class Attempt:
     def separation(self, pair: Pair) -> float:
         """Standard errors; none where the two are the same but for rounding."""
         x, share = self.found[pair]
-        return x if share > SAME else 0.0
+        return x if share > MATERIAL else 0.0
 
     def worth(self, pairs: Sequence[Pair]) -> float:
         """Value of the trial for these pairs: squared standard errors, up to AMPLE each."""
@@ -310,7 +309,7 @@ def proposal(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) -> P
     """The simplest trial that answers a question about as well as the best; None if none does."""
     other = [each for each in tried if each.trial.kind != "same"]
     most = max((each.worth(pairs) for each in other), default=0.0)
-    best = next((each for each in other if each.worth(pairs) >= CLOSE * most), None)
+    best = next((each for each in other if each.worth(pairs) >= (1 - PARSIMONY) * most), None)
     if best is None or not (told := [p for p in pairs if best.separation(p) >= SOME]):
         return None
     worst = min(told, key=best.separation)

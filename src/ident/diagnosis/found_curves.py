@@ -19,13 +19,13 @@ from ident.diagnosis.laws import LossComparison
 from ident.effects import Signals
 from ident.effects.curve import Curve
 from ident.effects.formula import plain
+from ident.information.chance import MINE, PARSIMONY
 from ident.information.hypotheses import Array, PartialRegression
 
-PIECES = (2, 3, 5, 8, 12, 20)  # that are compared
-POINTS = 101  # at which the curve is given
-PARSIMONY = 0.1  # of the largest gain, within which a curve of fewer signals is preferred
-BAND = 1.96  # standard errors of a 95 % band
-NEW = 1e-6  # share of a column's squares that must be new
+PIECES = (2, 3, 5, 8, 12, 20)  # work: that are compared
+POINTS = 101  # shown: at which the curve is given
+BAND = 1.96  # level: standard errors of a 95 % band
+NEW = 1e-6  # numerics: share of a column's squares that must be new
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,7 +128,7 @@ def curve_of(
         )
         for p, c in zip(beside.parts, C, strict=True)
     )
-    mends = np.flatnonzero(refit.by >= PARSIMONY * refit.by.sum())
+    mends = np.flatnonzero(refit.by >= MINE * refit.by.sum())
     compare = LossComparison([int(u) for u in mends], rival_se)
     depends, independent = _signals(contest, C, mine, effect, limit)
     return FoundCurve(

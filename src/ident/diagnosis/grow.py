@@ -32,6 +32,8 @@ from ident.errors import FitError, check_whole
 from ident.files import json_bytes, version, write_all
 from ident.fit import Fit, identify
 from ident.information.blocks import Error
+from ident.information.chance import ALPHA, RIVAL
+from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -121,7 +123,7 @@ class SavedRounds:
             write_all(self.folder, {NAME: json_bytes(content)})
 
 
-ROUNDS = 4  # fits, lest shapes that move with the working point take turns for ever
+ROUNDS = 4  # work: fits, lest shapes that move with the working point take turns for ever
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,9 +190,9 @@ def grow(
     *,
     validate: Motion | None = None,
     seed: int = 0,
-    alpha: float = 0.01,
-    material: float = 0.003,
-    rival_se: float = 2.0,
+    alpha: float = ALPHA,
+    material: float = MATERIAL,
+    rival_se: float = RIVAL,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     progress: OnProgress | None = None,

@@ -24,15 +24,15 @@ from ident.diagnosis.grammar import terms
 from ident.diagnosis.null import SURROGATES
 from ident.effects import Effect
 from ident.effects.formula import Formula, Term
-from ident.information.chance import quantile
+from ident.information.chance import ALPHA, MINE, NEGATIVE, quantile
 from ident.information.hypotheses import Array, PartialRegression, Refit
 from ident.text import significant
 
-STEPS = 8  # of Gauss-Newton
-LONGEST = 0.3  # of a shape's range, the longest step
-RISE = 1e-3  # of the error, that a further step must bring
-RANK = 1e-6  # of a unit column's square: less of it is new
-SLOPE = 1e-4  # of a shape's range, for its slope
+STEPS = 8  # work: of Gauss-Newton
+LONGEST = 0.3  # numerics: of a shape's range, the longest step
+RISE = 1e-3  # numerics: of the error, that a further step must bring
+RANK = 1e-6  # numerics: of a unit column's square: less of it is new
+SLOPE = 1e-4  # numerics: of a shape's range, for its slope
 
 
 def refined(
@@ -186,15 +186,13 @@ def solved(S: Array, g: Array) -> Array:
     return np.asarray(((V[:, good] / values[good]) @ (V[:, good].T @ (g.T / size).T)).T / size).T
 
 
-WIDE = 32  # terms whose constants are refined
-WAVES = 4  # wave numbers of sines with which other functions of a wave are screened
-NUMBERS = 8  # of a formula: more is a curve, not a law
-BEAM = 2  # formulas to which a further term is added
-TERMS = 2  # of a formula
-CERTAIN = 2.0  # standard errors of a coefficient that is determined
-EDGE = 1e-3  # of a constant's range, from its ends
+WIDE = 32  # work: terms whose constants are refined
+WAVES = 4  # work: wave numbers of sines with which other functions of a wave are screened
+NUMBERS = 8  # work: of a formula: more is a curve, not a law
+BEAM = 2  # work: formulas to which a further term is added
+TERMS = 2  # work: of a formula
+EDGE = 1e-3  # numerics: of a constant's range, from its ends
 ENDS = ("angle", "share", "power")  # constants whose ends are no limit of what the data can show
-MINE = 0.1  # share of a fall that makes a coordinate one that a law mends
 OnProgress = Callable[[str, float], None]
 Starts = Sequence[Mapping[str, float]]
 
@@ -236,7 +234,7 @@ class FittedFormula:
         least = np.linalg.eigvalsh(S / size[:, None] / size)[0]
         noise = np.sqrt(float(self.loss.sum()) / max(float(regression.rows.sum()), 1.0))
         count = len(self.formula.unknowns)
-        large = (np.abs(self.refit.theta) > CERTAIN * noise * self.refit.stderr)[:count]
+        large = (np.abs(self.refit.theta) > NEGATIVE * noise * self.refit.stderr)[:count]
         ends = np.cumsum([0, *(len(term.columns) for term in self.formula.terms)])
         return least > RANK and all(large[a:b].any() for a, b in pairwise(ends))
 
@@ -267,7 +265,7 @@ class LawSearch:
     on_progress: OnProgress
     of_position: bool = False
     drawn: PartialRegression | None = None
-    alpha: float = 0.01
+    alpha: float = ALPHA
 
     @cached_property
     def terms(self) -> list[Formula]:

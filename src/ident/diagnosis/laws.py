@@ -20,21 +20,17 @@ from ident.display import part
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import ROUNDING, largest_transmission
-from ident.information.chance import paired
+from ident.information.chance import LOUD, PARSIMONY, paired
 from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.information.projection import EXACT
 
-LOUD = 1.25  # times the rms of noise, from which more than noise is left
-OTHERS = 1  # joint whose signals are tried beside the own ones
-JOINTS = 2  # whose laws are searched
-PARSIMONY = 0.1  # of the least left-out squares, within which the least complex formula is chosen
-SAME = 0.01  # of the least left-out squares, within which formulas are equal
-# standard errors within which the simplest formula is preferred to the best one (Breiman,
+OTHERS = 1  # work: joint whose signals are tried beside the own ones
+JOINTS = 2  # work: whose laws are searched
+# level: standard errors within which the simplest formula is preferred to the best one (Breiman,
 # Friedman, Olshen, Stone, Classification and Regression Trees, 1984, 3.4.3)
 ONE_SE = 1.0
-WRONG_FORM = 1.5  # times a formula's left-out squares, from which an effect has the wrong form
-RIVALS = 12  # formulas that are listed beside the law
-REPEATS = 1.5  # waves in the travel, from which a torque is seen to repeat
+RIVALS = 12  # shown: formulas that are listed beside the law
+REPEATS = 1.5  # range: waves in the travel, from which a torque is seen to repeat
 CUBIC = Term(("1", "q", "q**2", "q**3"))
 
 
@@ -119,14 +115,12 @@ class LossComparison:
         return better and self.ratio(worse, best) > ratio
 
     def equal(self, found: Sequence[FittedFormula], within: float) -> list[FittedFormula]:
-        """Return the formulas within so many standard errors of the best one, or as good but for
-        what does not matter, simplest first.
-        """
+        """Return the formulas within so many standard errors of the best one, simplest first."""
         best = min(found, key=lambda each: float(self.loss(each.refit.loss).sum())).refit.loss
 
         def as_good(loss: Array) -> bool:
             ratio = self.ratio(loss, best)
-            return ratio < 1 + SAME or (ratio < 1 + PARSIMONY and self.better(loss, best) < within)
+            return ratio < 1 + PARSIMONY and self.better(loss, best) < within
 
         equal = [each for each in found if as_good(each.refit.loss)]
         return sorted(equal, key=lambda e: (e.formula.cost, float(self.loss(e.refit.loss).sum())))
@@ -355,7 +349,7 @@ def _takes_place(
     """
     if once and law.formula.terms == (PLAIN_WAVE,):
         return False
-    ratio = WRONG_FORM if chance is None else 1 + chance
+    ratio = LOUD**2 if chance is None else 1 + chance
     if compare.clear(with_names.losses, law.refit.loss, ratio):
         return True
     numbers = sum(len(m.effect.parameters) for m in named)

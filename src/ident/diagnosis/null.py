@@ -34,13 +34,13 @@ from ident.mechanism.parameters import Covariance
 from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
 
-VISIBLE = 1e-6  # norm of a column beside the model below which it is rounding
-SURROGATES = 100  # random series with the spectrum of the residual
-TRIALS = 25  # random series that show what share of its power a noise loses
-DRAWS = 24  # of noise
-CHUNK = 2048  # samples whose noise is in memory at once
-STARTS = 4  # of a searched shape, from which it is refined
-SAMPLES = 800  # of a log at which ∂r/∂motion is evaluated; between, it is interpolated
+VISIBLE = 1e-6  # numerics: norm of a column beside the model below which it is rounding
+SURROGATES = 100  # work: random series with the spectrum of the residual
+TRIALS = 25  # work: random series that show what share of its power a noise loses
+DRAWS = 24  # work: of noise
+CHUNK = 2048  # work: samples whose noise is in memory at once
+STARTS = 4  # work: of a searched shape, from which it is refined
+SAMPLES = 800  # work: of a log at which ∂r/∂motion is evaluated; between, it is interpolated
 
 
 @dataclass(frozen=True, eq=False)

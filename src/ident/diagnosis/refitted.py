@@ -19,8 +19,8 @@ from ident.equations.unknowns import Point
 from ident.errors import IdentError
 from ident.fit import Fit, identify
 
-SHOWN = 3  # candidates that are listed though nothing speaks for them
-LISTED = 8  # candidates that are listed at most
+SHOWN = 3  # shown: candidates that are listed though nothing speaks for them
+LISTED = 8  # shown: candidates that are listed at most
 
 
 def by_rivals(selection: Selection) -> Iterator[Selection]:

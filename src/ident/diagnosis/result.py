@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.diagnosis.effect_set import Member, leading, on_all_rows, reweighted
 from ident.diagnosis.found_curves import FoundCurve
-from ident.diagnosis.law_search import CERTAIN, FittedFormula
+from ident.diagnosis.law_search import NEGATIVE, FittedFormula
 from ident.diagnosis.laws import FoundLaw
 from ident.diagnosis.search import Selection
 from ident.diagnosis.selection import Decision, Evidence
@@ -180,14 +180,14 @@ class Law:
         """
         count = len(self.effect.unknowns)
         large = [
-            v.stderr is not None and abs(v.value) > CERTAIN * v.stderr for v in self.parameters
+            v.stderr is not None and abs(v.value) > NEGATIVE * v.stderr for v in self.parameters
         ]
         ends = np.cumsum([0, *(len(term.columns) for term in self.effect.terms)])
         for scale, v, sure in zip(
             self.effect.scales, self.parameters[count:], large[count:], strict=True
         ):
             _, low, high = self.effect.found[scale.name]
-            anywhere = v.stderr is None or CERTAIN * v.stderr > (high - low) / 2
+            anywhere = v.stderr is None or NEGATIVE * v.stderr > (high - low) / 2
             if anywhere if scale.of in ("place", "beyond", "angle") else not sure:
                 return False
         return all(any(large[a:b]) for a, b in pairwise(ends))

@@ -36,12 +36,12 @@ from ident.diagnosis.selection import (
 from ident.information.chance import Chance, exceeding, quantile, zscore
 from ident.information.hypotheses import Index, PartialRegression
 
-MOST = 60  # moves of one search
-TOGETHER = 1.5  # times the largest single gain, from which what every machine has enters at once
-NEAR = 0.8  # share of the largest gain below which a candidate is not looked at in detail
-PATH = 3  # effects of one joint that are looked at together
-ALONE = 0.1  # of the squares beyond noise, which one effect leaves where only a path is credible
-TRIED = 3  # of the best candidates, until one makes a better set
+MOST = 60  # work: moves of one search
+TOGETHER = 1.5  # tuned: times the largest gain, from which what every machine has enters at once
+NEAR = 0.8  # work: share of the largest gain below which a candidate is not looked at in detail
+PATH = 3  # work: effects of one joint that are looked at together
+ALONE = 0.1  # tuned: of the squares beyond noise, that one effect leaves where a path is credible
+TRIED = 3  # work: of the best candidates, until one makes a better set
 
 
 @dataclass(eq=False)

@@ -27,17 +27,15 @@ from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import SURROGATES, NoiseDraws, Screened, judging
 from ident.effects import Effect
 from ident.errors import FitError
-from ident.information.chance import Chance, paired, zscore
+from ident.information.chance import ALPHA, MINE, NEGATIVE, PARSIMONY, RIVAL, Chance, paired, zscore
+from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 
-MOST = 0.5  # of a joint's squares: what explains less of them is no law, and not its main cause
-PARSIMONY = 0.10  # share of the best gain within which fewer numbers are preferred
-ALIKE = 0.7  # cosine of what two candidates explain, from which it is the same part
-NEGATIVE = 2.0  # standard errors from zero at which a value has a sign
-PASSED = 1 / 3  # of the samples, at least, at which the filter must pass waves of position
-HIDDEN = 0.02  # visible share below which the data cannot speak of an effect
-CLOSEST = 12  # candidates that are looked at in detail though they are not credible
-MINE = 0.1  # share of a fall that makes a coordinate one that it mends
+MOST = 0.5  # level: of a joint's squares: what explains less of them is not its main cause
+ALIKE = 0.7  # level: cosine of what two candidates explain: half of the squares are the same part
+PASSED = 1 / 3  # tuned: of the samples, at least, at which the filter must pass waves of position
+HIDDEN = 0.02  # tuned: visible share below which the data cannot speak of an effect
+CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
 OnProgress = Callable[[str, float], None]
 
 
@@ -51,9 +49,9 @@ class Decision:
         rival_se: standard errors of the paired difference within which two are rivals.
     """
 
-    alpha: float = 0.01
-    material: float = 0.003
-    rival_se: float = 2.0
+    alpha: float = ALPHA
+    material: float = MATERIAL
+    rival_se: float = RIVAL
 
     def __post_init__(self) -> None:
         """Refuse what is no chance, no share, or below what the random residuals can show."""

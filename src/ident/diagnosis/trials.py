@@ -18,8 +18,8 @@ from ident.motion import Motion
 # y = c + h m(w t)        m: three sines of unrelated frequencies, or strokes with rounded ends
 
 
-WAVES = ((1.0, 0.62, 0.3), (1.73, 0.3, 1.1), (2.91, 0.16, 2.3))  # frequency, share, phase
-CORNER = 8.0  # steepness of a stroke's ends
+WAVES = ((1.0, 0.62, 0.3), (1.73, 0.3, 1.1), (2.91, 0.16, 2.3))  # range: frequency, share, phase
+CORNER = 8.0  # range: steepness of a stroke's ends
 Series = tuple[np.ndarray, np.ndarray, np.ndarray]  # y, ẏ, ÿ, each (n,)
 
 
@@ -59,17 +59,17 @@ def strokes(low: float, high: float, speed: float, t: np.ndarray, pitch: float =
 # The independent joints' ranges and speeds; the curves between are those above.
 
 
-SAMPLES = 600  # a log, or a third of that where a trial has several
-APART = 0.137  # by which the frequencies of one joint differ from the next one's
-SWINGS = 4  # of the slowest joint
-CYCLES = 3  # there and back, in a log worth the name
-MOST = 14  # of the fastest
-LONGEST = 0.2  # s a sample
-SPEEDS = (0.05, 0.15, 0.5)  # of strokes, as shares of the top speed
-KEPT = 0.95  # of a limit of speed, above which no motion is proposed
-MARGIN = 0.05  # of the way between two limits that is kept free
+SAMPLES = 600  # work: a log, or a third of that where a trial has several
+APART = 0.137  # range: by which the frequencies of one joint differ from the next one's
+SWINGS = 4  # range: of the slowest joint
+CYCLES = 3  # range: there and back, in a log worth the name
+MOST = 14  # range: of the fastest
+LONGEST = 0.2  # range: s a sample
+SPEEDS = (0.05, 0.15, 0.5)  # range: of strokes, as shares of the top speed
+KEPT = 0.95  # range: of a limit of speed, above which no motion is proposed
+MARGIN = 0.05  # range: of the way between two limits that is kept free
 AWAKE = {True: (0.5, 1.0), False: (0.05, 0.1)}  # rotational: half range, speed of a joint at rest
-WIDER = 1.2  # times the present range or speed, from which a motion is another one
+WIDER = 1.2  # range: times the present range or speed, from which a motion is another one
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,7 @@ def _log(trial: Trial, share: float, n: int, name: str) -> Log:
 # Whether a motion keeps the limits of the URDF: positions, speeds, torques.
 
 
-SLACK = 1e-6
+SLACK = 1e-6  # numerics
 
 
 def allowed(mechanism: Mechanism, now: Motion, then: Motion) -> bool:

@@ -16,13 +16,12 @@ from ident.diagnosis.selection import HIDDEN, Decision, Ranking, torque_squares
 from ident.effects import KINDS, Effect, Signals
 from ident.fit import Fit
 from ident.information import linear
-from ident.information.chance import zscore
+from ident.information.chance import CERTAIN, zscore
 from ident.information.hypotheses import Array, PartialRegression
 
-CERTAIN = 3.0  # standard errors below zero
-SHARE = 0.05  # of a column, from which an unknown is named as one that carries it
-NAMED = 4  # unknowns that are named
-STILL = 1e-9  # of other effects' columns: below, the motion does not feel this one at all
+SHARE = 0.05  # shown: of a column, from which an unknown is named as one that carries it
+NAMED = 4  # shown: unknowns that are named
+STILL = 1e-9  # numerics: of other effects' columns: below, the motion does not feel this one at all
 
 
 def name_of(effect: Effect) -> dict[str, Any]:
@@ -157,8 +156,8 @@ def _absurd(fit: Fit, effect: Effect) -> list[str]:
     ]
 
 
-WIDER = 2.0  # times the travelled range, over which laws that do as well are compared
-DIFFERENT = 0.2  # of a torque (rms) there, from which two are two laws
+WIDER = 2.0  # range: times the travelled range, over which laws that do as well are compared
+DIFFERENT = 0.2  # tuned: of a torque (rms) there, from which two are two laws
 
 
 def relatives_of(

@@ -16,13 +16,13 @@ from ident.effects.effect import NOWHERE, UNITS, Bounds, Effect, Shape, Signals,
 from ident.effects.joint import direction
 from ident.errors import MechanismError, one_of
 
-PIECES = 5  # intervals of a curve of one signal
-FEW = 3  # of a curve that multiplies another signal, and of each half of a curve of speed
-DEGREE = 3
+PIECES = 5  # range: intervals of a curve of one signal
+FEW = 3  # range: of a curve that multiplies another signal, and of each half of a curve of speed
+DEGREE = 3  # range
 PRODUCTS = (  # the curve's signal, what it multiplies
     "q*sign", "t*sign", "load*sign", "temperature*sign", "q*v", "t*v", "temperature*v", "t*load",
 )  # fmt: skip
-LAGS = 5  # time constants of a response, each twice the one before
+LAGS = 5  # range: time constants of a response, each twice the one before
 OF_TWO = "q*q"  # a curve of the second joint's position, times the first joint's
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ident.effects.effect import Bounds, Correcting, Correction, Effect, Signals, Sites, Unknown
 from ident.effects.joint import direction
 
-LATEST = 0.05  # [s] that a channel may be late or early
+LATEST = 0.05  # range: [s] that a channel may be late or early
 KHALIL = "Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 9"
 JANOT = "Janot, Vandanjon, Gautier, IEEE Trans. Control Syst. Technol. 22(1), 2014"
 
@@ -160,9 +160,9 @@ class Delay(Correcting):
         return Correction(delay=dict.fromkeys(self.joints, s.shape["d"]))
 
 
-TILT = 0.35  # [rad] 20° of a base that is not level, or of an encoder's zero
-DISPLACED = 0.05  # [m] of an error of a drawing
-SOFTEST = 1e-4  # [m/N] of a closure: a millimetre at ten newtons
+TILT = 0.35  # range: [rad] 20° of a base that is not level, or of an encoder's zero
+DISPLACED = 0.05  # range: [m] of an error of a drawing
+SOFTEST = 1e-4  # range: [m/N] of a closure: a millimetre at ten newtons
 
 
 class EncoderOffset(Correcting):

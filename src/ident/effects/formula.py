@@ -34,12 +34,12 @@ from ident.text import rounded
 
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "sign", "tanh")
 OTHER = re.compile(r"\b([qv])_o\b")  # a signal of the second joint, before its name is known
-WAVES = 1.25  # [1/travel] between the wave numbers at which a search begins
-SMOOTH = 1e-3  # [rad/s | N m | 1] within which the sign of what is no joint's speed is smooth
+WAVES = 1.25  # work: [1/travel] between the wave numbers at which a search begins
+SMOOTH = 1e-3  # range: [rad/s | N m | 1] within which the sign of no joint's speed is smooth
 SIGN = re.compile(r"sign\((v|v_o)\)")  # of a joint's own speed
 SIGNALS = frozenset({*UNITS, "q_o", "v_o"})
 DESCRIPTION = "a description, not yet a cause"
-WIDEST = 40  # exponents beyond which exp is not evaluated
+WIDEST = 40  # numerics: exponents beyond which exp is not evaluated
 FUNCTION_OF = {
     **{name: getattr(np, name) for name in FUNCTIONS},
     "abs": np.abs,

@@ -280,7 +280,7 @@ class TemperatureFriction(Effect):
 
 
 RAISED = ("⁰", "", "²", "³", "⁴", "⁵", "⁶", "⁷")  # powers of a cable's polynomial
-PART = 0.8  # of a wave in the travel: the least that a search may end at; it begins at one
+PART = 0.8  # range: of a wave in the travel: the least that a search may end at; it begins at one
 
 
 class Spring(Effect):

@@ -205,9 +205,9 @@ SIGNALS = {
     "temperature": "the log's column temperature.<joint> [°C]",
 }
 PREDICTED = {"a": 2, "torque": 3, "load": 4}  # `Effect.asks`, by their place among the inputs
-DIRECTION, TEMPERATURE, TIME = 5, 6, 7  # their places among the inputs
-STARTS = 12  # of the search, for each shape
-MOST = 3  # joints whose signals a function is tried with
+DIRECTION, TEMPERATURE, TIME = 5, 6, 7  # range: their places among the inputs
+STARTS = 12  # work: of the search, for each shape
+MOST = 3  # work: joints whose signals a function is tried with
 UserFunction = Callable[..., Mapping[str, Any]]
 
 

@@ -14,12 +14,12 @@ import numpy as np
 
 from ident.information.time_bases import Basis
 
-RIPPLE = 60.0  # dB in the stop band
-OVERSAMPLING = 4.0  # filtered samples a period of the cut-off
-STICKING = 0.2  # share of a filtered row that may come from samples that do not inform it
-STANDING = 0.02  # share of a row in motion that may come from standstill
-CHUNK = 4096  # samples that are in memory at once
-ROUNDING = 1e-6  # of a sample: parts of a log, whose rates differ by it, are decimated alike
+RIPPLE = 60.0  # level: dB in the stop band
+OVERSAMPLING = 4.0  # level: filtered samples a period of the cut-off
+STICKING = 0.2  # tuned: share of a filtered row that may come from samples that do not inform it
+STANDING = 0.02  # tuned: share of a row in motion that may come from standstill
+CHUNK = 4096  # work: samples that are in memory at once
+ROUNDING = 1e-6  # numerics: of a sample: rates that differ by it are decimated alike
 Product = tuple[slice, np.ndarray]  # samples m, and weights (rows, m) of some filtered rows
 
 

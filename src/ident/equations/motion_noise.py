@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_solve_banded
 
-from ident.equations.filter import Decimator, filtered_windows
+from ident.equations.filter import STANDING, Decimator, filtered_windows
 from ident.equations.rows import (
     Rows,
     Scene,
@@ -47,14 +47,13 @@ from ident.motion.smoothing import through_motion
 from ident.motion.spline import WIDTH, Smooth, Spline, fitted
 from ident.motion.state import State
 
-STEP = 1e-6  # of the spread of a coordinate or its derivative
-LOOKED_AT = 60  # samples of a log whose motion's noise is looked at
-LONGEST = 2000  # functions of a run that are looked at
-BLOCKS = 40  # of time, of a run
-FASTER = 2.0  # cut-off of the rows over the rate of the motion's knots: all that splines resolve
-NYQUIST = 0.4  # of the log's rate, above which nothing is filtered
-STICKING = 0.01  # share of a row that may come from standstill, where friction jumps
-PERIOD = 8.0  # samples of G to a period of the rows' cut-off; between them it is interpolated
+STEP = 1e-6  # numerics: of the spread of a coordinate or its derivative
+LOOKED_AT = 60  # work: samples of a log whose motion's noise is looked at
+LONGEST = 2000  # work: functions of a run that are looked at
+BLOCKS = 40  # work: of time, of a run
+FASTER = 2.0  # level: cut-off of the rows over the rate of knots: all that splines resolve
+NYQUIST = 0.4  # level: of the log's rate, above which nothing is filtered
+PERIOD = 8.0  # numerics: samples of G to a period of the cut-off; between, interpolated
 
 
 def gain(
@@ -275,7 +274,7 @@ def linear(
         G = _between(e.t, some.t, G)
     decimator = Decimator.of(cutoff, e.rate)
     scene = Scene.of(mechanism, columns, e, point, cutoff)
-    pieces = [*rows(scene, cutoff, STICKING)]
+    pieces = [*rows(scene, cutoff, STANDING)]
     coefficients: list[np.ndarray] = []
     torques: list[TorqueRows | None] = []
     for k, (segment, spline) in enumerate(fine.runs):

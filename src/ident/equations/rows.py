@@ -29,15 +29,16 @@ from ident.equations.filter import STANDING, STICKING, Decimator, filtered_windo
 from ident.equations.terms import Samples, Terms, effect_terms, unbalanced, with_bodies
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError
+from ident.information.chance import MINE
 from ident.information.time_bases import Basis, Chunk
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import supports
 from ident.motion.closures import integrate
 from ident.motion.state import State
 
-WIDER = 3.0  # times the rows' cut-off: a filter that passes all that the rows' filter passes
-STEP = 1e-5  # of the range of a shape parameter: corrections are smooth in their shapes
-CORRECTED_TOGETHER = 4096  # samples whose residual is made at once
+WIDER = 3.0  # numerics: times the rows' cut-off: passes all that the rows' filter passes
+STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smooth in their shapes
+CORRECTED_TOGETHER = 4096  # work: samples whose residual is made at once
 
 
 def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -> Samples:
@@ -220,8 +221,7 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
                 )
 
 
-LEVER = 0.1  # a joint that barely moves with a coordinate may stand still without harm
-ROUNDING = 1e-9  # of a joint's largest transmission: below, it does not move with a coordinate
+ROUNDING = 1e-9  # numerics: of a joint's largest transmission: below, it does not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +267,7 @@ def informing(
     for name, moves in s.informative if informative is None else informative:
         at, lever = s.lever(name)
         most = np.ones(1) if farthest is None else farthest[s.mechanism.joint_index[name]]
-        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > LEVER * most)
+        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > MINE * most)
         informed[:, at] &= moves[:, None] | ~moved
     return informed
 
@@ -375,8 +375,8 @@ def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.nd
     return found
 
 
-ABSENT = 1e-9  # of a unit torque: below, it is not in a row
-FINEST = 20.0  # knots a sample; more say nothing, and fill the memory
+ABSENT = 1e-9  # numerics: of a unit torque: below, it is not in a row
+FINEST = 20.0  # work: knots a sample; more say nothing, and fill the memory
 
 
 def basis_of(mechanism: Mechanism, segment: slice, e: State) -> Basis:

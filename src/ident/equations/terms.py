@@ -28,9 +28,9 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import regressor, rigid_forces
 from ident.motion.state import State
 
-STEP = 1e-3  # of the range of a shape parameter, for differences
-WHOLE = 48_000_000  # bytes of Γ at all samples of a state, up to which it is kept unfiltered
-CHUNK = 4096  # samples whose regressor is in memory at once
+STEP = 1e-3  # numerics: of the range of a shape parameter, for differences
+WHOLE = 48_000_000  # work: bytes of Γ at all samples of a state, up to which it is kept unfiltered
+CHUNK = 4096  # work: samples whose regressor is in memory at once
 UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
 

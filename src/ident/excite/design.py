@@ -24,14 +24,14 @@ from ident.motion.closures import LoopSolver
 from ident.motion.recipe import thresholds, top_speeds
 from ident.simulate.inverse import joint_columns
 
-SAMPLES = 24  # of the search, a period of the highest harmonic
-FINE = 10  # times these samples at which the result is checked
-MARGIN = 0.97  # share of the limits that follow from the drives' motion, at the samples
-PILOTS = 12, 40  # random motions whose rows give base and scale; draws at most
-SHRINK, SHRINKS = 0.99, 20  # of a motion that breaks a limit between the samples
-AWAY = 0.05  # of its range, the distance of home from a joint's limits
-SOFT = 0.02  # share of the top speed within which the search smooths the step of dry friction
-NOISE = 0.01  # of the limit of torque: the noise expected of a torque signal
+SAMPLES = 24  # work: of the search, a period of the highest harmonic
+FINE = 10  # work: times these samples at which the result is checked
+MARGIN = 0.97  # range: share of the limits that follow from the drives' motion, at the samples
+PILOTS = 12, 40  # work: random motions whose rows give base and scale; draws at most
+SHRINK, SHRINKS = 0.99, 20  # numerics: of a motion that breaks a limit between the samples
+AWAY = 0.05  # range: of its range, the distance of home from a joint's limits
+SOFT = 0.02  # range: share of the top speed within which the step of dry friction is smooth
+NOISE = 0.01  # range: of the limit of torque: the noise expected of a torque signal
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,9 +34,9 @@ from ident.information.linear import Triangle
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 
-NOTHING = 1e-9  # of the torques: what one SI unit of a parameter changes by less has no effect
+NOTHING = 1e-9  # numerics: of the torques: what an SI unit changes by less has no effect
 HALF_TURN = np.pi  # [rad] size of an angle that a joint or a base can be off by, at most
-TINY = 1e-13  # of R's diagonal: below, the columns do not determine some unknown
+TINY = 1e-13  # numerics: of R's diagonal: below, the columns do not determine some unknown
 
 
 @dataclass(frozen=True, eq=False)

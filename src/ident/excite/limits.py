@@ -14,9 +14,9 @@ from ident.errors import MechanismError, one_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
 
-CROSSING = 1.0  # [s] in which a joint without a limit of speed may cross its range; a convention
-TURN = 6.29  # [rad] a larger range is more than one turn, however 2 π is rounded in a URDF
-ROUNDING = 1e-9  # of the box's width: a joint may stand at its limit
+CROSSING = 1.0  # range: [s] in which a joint without a limit of speed may cross its range
+TURN = 6.29  # range: [rad] a larger range is more than one turn, however 2 π is rounded in a URDF
+ROUNDING = 1e-9  # numerics: of the box's width: a joint may stand at its limit
 Given = float | Mapping[str, float] | None
 
 

@@ -31,11 +31,11 @@ from ident.excite.excitation import Criterion, Excitation, with_rivals
 from ident.excite.limits import Limits
 from ident.mechanism.mechanism import Mechanism
 
-DRAWS = 25  # random motions, the best of which each search starts from
-ROUND, STEPS = 30, 150  # steps of every search, and of the best one after these, at most
-CENTRED = 1e-2  # μ of the first problem of a search, times the number of drives
-DIRECT = 1e-3  # μ, likewise, of every second search for a separation: either may end higher
-KEPT = 5.0  # s between two motions that are handed out before the end
+DRAWS = 25  # work: random motions, the best of which each search starts from
+ROUND, STEPS = 30, 150  # work: steps of every search, and of the best one after these, at most
+CENTRED = 1e-2  # numerics: μ of the first problem of a search, times the number of drives
+DIRECT = 1e-3  # numerics: μ, likewise, of every second search for a separation
+KEPT = 5.0  # shown: s between two motions that are handed out before the end
 
 
 def excite(
@@ -190,14 +190,14 @@ def _check(duration: float, periods: int, rate: float, harmonics: int, tries: in
 
 # --- interior points ------------------------------------------------------------------------------
 
-LAST, SMALLER = 1e-5, 0.3  # μ of the last problem, and ratio of one problem's μ to the one before
-SOLVED = 5.0  # multiple of μ by which a step must lower φ, by its model; below, μ becomes smaller
-WALL = 0.95  # share of the way to the nearest limit that a step may go
-ARMIJO = 1e-4  # share of the predicted decrease of φ that a step must have
-HALVINGS = 12  # of a step at most
-APART = 100.0  # factor by which λ s may differ from μ
-CURVED = 0.2  # share of B's curvature along a step, below which the measured one is damped
-DAMPING = 1e-12  # of the mean diagonal of the matrix of a step, added to it against rounding
+LAST, SMALLER = 1e-5, 0.3  # numerics: μ of the last problem; ratio of one μ to the one before
+SOLVED = 5.0  # numerics: multiple of μ by which a step must lower φ; below, μ becomes smaller
+WALL = 0.95  # numerics: share of the way to the nearest limit that a step may go
+ARMIJO = 1e-4  # numerics: share of the predicted decrease of φ that a step must have
+HALVINGS = 12  # work: of a step at most
+APART = 100.0  # numerics: factor by which λ s may differ from μ
+CURVED = 0.2  # numerics: share of B's curvature along a step, below which it is damped
+DAMPING = 1e-12  # numerics: of a step's mean diagonal, added to it against rounding
 Near = Callable[[np.ndarray, ExcitingMotion], ExcitingMotion | None]
 """The point at x, from one near it; None where there is none."""
 

@@ -31,12 +31,12 @@ from ident.motion import State
 from ident.motion.closures import best_conditioned
 from ident.motion.motion import prescribed
 
-STEP = 1e-5  # of a number of x, or of the usual size of a position or rate, for differences
-TOGETHER = 1024  # samples of neighbours of a motion that are worked at once
-LEAP = 0.4  # [rad | m] by which a drive may move in one step along the branch
-SLIP, GAIN = 0.05, 2.0  # [rad | m] and times ‖K⁺‖ of that step, by which the others may
-HALVINGS = 4  # of the last step along a line
-INSIDE = 0.97  # of the drives' limits that a random motion reaches
+STEP = 1e-5  # numerics: of a number of x, a usual position or rate, for differences
+TOGETHER = 1024  # work: samples of neighbours of a motion that are worked at once
+LEAP = 0.4  # numerics: [rad | m] by which a drive may move in one step along the branch
+SLIP, GAIN = 0.05, 2.0  # numerics: [rad | m] and times ‖K⁺‖ of that step, by which the others may
+HALVINGS = 4  # work: of the last step along a line
+INSIDE = 0.97  # range: of the drives' limits that a random motion reaches
 EVERY = slice(None)
 
 

@@ -13,41 +13,37 @@ from itertools import combinations
 
 import numpy as np
 
+from ident.fit.channel_fits import SMALL
 from ident.fit.findings import Finding
 from ident.information.linear import Array
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion, State
 from ident.motion.noise import noise_level, noise_share
-from ident.motion.recipe import ROWS_OVER_MOTION
+from ident.motion.recipe import CLEAN, ROWS_OVER_MOTION
 from ident.motion.signals import CLIPPED, LARGEST, absurd_samples, at_limit, runs
 from ident.text import significant
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 
-ZERO = 0.2  # share of the samples at which a joint moves, where its torque is exactly zero
-NOISE = 0.7  # noise over rms from which a torque channel is no torque
-NOISELESS = 1e-3  # of the other torques' share of noise: a channel with less has none
-NOISY = 1e-3  # share of noise from which the others count as measured
-HELD = 2  # samples for which most values stay: a staircase of a slower controller
-ALWAYS = 0.98  # share of pairs from which rows are repeated: a slow channel repeats some
-REGULAR = 0.8  # share of the steps that are of one length
-SHORTEST = 20  # samples of a channel that can be judged
-FROZEN = 0.25  # s for which a channel stays at a value while its joint moves
-JUMP = 5.0  # times the largest other step, by which a position that was frozen goes on
-COARSE = 0.01  # step of a torque over √12, of its rms: no model can explain this error
-ROUGH = 0.1  # noise in the accelerations by the steps of an encoder, of their rms
-SPIKE = 15.0  # standard deviations from the mean of its neighbours, from which a sample is no noise
-RARE = 1e-3  # share of lone samples that no sensor is free of
-ROUNDING = 1e-9  # of a channel's largest value: nearer values are one
-SAME = 1e-6  # of a channel's size, by which it may differ from a command and still be it
+NOISE = 0.5**0.5  # level: noise over rms: from half of its squares on a torque is no torque
+ZERO = 0.2  # tuned: share of the samples at which a joint moves, where its torque is exactly zero
+HELD = 2  # range: samples for which most values stay: a staircase of a slower controller
+REGULAR = 0.9  # tuned: share of the times that a channel is held, which are of one length
+SHORTEST = 20  # work: samples of a channel that can be judged
+FROZEN = 0.25  # tuned: s for which a channel stays at a value while its joint moves
+ROUGH = 0.1  # tuned: noise in the accelerations by the steps of an encoder, of their rms
+SPIKE = 15.0  # level: standard deviations from its neighbours, from which a sample is no noise
+RARE = 1e-3  # tuned: share of lone samples that no sensor is free of (TX40: 3 of 45,000)
+ROUNDING = 1e-9  # numerics: of a channel's largest value: nearer values are one
+SAME = 1e-6  # numerics: of a channel's size, by which it may differ from a command and still be it
 COMMAND = re.compile(
     r"(des|cmd|command|ref|set|target|goal|con)(ired|erence|point|trol)?[\W_\d]*", re.I
 )
-ROUNDED = 0.3  # of a channel's noise, by which two copies may differ; two measurements do by √2
-JUDGED = 2000  # samples by which two logs are compared
-ALIKE = 1e-3  # of a position's range, within which it is that of the other log
-LOCKED = 0.05  # [rad | m] by which a joint that is held may move: fingers give way a little
+ROUNDED = 0.3  # numerics: of a channel's noise, by which copies may differ; measurements do by √2
+JUDGED = 2000  # work: samples by which two logs are compared
+ALIKE = 1e-3  # numerics: of a position's range, within which it is that of the other log
+LOCKED = 0.05  # range: [rad | m] by which a joint that is held may move: fingers give way a little
 MEASURED = "a command, not a measurement"
 
 
@@ -139,7 +135,7 @@ def staircase(c: LoggedChannel) -> Judgement:
     usual = float(np.median(lengths)) if len(lengths) >= 10 else 0.0
     # steps of a coarse sensor are as long as the channel is flat, only two samples are never by it
     alike = np.abs(lengths - usual) <= (usual > HELD)
-    if usual < HELD or alike.mean() < (REGULAR if usual > HELD else ALWAYS):
+    if usual < HELD or alike.mean() < REGULAR:
         return None
     text = (
         f"held for {usual:.0f} samples at a time: rows are repeated, or a slower controller "
@@ -161,7 +157,7 @@ def frozen(c: LoggedChannel) -> Judgement:
         moving = seconds * float(c.moving[longest].mean())
         wrong = inside and not c.step and moving > max(FROZEN, 0.5 * seconds)
     else:
-        wrong = last < len(step) and step[last] > JUMP * np.delete(step, last).max()
+        wrong = last < len(step) and step[last] > np.delete(step, last).max()
     text = (
         f"stays at {significant(c.x[first], 4)} for {seconds:.3g} s from t = {c.t[first]:.4g} s "
         "on, while the joint moves"
@@ -191,7 +187,7 @@ def steps(c: LoggedChannel) -> Judgement:
             "of the rms torque, below which no model can come"
         )
         remedy = "log it with more digits or in a finer range"
-        return (share, COARSE, text, remedy) if share > COARSE else None
+        return (share, SMALL, text, remedy) if share > SMALL else None
     # noise Δ/√12 of q or v is white; its power below f in the second or first derivative
     dt, band = float(np.median(np.diff(c.t))), c.motion.band
     f = min(band.cutoff or ROWS_OVER_MOTION * band.motion, 0.5 / dt)
@@ -231,15 +227,15 @@ def spikes(c: LoggedChannel) -> Judgement:
 def noiseless(c: LoggedChannel) -> Judgement:
     """A torque without noise, where the others have it."""
     own = noise_share(c.x)
-    if own > NOISELESS or c.step or not np.ptp(c.x):
+    if own > CLEAN or c.step or not np.ptp(c.x):
         return None
     names = [name for name in c.log.columns if name.startswith("tau.") and name != c.name]
     others = [noise_share(c.log.series(name)[1]) for name in names]
     theirs = float(np.median(others)) if others else 0.0
-    if theirs < NOISY or own > NOISELESS * theirs:
+    if theirs < CLEAN or own > CLEAN * theirs:
         return None
     text = f"not the least noise, while the other torques have it: {MEASURED}"
-    return own / theirs, NOISELESS, text, c.entry
+    return own / theirs, CLEAN, text, c.entry
 
 
 def copied(c: LoggedChannel) -> Judgement:

@@ -24,25 +24,25 @@ from scipy.linalg import lapack
 from ident.effects import Effect
 from ident.fit.faults import Fault
 from ident.fit.problem import Table
+from ident.information.chance import LEAVES
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import regressor
 from ident.motion.state import State
 
-LEAVES = 0.3  # error of a torque at which nothing is explained: a cause that leaves it is none
-FAR = 7  # shifts round the log by so many parts of it: torques of another time
-IN_MEMORY = 30_000_000  # numbers of all Gram matrices, a quarter of a gigabyte
-LONGEST = 0.1  # s; a torque that is later still is another log's
-NODES = 12  # shifts on either side, from one sample up to LONGEST
-HALF = 0.5  # of the relative error: what explains less of it is an effect, no fault
-SMALL = 0.01  # relative error below which no channel is blamed, and none is better than another
-DOUBT = 2.5 * SMALL  # relative error of some torque from which a fit is doubted
-SEVERAL = 3  # joints from which on torques of another run are told from a missing effect
-AS_GOOD = 0.8  # of the best error at another time, with which a torque is not of this motion
-ROUNDS = 3  # in which weights settle
-ROUNDING = 1e-12  # of the largest torque's squares: a smaller torque is none
-RIDGE = 1e-10  # of unit columns' squares: settles what no row determines
-POSTURES = 40  # samples at which the mean inertia must be positive
+FAR = 7  # work: shifts round the log by so many parts of it: torques of another time
+IN_MEMORY = 30_000_000  # work: numbers of all Gram matrices, a quarter of a gigabyte
+LONGEST = 0.1  # range: s; a torque that is later still is another log's
+NODES = 12  # work: shifts on either side, from one sample up to LONGEST
+HALF = 0.5  # level: of the relative error: what explains less of it is an effect, no fault
+SMALL = 0.01  # tuned: relative error below which no channel is blamed, none is better
+DOUBT = 2.5 * SMALL  # tuned: relative error of some torque from which a fit is doubted
+SEVERAL = 3  # range: joints from which on torques of another run are told from a missing effect
+NEARLY = 1.2  # tuned: times an error, up to which another one is nearly as small (tests/mistakes)
+ROUNDS = 3  # work: in which weights settle
+ROUNDING = 1e-12  # numerics: of the largest torque's squares: a smaller torque is none
+RIDGE = 1e-10  # numerics: of unit columns' squares: settles what no row determines
+POSTURES = 40  # work: samples at which the mean inertia must be positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +253,7 @@ class ChannelEquations:
             name = self.driven[self.own[u]]
             shifts = ({self.own[u]: shift} for shift in turned)
             causes = (self.as_logged.with_("delay", 0.0, shift=each) for each in shifts)
-            if noise[u] > AS_GOOD * min(self.noise(each, noise)[u] for each in causes):
+            if NEARLY * noise[u] > min(self.noise(each, noise)[u] for each in causes):
                 found.append(name)
         return found if len(found) >= max(SEVERAL, len(self.own) / 2) else []
 

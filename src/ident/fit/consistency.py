@@ -51,7 +51,7 @@ from ident.information.cone import (
     smat,
     svec,
 )
-from ident.information.estimate import FLOOR, Estimate
+from ident.information.estimate import MATERIAL, Estimate
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import (
@@ -64,18 +64,18 @@ from ident.mechanism.parameters import (
     split,
 )
 
-STILL = 0.1  # rows that all rows of a coordinate at standstill count as
-PULL = 0.01  # ρ: bodies' own sizes in which the prior counts as one standard deviation
-BALL = 0.05  # of the prior's ball in S, so that a flat prior can become a little less flat
-EFFECT = 1e-4  # of a plausible size: an effect that bodies can replace gives way to them
-UNFELT = 1e9  # plausible size of an unknown that no data feel
-PASSES = 6  # over what the equations are not linear in
-CONVERGED = 1e-6  # of a plausible size: a smaller change of any unknown is the last
-PUSHED = 0.1  # standard errors of white noise by which a limit must push to count as active
-COSTS = 0.05  # of the error: a rise that asks for an explanation
-IMPOSSIBLE = -1e-9  # smallest eigenvalue of a prior that is no possible body
-MARGIN = 1e-6  # of the ball, what a body keeps at least: with 0 no simulator could invert its mass
-SMALL = 1e-3  # of a mean link, the least size that is believed
+STILL = 0.1  # numerics: rows that all rows of a coordinate at standstill count as
+PULL = 0.01  # numerics: ρ: bodies' own sizes in which the prior counts as one standard deviation
+BALL = 0.05  # numerics: of the prior's ball in S: a flat prior can become a little less flat
+EFFECT = 1e-4  # numerics: of a plausible size: an effect that bodies can replace gives way to them
+UNFELT = 1e9  # numerics: plausible size of an unknown that no data feel
+PASSES = 6  # work: over what the equations are not linear in
+CONVERGED = 1e-6  # numerics: of a plausible size: a smaller change of any unknown is the last
+PUSHED = 0.1  # level: standard errors of white noise by which a limit must push to count as active
+COSTS = 0.05  # tuned: of the error: a rise that asks for an explanation
+IMPOSSIBLE = -1e-9  # numerics: smallest eigenvalue of a prior that is no possible body
+MARGIN = 1e-6  # numerics: of the ball, what a body keeps: a simulator inverts its mass
+SMALL = 1e-3  # range: of a mean link, the least size that is believed
 CENTROID = {centroidal: about for about, centroidal in CENTROIDAL.items()}
 
 
@@ -230,7 +230,7 @@ class Program:
             W = _metric(mechanism, columns, scale, 1.0, None)
             anchor = nearest_within(W, W @ prior, limits, W, None).x
         W = _metric(mechanism, columns, scale, BALL, anchor)
-        least = FLOOR * problem.torque + 1e-300
+        least = MATERIAL * problem.torque + 1e-300
         rest = list(zip(problem.information.at_rest, least, strict=True))
         return cls(columns, limits, anchor, W, rest)
 
@@ -286,7 +286,7 @@ def _noise(found: Estimate) -> float:
         return 1.0
     left = found.triangle.residual_norm(found.x)
     terms = np.linalg.norm(found.triangle.column_norms() * found.x)
-    return float(max(left, FLOOR * terms) / np.sqrt(max(found.triangle.rows, 1))) or 1.0
+    return float(max(left, MATERIAL * terms) / np.sqrt(max(found.triangle.rows, 1))) or 1.0
 
 
 def _metric(

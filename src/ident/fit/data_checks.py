@@ -16,11 +16,12 @@ import numpy as np
 from ident.display import Displayed
 from ident.equations.motion_noise import noise_floor
 from ident.fit.channel_checks import log_findings
-from ident.fit.channel_fits import DOUBT, HALF, LEAVES, SMALL, columns_of
+from ident.fit.channel_fits import DOUBT, HALF, SMALL, columns_of
 from ident.fit.fault_search import FaultSearch
 from ident.fit.faults import exact_factor, fault_finding, log_entry
-from ident.fit.findings import Finding
+from ident.fit.findings import FEW, Finding
 from ident.fit.problem import Problem, Table
+from ident.fit.residual_maps import ALIKE
 from ident.fit.small_errors import (
     WORSE,
     common_delay,
@@ -28,6 +29,7 @@ from ident.fit.small_errors import (
     misfit_at_reversals,
     moved_by_reversals,
 )
+from ident.information.chance import BEYOND, LEAVES, MINE
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.text import percent, some, two_digits
@@ -36,17 +38,13 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
     "position swapped", "joints swapped", "time", "gravity", "another run", "units",
 }  # fmt: skip
-PART = 0.1  # of a joint's squared error, of which less is not what is wrong with it
-BEYOND = 3.0  # times the sensors' noise from which a residual is not of it; in good logs 0.5 to 1.3
-ABSENT = 1e-9  # of the largest column, below which an unknown has no effect on any torque
-LIKE = 0.9  # correlation from which the URDF's torque is like the identified one, …
-MANY = 3.0  # equations a parameter, of which fewer say nothing of bodies
-UNLIKE = 0.5**0.5  # … and below which less than half of its squares is of the same shape
-TIMES = 30.0  # of the URDF's torque at one joint, where a rotor behind its gears may be missing
-TOGETHER = 3.0  # the same at all joints alike: masses in a URDF are rarely so wrong, units are
-SAME = 0.03  # difference of logarithms of factors that are one number, as no errors of masses are,
-ALIKE = 0.99  # … where torques correlate from there on (URDFs 15 % off do by 0.998, a load by 0.92)
-OTHER = 1.15  # … from which that number is another scale than the URDF's
+ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
+UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
+# tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing
+TIMES = 30.0
+TOGETHER = 3.0  # tuned: the same at all joints: masses in a URDF are rarely so wrong, units are
+SAME = 0.03  # tuned: difference of logarithms of factors that are one number, as no masses' are, …
+OTHER = 1.15  # tuned: … from which that number is another scale than the URDF's
 
 
 @dataclass(frozen=True, repr=False)
@@ -100,7 +98,7 @@ class DataChecks(FaultSearch):
         kind, _, joint = finding.where[0].partition(".") if finding.where else ("", "", "")
         if finding.code != "steps" or kind != "tau" or finding.number is None:
             return True
-        return finding.number**2 > PART * self.errors.get(joint, 0.0) ** 2
+        return finding.number**2 > MINE * self.errors.get(joint, 0.0) ** 2
 
     @property
     def moved(self) -> Array:
@@ -212,7 +210,6 @@ class DataChecks(FaultSearch):
         may be wrong; but a fault where factors of several torques explain the log.
         """
         columns, table, gains = self.problem.columns, self.table, dict[str, float]()
-        alike = 1.0  # least correlation of the torques of `gains` with what the URDF's bodies need
         rigid = np.arange(len(columns)) < len(columns.rigid)
         beside = [table.effect_columns(each, [{}]) for each in self.common]
         for u, name in enumerate(self.problem.motion.independent):
@@ -227,9 +224,9 @@ class DataChecks(FaultSearch):
                 x - X @ np.linalg.lstsq(X, x, rcond=None)[0] for x in (now, then, tau)
             )
             like = max(_cosine(now, then), _cosine(fitted, own))  # bodies may stand in for those
-            if np.linalg.norm(own) > SMALL * sizes[1] and (c := _cosine(own, logged)) > LIKE:
-                gains[name], alike = float(own @ logged / (own @ own)), min(alike, c)
-            many = self.estimate.triangle.rows > MANY * self.estimate.base.rank
+            if np.linalg.norm(own) > SMALL * sizes[1] and _cosine(own, logged) > ALIKE:
+                gains[name] = float(own @ logged / (own @ own))
+            many = self.estimate.triangle.rows > FEW * self.estimate.base.rank
             matter = min(sizes) > LEAVES * float(np.linalg.norm(tau))
             if many and matter and like < UNLIKE and self.errors[name] < LEAVES:
                 text = (
@@ -240,7 +237,7 @@ class DataChecks(FaultSearch):
                 remedy = "check [mechanism] gravity, q.… and t against the machine"
                 yield Finding("unlike", text, remedy, (f"tau.{name}",), like, UNLIKE)
         logs = np.log(list(gains.values()))
-        one = len(gains) > 1 and np.ptp(logs) < SAME and alike > ALIKE
+        one = len(gains) > 1 and np.ptp(logs) < SAME
         least = OTHER if one else TOGETHER
         far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}
         several = 2 * len(far) >= len(self.use.T) and len({x > 1 for x in far.values()}) == 1

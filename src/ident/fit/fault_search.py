@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.errors import IdentError
-from ident.fit.channel_fits import DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
+from ident.fit.channel_fits import DOUBT, HALF, NEARLY, SMALL, ChannelEquations, limits_of_machines
 from ident.fit.faults import (
     CLOCKS,
     FACTORS,
@@ -32,19 +32,19 @@ from ident.fit.faults import (
 )
 from ident.fit.problem import Problem, Table
 from ident.fit.small_errors import away_from_reversals
-from ident.information.chance import credible_t, zscore
+from ident.information.chance import RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
 
-LEAST_FACTOR = 1.5  # a smaller one is an effect's: a gain, a load-dependent friction
-AS_WELL = 1.5  # times the error that all effects of the library leave: a fault leaves no more
+LEAST_FACTOR = 1.5  # tuned: a smaller one is an effect's: a gain, a load-dependent friction
 POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
-RIVAL = 2.0  # standard errors of the paired difference within which two causes are rivals
-CLOSEST = 6  # hypotheses that are looked at in detail
-FEW = 300  # samples that tell a right motion from a wrong one
-CALM = 0.5  # of a fall of errors, which a delay must bring away from reversals, too
-NEARLY = 1.2  # times the error of a fault that its rival leaves: a missing effect, another number
+# tuned: times the error that all effects of the library leave: a fault leaves no more (with 1.25 a
+# wrong gravity has no name any more: tests/mistakes)
+AS_WELL = 1.5
+CLOSEST = 6  # work: hypotheses that are looked at in detail
+FEW = 300  # work: samples that tell a right motion from a wrong one
+CALM = 0.5  # level: of a fall of errors, which a delay must bring away from reversals, too
 NUMBERED = ("scale", "delay", "time")  # faults of which a number is sought, not one of several
 
 

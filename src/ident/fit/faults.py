@@ -24,10 +24,10 @@ from ident.mechanism.tree import is_rotational, joint_axis
 from ident.motion import State
 from ident.text import percent
 
-PARALLEL = 0.999  # cosine of two axes that are one, up to rounding in a URDF
-DEGREES = 10.0  # smallest range of a position that may be in degrees
-EARTH = 9.81  # m/s²
-CLOCKS = (1 / 60, 0.1, 0.3, 0.7, 0.9, 1.1, 1.5, 3.0, 10.0, 60.0)  # true over logged time
+PARALLEL = 0.999  # numerics: cosine of two axes that are one, up to rounding in a URDF
+DEGREES = 10.0  # range: smallest range of a position that may be in degrees
+EARTH = 9.81  # range: m/s²
+CLOCKS = (1 / 60, 0.1, 0.3, 0.7, 0.9, 1.1, 1.5, 3.0, 10.0, 60.0)  # work: true over logged time
 FACTORS = np.geomspace(1e-4, 1e4, 17)  # between two of which the best factor of a torque is sought
 UNITS = {  # by which factors units of torque differ, or their inverses
     1e3: "mN m for N m",
@@ -37,8 +37,8 @@ UNITS = {  # by which factors units of torque differ, or their inverses
     9.81: "kgf m for N m",
     8.851: "lbf in for N m",
 }
-LARGE_UNIT = 500.0  # factor of a unit beyond which it is hardly a gear ratio
-UNIT = 0.1  # difference of logarithms within which a factor is that of a unit
+LARGE_UNIT = 500.0  # shown: factor of a unit beyond which it is hardly a gear ratio
+UNIT = 0.1  # shown: difference of logarithms within which a factor is that of a unit
 Moved = Callable[[Mechanism, State], tuple[Mechanism, State]]
 
 

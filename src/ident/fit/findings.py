@@ -20,6 +20,7 @@ from ident.fit.problem import Problem, information_of
 from ident.fit.shapes import initial
 from ident.fit.values import EffectValues, absorbed_by, rigid_values
 from ident.information.blocks import Error
+from ident.information.chance import CERTAIN
 from ident.information.estimate import Estimate, estimate, term_sizes
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import pseudo_inertia
@@ -31,17 +32,16 @@ from ident.text import significant, two_digits
 IN_PROPORTION = (
     "in proportion to the torques' scale, whose error is not in their standard errors"  # of a load
 )
-BIASED = 1e-4  # share of a parameter that a time basis may move unmentioned
-FEW = 3.0  # equations a parameter below which values follow the noise
-SHORT, USUAL = 10.0, 30.0  # the same: below the first a log is called short; what is advised
-POOR = 1e3  # condition number above which the motion excites some base parameter poorly
-CERTAIN = 3.0  # standard errors below zero at which a negative coefficient is no accident
-LEAST_MASS = 1e-9  # kg below which a body with first moments cannot be written in a URDF
-# torque over its terms: an error of 5 % in one of them is half the torque or more; and the relative
-# error of a torque from which its unit is in doubt
+BIASED = 1e-4  # tuned: share of a parameter that a time basis may move unmentioned
+FEW = 3.0  # level: equations a parameter below which values follow the noise
+SHORT, USUAL = 10.0, 30.0  # level: the same: below the first a log is called short; what is advised
+POOR = 1e3  # level: condition number above which the motion excites some base parameter poorly
+LEAST_MASS = 1e-9  # range: kg below which a body with first moments cannot be written in a URDF
+# tuned: torque over its terms: an error of 5 % in one of them is half the torque or more; and the
+# relative error of a torque from which its unit is in doubt
 FREELY = 0.1
-LITTLE = 0.1  # of the farthest joint's way: one that moves less is named
-POSSIBLE = -1e-6  # of a body's largest eigenvalue: what rounding may leave below zero
+LITTLE = 0.1  # shown: of the farthest joint's way: one that moves less is named
+POSSIBLE = -1e-6  # numerics: of a body's largest eigenvalue: what rounding may leave below zero
 
 
 @dataclass(frozen=True)

@@ -28,19 +28,18 @@ from ident.equations.motion_noise import (
 from ident.errors import FitError
 from ident.fit.findings import Finding
 from ident.fit.problem import Problem, stacks_information
+from ident.information.chance import LOUD
 from ident.information.estimate import Estimate, estimate
 from ident.motion import Motion, State
 from ident.motion.smoothing import along, finer
 
-MATTERS = 0.05  # share of a coordinate's squared residual that is the motion's noise
-FINER = 3  # knots of the likelihood for one of smoothing: torques tell more of the motion
-EXPLAINED = 1.5  # squared residual over squared noise at which noise explains the residual
-AGREED = 1.2  # the same, for the noise that a refined fit takes for the torques'
-TRIALS = 6  # of the torques' noise
-STEPS = 12
-RAISED = 1.05  # times the sensors' noise from which noise does not explain the residual
-ROUNDING = 1e-6
-CONVERGED = 0.05  # of a standard error: a smaller step is the last
+MATTERS = 0.05  # tuned: share of a coordinate's squared residual that is the motion's noise
+FINER = 3  # work: knots of the likelihood for one of smoothing: torques tell more of the motion
+AGREED = 1.2  # numerics: the same, for the noise that a refined fit takes for the torques'
+TRIALS = 6  # work: of the torques' noise
+STEPS = 12  # work
+ROUNDING = 1e-6  # numerics
+CONVERGED = 0.05  # numerics: of a standard error: a smaller step is the last
 
 Weighed = tuple[Problem, Estimate, "Likelihood"]
 Runs = Sequence[Sequence[EliminatedRun]]
@@ -85,13 +84,13 @@ class Likelihood(Displayed):
     def findings(self) -> list[Finding]:
         """Findings to read before the estimate is trusted."""
         found = []
-        if self.raised > RAISED:
+        if self.raised > LOUD:
             text = (
                 f"the torques' noise had to be taken {self.raised:.3g} times as large as the "
                 "sensors' to explain the residual: the model lacks something that the motion was "
                 "bent to hide, and standard errors do not know of it (ident diagnose)"
             )
-            found.append(Finding("noise raised", text, number=self.raised, threshold=RAISED))
+            found.append(Finding("noise raised", text, number=self.raised, threshold=LOUD))
         if self.steps > 1 and not self.settled:
             text = (
                 f"the refined fit stopped after {self.steps} steps before it converged: the last "
@@ -107,7 +106,7 @@ class Likelihood(Displayed):
         Rows are whitened by noise that explains them, so (RᵀR)⁻¹ is a second witness, which does
         not hang on the few blocks of time that hold most of the information: the mean of both.
         """
-        if self.raised > RAISED:
+        if self.raised > LOUD:
             return cov
         return 0.5 * (cov + max(1.0, _squares_per_row(now)) * now.solution.C)
 
@@ -171,7 +170,7 @@ def weighed(
     at = Linearization.at(problem, found.x, problem.motion.experiments, None, on_progress)
     sigma = at.noise()[0]
     runs, now = at.whitened(found, sigma)
-    if _squares_per_row(now) <= EXPLAINED:
+    if _squares_per_row(now) <= LOUD**2:
         better = at.weighed(
             runs, now, Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x))
         )

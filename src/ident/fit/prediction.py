@@ -29,12 +29,12 @@ from ident.equations.unknowns import NOTHING, Point
 from ident.fit.problem import Problem
 from ident.information import linear
 from ident.information.blocks import Squares
-from ident.information.estimate import Estimate
+from ident.information.estimate import MATERIAL, Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import rigid_forces
 from ident.motion import Motion, State
 
-CHUNK = 2048  # samples whose regressor is in memory at once
+CHUNK = 2048  # work: samples whose regressor is in memory at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,9 +196,8 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
     )  # fmt: skip
 
 
-SAMPLES = 200  # of an experiment that are looked at
-MATTERS = 0.01  # share of a multiplier that priors may move unmentioned
-OPEN = 1e-8  # of the largest singular value of J: smaller ones leave a direction of λ open
+SAMPLES = 200  # work: of an experiment that are looked at
+OPEN = 1e-8  # numerics: of J's largest singular value: smaller ones leave a direction of λ open
 
 
 def identifiable_multipliers(mechanism: Mechanism, motion: Motion) -> np.ndarray:
@@ -248,7 +247,7 @@ def resting_on_priors(problem: Problem, estimate: Estimate) -> dict[str, list[st
     resting = {}
     for i, name in enumerate(names):
         order = np.argsort(-by[i])
-        mine = [columns.names[base.dependent[j]] for j in order if by[i, j] > MATTERS * size[i]]
+        mine = [columns.names[base.dependent[j]] for j in order if by[i, j] > MATERIAL * size[i]]
         if mine:
             resting[name] = mine
     return resting

@@ -49,12 +49,12 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, split
 from ident.motion import Motion
 
-FEWEST, MOST, LENGTH = 10, 96, 12  # blocks of a log, and rows that make one
-BOUNDLESS = 1e30  # stands for infinity, with which 0 may be multiplied
-TORQUE = 10.0  # times the largest torque, by which an effect's unknown is bounded
-TABLE = 20_000  # rows; of more, one in so many is kept: they decide, they are not fitted
-BLOCKS = 20  # of time, in all experiments together
-SMOOTH = 16.0  # samples a period of the cut-off at which smooth sensitivities are evaluated
+FEWEST, MOST, LENGTH = 10, 96, 12  # work: blocks of a log, and rows that make one
+BOUNDLESS = 1e30  # numerics: stands for infinity, with which 0 may be multiplied
+TORQUE = 10.0  # range: times the largest torque, by which an effect's unknown is bounded
+TABLE = 20_000  # work: rows; of more, one in so many is kept: they decide, they are not fitted
+BLOCKS = 20  # work: of time, in all experiments together
+SMOOTH = 16.0  # numerics: samples a period of the cut-off at which sensitivities are evaluated
 
 
 @dataclass(frozen=True, eq=False)

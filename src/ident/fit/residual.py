@@ -34,18 +34,18 @@ from ident.fit.residual_maps import (
 )
 from ident.fit.values import Model
 from ident.information.blocks import Error, Squares
-from ident.information.chance import credible_t, paired
+from ident.information.chance import LOUD, credible_t, paired
 from ident.motion import Motion
 from ident.motion.signals import runs
 from ident.text import stamp
 
-FAR = 1e4  # s, beyond which no experiment begins by its own clock
-ROUNDING = 1e-9  # of the torque: a smaller residual is none
-PARTS = 50  # of an experiment that one window is
-SHORTEST, LONGEST = 0.1, 1.0  # s, of a window
-WINDOW_LARGER = 2.0  # times the median of local rms values
-MOST = 5  # windows
-LEAST = 30  # rows from which an error away from reversals is one
+FAR = 1e4  # shown: s, beyond which no experiment begins by its own clock
+ROUNDING = 1e-9  # numerics: of the torque: a smaller residual is none
+PARTS = 50  # shown: of an experiment that one window is
+SHORTEST, LONGEST = 0.1, 1.0  # shown: s, of a window
+WINDOW_LARGER = 2.0  # shown: times the median of local rms values
+MOST = 5  # shown: windows
+LEAST = 30  # shown: rows from which an error away from reversals is one
 
 
 class Charted(Plotted):
@@ -68,9 +68,8 @@ class Charted(Plotted):
         return render(self, "plot_maps", joint)
 
 
-ANOTHER = 2.0  # times the squares that the same machine's noise may leave of another motion
-# the same of what a model leaves beyond noise: 11 of an unchanged arm whose model lacks its dry
-# friction, 27 of one with a part of it
+# tuned: times the squares that a model leaves beyond noise: 11 of an unchanged arm whose model
+# lacks its dry friction, 27 of one with a part of it
 MISFIT = 36.0
 
 
@@ -192,7 +191,7 @@ class Residual(Displayed):
         """Return the joints whose error is above that of `then`, the most first: by more than it
         differs between blocks of time and motions, not because the torque or the noise is larger.
 
-            e² > ANOTHER σ² + MISFIT (e_then² − σ²)        σ: noise; what else it left may grow more
+            e² > (LOUD σ)² + MISFIT (e_then² − σ²)        σ: noise; what else it left may grow more
         """
         if not then:
             return []
@@ -211,7 +210,7 @@ class Residual(Displayed):
             torque = self.parts["measured"][u]
             sigma = noise.get(joint) or 0.0
             least = max(old.rms, (old.relative or 0.0) * torque, sigma)
-            allowed = ANOTHER * sigma**2 + MISFIT * (least**2 - sigma**2)
+            allowed = (LOUD * sigma) ** 2 + MISFIT * (least**2 - sigma**2)
             usual = np.full(len(squares), allowed)
             if paired(np.array(squares), usual) > credible_t(len(then), len(squares)):
                 found[joint] = self.errors[joint].rms / max(old.rms, 1e-300)

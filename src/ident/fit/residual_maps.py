@@ -34,19 +34,18 @@ from ident.information.chance import surrogates
 from ident.information.hypotheses import PartialRegression
 from ident.motion import Motion, State
 
-KNOTS, KNOTS_WAVE, KNOTS_TIME = 9, 41, 4  # of a map; of a joint's own position; of time
-JOINTS = 12  # whose signals are compared
-LEAST = 0.03  # share of the residual's variance that a signal must explain to be mentioned
-SIMPLER = 0.02  # R² that is given up for the simpler map, or for the joint's own signal
-SIGNALS = 4  # of one joint
-DRAWS = 60  # surrogates of noise
-FEWEST = 20  # rows of which signals can be told
-MEMORY = 0.15  # autocorrelation beyond the filter's length that is always taken for noise
-ERRORS = 4.0  # or so many of its standard errors
-FARTHEST = 400  # lags of the autocorrelation
-UNFILTERED = 2  # lags at which differentiated noise of encoders is correlated without any filter
-FINER = 10  # samples a row at which the filter's own correlation is computed
-ROUNDING = 1e-9  # of a signal: a smaller change is none
+KNOTS, KNOTS_WAVE, KNOTS_TIME = 9, 41, 4  # work: of a map; of a joint's own position; of time
+JOINTS = 12  # work: whose signals are compared
+LEAST = 0.03  # tuned: share of the residual's variance that makes a signal, or another map, matter
+SIGNALS = 4  # shown: of one joint
+DRAWS = 60  # work: surrogates of noise
+FEWEST = 20  # work: rows of which signals can be told
+MEMORY = 0.15  # tuned: autocorrelation beyond the filter's length that is always taken for noise
+ERRORS = 4.0  # level: or so many of its standard errors
+FARTHEST = 400  # work: lags of the autocorrelation
+UNFILTERED = 2  # range: lags at which differentiated noise is correlated without any filter
+FINER = 10  # work: samples a row at which the filter's own correlation is computed
+ROUNDING = 1e-9  # numerics: of a signal: a smaller change is none
 
 Signal = Callable[[str], tuple[Sequence[np.ndarray], str]]
 
@@ -226,7 +225,7 @@ def depends_on(
         g = asked.explained(gains.by) * left / total
         if g.max() <= threshold or len(steps) == SIGNALS:
             break
-        near = np.flatnonzero(g >= g.max() - SIMPLER)
+        near = np.flatnonzero(g >= g.max() - LEAST)
         pick = min(near, key=lambda k: (len(groups[rest[k]]), rest[k]))
         chosen = rest.pop(pick)
         now = now.extended(groups[chosen])
@@ -234,13 +233,15 @@ def depends_on(
     return sorted(steps, key=lambda each: -each.r2), threshold
 
 
-ALIKE_PERIODS = 0.98  # likeness of two periods of one motion
-APART = 0.5  # likeness below which the motion has left where it was
-MOVING = 0.05  # share of samples in which a joint moves, for it to count
-FINE = 16  # samples a period of the motion's bandwidth, from which periods are found
-LONGEST = 0.6  # of a log, of its period: a motion that is made twice loses its ends
-FEWEST_PAIRS = 16  # samples, and pairs of rows, from which repetition can be determined
-CHANCE = 0.4  # correlation between periods that the noise of good logs has
+# tuned: correlation of what is alike: periods of a motion, torques (URDFs 15 % off: 0.998, a load:
+# 0.92)
+ALIKE = 0.98
+APART = 0.5  # level: likeness below which the motion has left where it was
+MOVING = 0.05  # tuned: share of samples in which a joint moves, for it to count
+FINE = 16  # work: samples a period of the motion's bandwidth, from which periods are found
+LONGEST = 0.6  # range: of a log, of its period: a motion that is made twice loses its ends
+FEWEST_PAIRS = 16  # work: samples, and pairs of rows, from which repetition can be determined
+CHANCE = 0.4  # tuned: correlation between periods that the noise of good logs has
 
 
 @dataclass(frozen=True)
@@ -356,7 +357,7 @@ def period_of(e: State, joints: np.ndarray, bandwidth: float) -> float | None:
         return None
     likeness = np.min([_likeness(y[:, i]) for i in joints[moves]], axis=0)
     inner = likeness[1:-1]
-    peak = (inner >= likeness[:-2]) & (inner >= likeness[2:]) & (inner >= ALIKE_PERIODS)
+    peak = (inner >= likeness[:-2]) & (inner >= likeness[2:]) & (inner >= ALIKE)
     away = np.flatnonzero(likeness < APART)
     lags = 1 + np.flatnonzero(peak)
     lags = lags[lags > away[0]] if len(away) else lags[:0]

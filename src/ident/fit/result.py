@@ -42,8 +42,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Covariance
 from ident.motion import Motion
 
-LONG = 40  # characters of a name that tells where each effect is
-ROUNDING = 1e-6  # relative error below which a residual is that of rounding and interpolation
+LONG = 40  # shown: characters of a name that tells where each effect is
+ROUNDING = 1e-6  # numerics: relative error below which a residual is rounding and interpolation
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -26,12 +26,13 @@ from ident.information.estimate import Estimate, estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
-STEPS = 15
-HALVES = 5
-PASSES = 2  # over what depends on the model's own prediction
-LONGEST = 0.3  # of a shape's range, the longest step
-OF_VALUE, OF_ERROR = 1e-6, 1e-4  # of a value, and of its standard error: a smaller step is the last
-SAME = 1e-12  # of the sum of squares of all terms, within which two errors are the same
+STEPS = 15  # work
+HALVES = 5  # work
+PASSES = 2  # work: over what depends on the model's own prediction
+LONGEST = 0.3  # numerics: of a shape's range, the longest step
+# numerics: of a value, and of its standard error: a smaller step is the last
+OF_VALUE, OF_ERROR = 1e-6, 1e-4
+SAME = 1e-12  # numerics: of the sum of squares of all terms, within which two errors are the same
 
 
 def working_point(

@@ -29,19 +29,17 @@ from ident.fit.channel_fits import HALF, ROUNDING, ROUNDS, SMALL, columns_of
 from ident.fit.problem import Table
 from ident.information import linear
 from ident.information.blocks import Part
-from ident.information.chance import credible_t, zscore
-from ident.information.estimate import Estimate
+from ident.information.chance import RIVAL, credible_t, zscore
+from ident.information.estimate import MATERIAL, Estimate
 from ident.information.hypotheses import Array, PartialRegression
 from ident.information.projection import RANK
+from ident.motion.signals import SLOW
 
-SLOW = 0.03  # share of a joint's top speed below which it counts as reversing
-GUARD = 0.06  # s on either side that are left out; 0.3 periods of the motion, where that is less
-ENOUGH = 0.5  # share of a coordinate's rows that must stay
-FEWEST = 30  # rows at reversals that tell how well they fit
-RIVAL = 2.0  # standard errors by which a common delay must do better without any one joint
-FAINT = 0.01  # weight of a row there, by which what only such rows determine stays as it is
-WORSE = 4.0  # squared residual of a row there over that of the others, from which they fit worse
-MATTERS = 0.003  # rms of the residual there over that of the torque, as `material` of a diagnosis
+GUARD = 0.06  # tuned: s on either side that are left out; at most 0.3 periods of the motion
+ENOUGH = 0.5  # level: share of a coordinate's rows that must stay
+FEWEST = 30  # work: rows at reversals that tell how well they fit
+FAINT = 0.01  # numerics: weight of a row there: what only such rows determine stays as it is
+WORSE = 4.0  # tuned: squared residual there over that elsewhere, from which these rows fit worse
 
 
 def away_from_reversals(table: Table) -> np.ndarray:
@@ -85,7 +83,7 @@ def misfit_at_reversals(table: Table, away: np.ndarray, x: np.ndarray) -> np.nda
         if near.sum() < FEWEST or not calm.any():
             continue
         there, elsewhere = (float(squares[rows, u].mean()) for rows in (near, calm))
-        if there > MATTERS**2 * float((table.tau[informed, u] ** 2).mean()):
+        if there > MATERIAL**2 * float((table.tau[informed, u] ** 2).mean()):
             found[u] = there / max(elsewhere, 1e-300)
     return found
 
@@ -118,7 +116,7 @@ def moved_by_reversals(
 
 # --- a common delay ---------------------------------------------------------------------------
 
-GAP = 1.5  # usual steps from one row to the next, beyond which no rate is taken
+GAP = 1.5  # numerics: usual steps from one row to the next, beyond which no rate is taken
 
 
 @dataclass(frozen=True)
@@ -224,6 +222,8 @@ def common_delay(
 def _rates(table: Table, torque: Array) -> Array:
     """Rates (N, d) of torques (N, d) in a table's rows; 0 where a row stands alone."""
     step, rates = np.diff(table.t), np.zeros_like(torque)
+    if not len(step):
+        return rates
     cut = (step <= 0) | (step > GAP * np.median(step)) | (np.diff(table.experiment) > 0)
     for a, b in pairwise([0, *(np.flatnonzero(cut) + 1), len(torque)]):
         if b - a > 1:

@@ -21,16 +21,16 @@ from scipy.special import ndtri
 from ident.display import Displayed
 from ident.effects import Effect
 from ident.equations.unknowns import Columns, Point
+from ident.information.chance import ALPHA
 from ident.information.estimate import Base, Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, beyond_centroidal, unit_of
 from ident.motion import Motion
 from ident.text import rounded
 
-STRONG = 0.95  # |r| at which two parameters are known only together
-ALPHA = 0.01  # chance that one of all unchanged parameters is named as changed
-SAME = 1e-4  # of a combination's coefficients, which names state with six digits
-EXACT = 1e-6  # of a value: a change below is that of rounding and interpolation
+STRONG = 0.95  # level: |r| at which two parameters are known only together
+SAME = 1e-4  # numerics: of a combination's coefficients, which names state with six digits
+EXACT = 1e-6  # numerics: of a value: a change below is that of rounding and interpolation
 TERM = re.compile(r"(?:^| ([+-]) )(?:([\d.e+-]+) )?(\S+)")
 
 

@@ -34,15 +34,15 @@ from ident.mechanism.urdf import MOST, parse_xml, words
 if TYPE_CHECKING:
     import mujoco
 
-DOT = 1e-3  # [m] radius of a sphere in the place of a missing mesh
-DEEPEST = 20  # includes within includes
-SHOWN = 2  # the last group of shapes that MuJoCo shows unasked
-SLIDE, HINGE = 2, 3  # mjtJoint; before them free and ball, of several coordinates
+DOT = 1e-3  # range: [m] radius of a sphere in the place of a missing mesh
+DEEPEST = 20  # work: includes within includes
+SHOWN = 2  # range: the last group of shapes that MuJoCo shows unasked
+SLIDE, HINGE = 2, 3  # range: mjtJoint; before them free and ball, of several coordinates
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(2, 8)  # mjtGeom
 CONNECT, WELD, JOINT = range(3)  # mjtEq
 OTHER_EQUALITIES = {3: "tendon", 4: "flex"}
-SITE = 6  # mjtObj
-BY_JOINT, BY_TENDON = (0, 1), 3  # mjtTrn
+SITE = 6  # range: mjtObj
+BY_JOINT, BY_TENDON = (0, 1), 3  # range: mjtTrn
 
 
 def read_mjcf(path: Path, data: bytes) -> Description:

@@ -21,7 +21,7 @@ from ident.errors import LogError, one_of
 from ident.log.table import RawTable, check_name
 
 JOINTS = "sensor_msgs/JointState"
-LARGEST = 20_000_000  # messages; at 1 kHz five hours
+LARGEST = 20_000_000  # work: messages; at 1 kHz five hours
 Groups = Mapping[tuple[str, tuple[str, ...]], pl.DataFrame]
 """By topic and columns: received, stamp [ns] (0: none) and the values [SI] of each message."""
 

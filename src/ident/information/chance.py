@@ -42,10 +42,20 @@ from ident.information.blocks import Information, Squares
 from ident.information.estimate import Estimate, estimate
 from ident.information.linear import Array, Triangle
 
-ALIKE = 1.3  # standard errors of no correlation beyond which neighbouring blocks are alike
-LASTING = 0.8  # the most by which a block is believed to resemble the one before
-ALPHA = 0.01  # chance that a fault is named where nothing is wrong
-FEWEST_SQUARES = 3.0  # ν below which the t-distribution's width means nothing
+ALIKE = 1.3  # level: standard errors of no correlation beyond which neighbouring blocks are alike
+LASTING = 0.8  # tuned: the most by which a block is believed to resemble the one before
+ALPHA = 0.01  # level: chance that anything is named where nothing is missing, wrong or changed
+RIVAL = 2.0  # level: standard errors of a paired difference within which two are rivals
+NEGATIVE = 2.0  # level: standard errors from zero at which a value has a sign
+CERTAIN = 3.0  # level: the same where a sign that cannot be is no accident
+LOUD = 1.25  # tuned: times a noise or an error, from which something is more than that
+PARSIMONY = 0.1  # tuned: share of the best gain within which fewer numbers are preferred
+MINE = 0.1  # tuned: share of a fall or a lever, with which a coordinate belongs to a cause
+# tuned: times what is known (a noise, a named change), beyond which there is more; residuals of
+# good logs are 0.5 to 1.3 times the sensors' noise
+BEYOND = 3.0
+LEAVES = 0.3  # tuned: relative error at which nothing is explained: no cause or closure leaves it
+FEWEST_SQUARES = 3.0  # level: ν below which the t-distribution's width means nothing
 
 Times = Sequence[tuple[int, int]]  # (log, block)
 
@@ -169,8 +179,8 @@ def _pairs(times: Times, lag: int) -> tuple[list[int], list[int]]:
     return first, [i + lag for i in first]
 
 
-FOLDS = 10
-ROUNDING = 1e-9  # of the torque, below which an error is none
+FOLDS = 10  # work
+ROUNDING = 1e-9  # numerics: of the torque, below which an error is none
 
 
 def rise(after: Squares, before: Squares) -> float:
@@ -245,9 +255,9 @@ def without_each(triangles: Sequence[Triangle]) -> list[Triangle]:
 
 
 TINY = float(np.finfo(np.float32).tiny)
-TOGETHER = 10  # series that are in memory in double precision at once
-SMOOTH = 9  # frequencies over which power is averaged: noise has no lines
-LEAST = 0.05  # the least share: where nearly all is lost, nothing is known of the noise
+TOGETHER = 10  # work: series that are in memory in double precision at once
+SMOOTH = 9  # work: frequencies over which power is averaged: noise has no lines
+LEAST = 0.05  # numerics: the least share: where nearly all is lost, nothing is known of the noise
 
 
 def surrogates(

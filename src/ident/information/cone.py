@@ -23,9 +23,9 @@ from scipy.linalg import lapack
 from ident.errors import FitError
 from ident.information.linear import Array, Triangle
 
-TOLERANCE = 1e-9
-PASSES, ABOUT, HEAVIEST = 4, 1e-2, 1e24  # of the cost's weight
-POSSIBLE = 1e-7  # of a limit's scale: a smaller shortfall is the solver's, not the limits'
+TOLERANCE = 1e-9  # numerics
+PASSES, ABOUT, HEAVIEST = 4, 1e-2, 1e24  # numerics: of the cost's weight
+POSSIBLE = 1e-7  # numerics: of a limit's scale: a smaller shortfall is the solver's
 SLACK = {"psd": 5e-7, "nonnegative": 1e-7, "zero": 1e-7}  # of a limit's scale: a smaller breach is
 # rounding; half of the margin by which matrices are asked to be definite (`fit.consistency`)
 ROOT2 = float(np.sqrt(2.0))

@@ -23,7 +23,7 @@ from ident.information import linear
 from ident.information.linear import Array, Triangle
 
 _EPS = float(np.finfo(float).eps)
-_NULL = 1e-12  # of its reference magnitude: a column, or what is left of one, is null below this
+_NULL = 1e-12  # numerics: of its reference: what is left of a column is null below this
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +121,12 @@ def solve(triangle: Triangle, base: Base, prior: ArrayLike | None = None) -> Sol
     return Solution(x=x, beta=beta, C=inverse @ inverse.T)
 
 
-FLOOR = 0.003  # of a joint's terms: a smaller residual weighs no more, lest rows ask for no inertia
-TOLERANCE = 1e-8  # share of a column that must be new for its unknown to count as identifiable
-CLEAR = 6.0  # standard errors from its prior at which an unknown is no work of noise
-ITERATIONS = 12
+# tuned: share of a torque (rms) or a multiplier, below which nothing matters: neither an effect nor
+# a residual; a joint that is trusted better would ask for no inertia
+MATERIAL = 0.003
+TOLERANCE = 1e-8  # numerics: share of a column that must be new for its unknown to count
+CLEAR = 6.0  # level: standard errors from its prior at which an unknown is no work of noise
+ITERATIONS = 12  # work
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,9 +175,9 @@ def estimate(
     """Solve weighted least squares over coordinates.
 
     The first solve weighs all coordinates alike. It shows how large the terms are that add up in
-    each, and no coordinate is later trusted better than FLOOR of that: a joint that swings freely
-    has next to no torque but large terms that cancel, and weighed by its small residual it would
-    ask for no inertia at all.
+    each, and no coordinate is later trusted better than MATERIAL of that: a joint that swings
+    freely has next to no torque but large terms that cancel, and weighed by its small residual it
+    would ask for no inertia at all.
 
     Args:
         totals: one triangle a coordinate, on all k columns.
@@ -207,7 +209,7 @@ def estimate(
             held = np.zeros(len(prior), dtype=bool)  # decided anew with weights that are right
             before = np.minimum(term_sizes(totals, prior), 10 * largest)
             after = term_sizes(totals, solution.x)
-            floor = FLOOR * np.maximum(np.maximum(after, before), torque)
+            floor = MATERIAL * np.maximum(np.maximum(after, before), torque)
         new = np.maximum(_residuals(totals, solution), floor)
         new = np.where(new > 0, new, largest)
         converged = step > 0 and np.abs(np.log(new / weights)).max() < 1e-3

@@ -29,7 +29,7 @@ from ident.information.blocks import Part, columns_at, places
 from ident.information.linear import Array, Index
 from ident.information.projection import VISIBLE, Projection
 
-TOGETHER = 64  # columns that are projected at once
+TOGETHER = 64  # work: columns that are projected at once
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,8 +29,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Columns = Index | NDArray[np.bool_] | list[int]
 
-_PIECE = 512  # rows reduced at a time: the piece and the triangle stay in the cache
-_PANEL = 16  # columns LAPACK handles as one block
+_PIECE = 512  # work: rows reduced at a time: the piece and the triangle stay in the cache
+_PANEL = 16  # work: columns LAPACK handles as one block
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +223,7 @@ def _check_finite(*arrays: Array) -> None:
 
 # --- many small products at once ----------------------------------------------------------------
 
-UNDETERMINED = 1e-8  # of 1: a direction that only the left-out block excites is not predicted in it
+UNDETERMINED = 1e-8  # numerics: of 1: a direction of the left-out block alone is not predicted
 
 
 def inverse(H: Array) -> Array:

@@ -23,9 +23,9 @@ from ident.information import linear
 from ident.information.blocks import Information, Part
 from ident.information.linear import Array, Index
 
-RANK = 1e-8  # of the largest singular value of unit columns: below, a direction is rounding
-VISIBLE = 1e-4  # share of a column that must be new; squares of less are rounding
-EXACT = 1e-6  # of the squares that a coordinate's weight expects: what is below is explained
+RANK = 1e-8  # numerics: of unit columns' largest singular value: below, it is rounding
+VISIBLE = 1e-4  # numerics: share of a column that must be new; squares of less are rounding
+EXACT = 1e-6  # numerics: of the squares that a weight expects: what is below is explained
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ from ident.errors import FitError
 from ident.information import linear
 from ident.information.linear import Array, Index, Triangle
 
-_ROUND = 1e-9  # of a spacing: times this far outside the span are rounding, not extrapolation
+_ROUND = 1e-9  # numerics: of a spacing: times this far outside the span are rounding
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,8 @@ class Basis:
         return lam
 
 
-TOLERANCE = 1e-9  # of max|L|: what equations weigh less, they do not determine
-CLOSE = 1e3  # a pivot above this many tolerances hides no singular value below one
+TOLERANCE = 1e-9  # numerics: of max|L|: what equations weigh less, they do not determine
+CLOSE = 1e3  # numerics: a pivot above this many tolerances hides no singular value below one
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,13 +27,13 @@ import json
 import re
 from dataclasses import replace
 
-FEWEST_SAMPLES = 10
-# [s] a log of more than 100 samples with a median step outside is not in seconds: no machine is
-# logged that slowly, and drives compute their torque at 50 kHz at most
+FEWEST_SAMPLES = 10  # range
+# range: [s] a log of more than 100 samples with a median step outside is not in seconds: no machine
+# is logged that slowly, and drives compute their torque at 50 kHz at most
 SHORTEST_STEP, LONGEST_STEP = 2e-5, 0.5
-USUAL_RATES = (10.0, 100e3)  # [Hz]
-SMALLER_UNITS = (1e-3, 1e-6, 1e-9)  # [s] ms, us, ns
-DIVIDED = (1e3, 1e6)  # of stamps that were divided once too often
+USUAL_RATES = (10.0, 100e3)  # range: [Hz]
+SMALLER_UNITS = (1e-3, 1e-6, 1e-9)  # range: [s] ms, us, ns
+DIVIDED = (1e3, 1e6)  # range: of stamps that were divided once too often
 TIME_NAME = re.compile(r"time|stamp|clock|^t([^a-z]|$)|^(ts|secs?|seconds)$|_(ms|us|ns)$", re.I)
 WORDS = {  # in names of columns that are a joint's position, speed or torque
     "q": re.compile(r"pos|angle|(?<![a-z])q(?![a-z])", re.I),

@@ -42,9 +42,9 @@ from ident.log.storage import (
 )
 from ident.log.table import EMPTY, Column, RawTable, first_tick, renamed, table_of
 
-BLOCK = 1 << 24  # bytes of a text that are in memory together
-HEAD = 1 << 16  # bytes of a text from which its number of rows is estimated
-STRIDE = 1024  # rows of a CSV file from one kept place to the next
+BLOCK = 1 << 24  # work: bytes of a text that are in memory together
+HEAD = 1 << 16  # work: bytes of a text from which its number of rows is estimated
+STRIDE = 1024  # work: rows of a CSV file from one kept place to the next
 
 
 Rows = Callable[[int, int], RawTable]
@@ -201,9 +201,9 @@ def likely_rows(path: str | os.PathLike[str]) -> int:
     return 0
 
 
-PIECE = 1 << 16  # bytes read at once
-WAIT = 0.05  # [s] between two looks at what does not grow
-HEADER = 1 << 20  # bytes in which the header must be
+PIECE = 1 << 16  # work: bytes read at once
+WAIT = 0.05  # work: [s] between two looks at what does not grow
+HEADER = 1 << 20  # work: bytes in which the header must be
 
 
 @dataclass(frozen=True, eq=False)

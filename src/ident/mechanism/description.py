@@ -20,8 +20,8 @@ from ident.errors import MechanismError
 from ident.files import OWN, reader_of, regular
 from ident.mechanism.urdf import parse_urdf, parse_xml, words
 
-LARGEST = 50_000_000  # bytes of a file
-UNLIMITED = 1e9  # what a URDF states where there is no limit
+LARGEST = 50_000_000  # work: bytes of a file
+UNLIMITED = 1e9  # range: what a URDF states where there is no limit
 FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf"}  # by root element
 
 

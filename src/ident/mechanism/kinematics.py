@@ -19,9 +19,9 @@ from ident.information import linear
 from ident.mechanism.closures import Closure, Constraint, OwnJoint
 from ident.mechanism.tree import placements, rates
 
-CHUNK = 4096  # samples a CasADi call maps over
-MAPS = 64  # numbers of samples for which mapped functions are cached
-LARGEST_STEP = 0.5  # [rad | m] of one of Newton's steps
+CHUNK = 4096  # work: samples a CasADi call maps over
+MAPS = 64  # work: numbers of samples for which mapped functions are cached
+LARGEST_STEP = 0.5  # numerics: [rad | m] of one of Newton's steps
 
 
 @dataclass(frozen=True)

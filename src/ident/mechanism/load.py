@@ -36,8 +36,8 @@ from ident.mechanism.urdf import lock, numbers, parse_urdf
 from ident.text import listed
 
 TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
-GRAVITY = (0.0, 0.0, -9.81)  # [m/s²]
-LIMITLESS = 1e8  # from which a limit of a URDF is none
+GRAVITY = (0.0, 0.0, -9.81)  # range: [m/s²]
+LIMITLESS = 1e8  # range: from which a limit of a URDF is none
 CHANNELS = ("q", "v", "a", "tau")
 WORDS = re.compile(
     r"hand|finger|thumb|gripper|knuckle|jaw|claw|(?<![a-z])(index|middle|pinky)(?![a-z])", re.I
@@ -402,7 +402,7 @@ def unlogged_hands(mechanism: Mechanism, columns: Iterable[str]) -> tuple[str, .
     return tuple(model.names[i] for i in sorted(hands) if model.names[i] in mechanism.driven)
 
 
-HALF_TURN = np.pi + 0.01  # [rad] with room for limits written as 3.15
+HALF_TURN = np.pi + 0.01  # range: [rad] with room for limits written as 3.15
 
 
 def absolute(mechanism: Mechanism) -> Mechanism:

@@ -22,9 +22,9 @@ from ident.mechanism.closures import Closure
 from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.parameters import Bodies, Consistency, Covariance, dynamic_parameters
 
-CLOSED = 1e-9  # [rad | m] of Φ up to which a loop is assembled
-AWAY = 0.05  # [rad | m] from the assembled configuration to one in general position
-SHORTEST = 1e-6  # [m] of a length of the drawing that may be wrong
+CLOSED = 1e-9  # numerics: [rad | m] of Φ up to which a loop is assembled
+AWAY = 0.05  # range: [rad | m] from the assembled configuration to one in general position
+SHORTEST = 1e-6  # numerics: [m] of a length of the drawing that may be wrong
 DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
 
 

@@ -284,8 +284,8 @@ def pseudo_inertia(pi: Sequence[float] | np.ndarray) -> np.ndarray:
 
 # --- Γ --------------------------------------------------------------------------------------------
 
-TURNED = 128  # samples whose Γ fits into a processor's cache while axes are exchanged
-FAR = 1e3  # [m] a centre of mass beyond belongs to a mass of rounding error
+TURNED = 128  # work: samples whose Γ fits into a processor's cache while axes are exchanged
+FAR = 1e3  # range: [m] a centre of mass beyond belongs to a mass of rounding error
 
 
 def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from ident.errors import MechanismError, one_of
 from ident.files import HUGE
 from ident.mechanism.parameters import about_origin, split
 
-MOST = 500  # joints, those that are fixed among them
+MOST = 500  # work: joints, those that are fixed among them
 TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating")
 SEVERAL = {  # joints of several coordinates, and what they are a chain of; free and ball of MuJoCo
     "floating": "three prismatic and three revolute", "planar": "two prismatic and one revolute",

@@ -23,14 +23,14 @@ from ident.information import linear
 from ident.mechanism.kinematics import ConstraintRows
 from ident.mechanism.mechanism import Mechanism
 
-STRIDE = 32  # samples between the anchors that are solved one after the other
-CLOSED = 1e-11  # [m | rad] largest equation that Newton leaves
-OPEN = 1e-10  # [m | rad] largest equation at which a configuration counts as closed
-STEPS = 12
-FARTHEST = 1000.0  # [rad | m] from the start to the sample nearest to it; beyond, a unit is wrong
-BENT = 0.2  # share of a step by which it may differ from the prediction of the tangents at its ends
-LEAP = 20.0  # [rad | m] from one sample to the next
-PARALLEL = 1e-6  # sine of the angle between axes that are meant to be parallel
+STRIDE = 32  # work: samples between the anchors that are solved one after the other
+CLOSED = 1e-11  # numerics: [m | rad] largest equation that Newton leaves
+OPEN = 1e-10  # numerics: [m | rad] largest equation at which a configuration counts as closed
+STEPS = 12  # work
+FARTHEST = 1000.0  # range: [rad | m] from the start to the nearest sample; beyond, a unit is wrong
+BENT = 0.2  # numerics: share of a step by which the tangents at its ends may mispredict it
+LEAP = 20.0  # range: [rad | m] from one sample to the next
+PARALLEL = 1e-6  # numerics: sine of the angle between axes that are meant to be parallel
 
 
 def pseudo_inverse(K: np.ndarray) -> np.ndarray:

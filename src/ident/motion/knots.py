@@ -28,16 +28,16 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import regressor
 from ident.motion.closures import best_conditioned
 from ident.motion.recipe import Band
-from ident.motion.signals import LogSignals, runs
+from ident.motion.signals import SLOW, LogSignals, runs
 from ident.motion.smoothing import FEWEST, Derived, finest
-from ident.motion.spline import INCONSISTENT, basis_over, fitted
+from ident.motion.spline import LOUD, basis_over, fitted
 from ident.motion.state import State
 
-STEPS = 5  # of the alternation between δ and the sizes of both noises
-STRETCHES = 10  # of a log, lest one jump decides
-PREDICTED = 0.2  # share of a joint's squared r that the others must predict, in half of all cases
-ROUGH = 0.3  # of 2 δ² that its steps must be: what a spline misses of a corner is smooth
-SLOWEST = 0.05  # share of the top speed below which positions say nothing of time
+STEPS = 5  # work: of the alternation between δ and the sizes of both noises
+STRETCHES = 10  # work: of a log, lest one jump decides
+# tuned: share of a joint's squared r that the others must predict, in half of all cases
+PREDICTED = 0.2
+ROUGH = 0.3  # tuned: of 2 δ² that its steps must be: what a spline misses of a corner is smooth
 
 
 def without_time_errors(
@@ -76,7 +76,7 @@ def common(r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """δ (n,) [s] of residuals r and speeds v (n, J), and by stretch of time and joint the share
     (STRETCHES, J) of its squared residual that the others' δ predicts.
     """
-    v = np.where(np.abs(v) > SLOWEST * np.abs(v).max(axis=0), v, 0.0)
+    v = np.where(np.abs(v) > SLOW * np.abs(v).max(axis=0), v, 0.0)
     noise, spread = (r**2).mean(axis=0) + 1e-300, np.inf
     for _ in range(STEPS):
         up, down = v * r / noise, v**2 / noise
@@ -91,19 +91,18 @@ def common(r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return error, np.array([1 - left / (all_ + 1e-300) for left, all_ in squares])
 
 
-STEP = 2.0  # ratio of one spacing that is tried to the next
-FINER, COARSER = 4, 3  # steps from the present spacing that are tried
-ALIKE = 0.02  # share by which errors must fall for other knots than the present ones
-ROWS = 250  # filtered rows of a coordinate, at least: a dozen in each of a diagnosis's 20 blocks
-OVERSAMPLING = 4.0  # filtered rows a period of the cut-off, as `equations.filter` keeps them
-CLOSEST = 1.01  # times the closest knots: no further than rounding
-FILTER = 7.3  # knots that the filter of `equations.filter` spans at the cut-off of knots
-LOST = 2.0  # lengths of the filter that the usual run between gaps must last
-SAMPLES = 1000  # of a log, at which torques are predicted
-FOLDS = 10  # stretches of time that are left out in turn
-SLOW = 0.01  # share of a joint's top speed below which its dry friction is gradual
-ROUNDING = 1e-9  # of the largest torque
-EQUATIONS = 12_000  # of all joints: of a mechanism with more than twelve fewer samples are taken
+STEP = 2.0  # work: ratio of one spacing that is tried to the next
+FINER, COARSER = 4, 3  # work: steps from the present spacing that are tried
+ALIKE = 0.02  # tuned: share by which errors must fall for other knots than the present ones
+ROWS = 250  # work: filtered rows of a coordinate, at least: a dozen in each of 20 blocks
+OVERSAMPLING = 4.0  # level: filtered rows a period of the cut-off, as `equations.filter` keeps them
+CLOSEST = 1.01  # numerics: times the closest knots: no further than rounding
+FILTER = 7.3  # level: knots that the filter of `equations.filter` spans at the cut-off of knots
+LOST = 2.0  # range: lengths of the filter that the usual run between gaps must last
+SAMPLES = 1000  # work: of a log, at which torques are predicted
+FOLDS = 10  # work: stretches of time that are left out in turn
+ROUNDING = 1e-9  # numerics: of the largest torque
+EQUATIONS = 12_000  # work: of all joints: with more than twelve fewer samples are taken
 
 
 def doubtful(derived: Sequence[Derived], band: Band) -> bool:
@@ -114,7 +113,7 @@ def doubtful(derived: Sequence[Derived], band: Band) -> bool:
         each.smooth is not None
         and (
             each.smooth.spacing <= CLOSEST * max(finest(band, each.smooth.channels), band.knots[0])
-            or any(c.spacing and c.residual > INCONSISTENT * c.noise for c in each.table)
+            or any(c.spacing and c.residual > LOUD * c.noise for c in each.table)
         )
         for each in derived
     )

@@ -11,6 +11,7 @@ import numpy as np
 
 from ident.display import Displayed, Progress, render
 from ident.errors import LogError, MotionError, one_of
+from ident.information.chance import BEYOND, LEAVES
 from ident.log import Log, read_log
 from ident.log.log import NoTime, entries_for, entry_for
 from ident.log.read import distinct
@@ -37,13 +38,11 @@ from ident.motion.state import State, wrenches
 from ident.text import some
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
-AGREE = 1e-9  # share of its motion below which a logged joint differs by rounding only
-TWICE = 2.0  # times the noise of a rate: a larger residual contradicts other channels
-MOSTLY = 0.5  # of a residual's squares that steps make, from which it is theirs
-NEAREST = 0.1  # periods of a given cut-off between two knots: the least of automatic choices
-CONTRADICTION = 0.3  # share of its own motion by which a logged joint may miss the closures
-ROUNDING = 1e-6  # of a sampling step, within which two times are the same
-LISTED = 4  # cuts near singular positions that a note lists
+AGREE = 1e-9  # numerics: share of its motion below which a logged joint differs by rounding only
+MOSTLY = 0.5  # level: of a residual's squares that steps make, from which it is theirs
+NEAREST = 0.1  # work: periods of a given cut-off between two knots: the least of automatic choices
+ROUNDING = 1e-6  # numerics: of a sampling step, within which two times are the same
+LISTED = 4  # shown: cuts near singular positions that a note lists
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -401,7 +400,7 @@ def state_of(
     rough = {
         c.column: c.residual / c.noise
         for c in experiment.channels
-        if c.spacing and c.residual > TWICE * c.noise and not c.column.startswith("q.")
+        if c.spacing and c.residual > BEYOND * c.noise and not c.column.startswith("q.")
     }
     if rough:
         notes.append(
@@ -457,7 +456,7 @@ def _disagreements(
         # noise of this column is no contradiction, nor is any part of its spread a motion
         noise = min(experiment.noise.get(f"q.{name}", 0.0), spread)
         own = float(np.sqrt(spread**2 - noise**2))
-        if rms > CONTRADICTION * own + 1.5 * noise:
+        if rms > LEAVES * own + 1.5 * noise:
             raise MotionError(
                 f"{note}, while it moves by {spread:.3g} rms: the positions contradict the "
                 "closures; check sign, unit and zero of this column and the closures' frames"

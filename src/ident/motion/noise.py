@@ -6,12 +6,13 @@ from math import comb
 
 import numpy as np
 
-ORDER = 6  # of the difference that leaves little but noise
-COLOURED = 1.3  # times the noise from sample to sample: more over several samples is not white
-POWER = 0.999  # share of the velocities' power that is the motion's
-VISIBLE = 200.0  # times the mean power of noise; real noise (quantised, jittering) is not white
-GRAINS = 20  # changes of a signal from which its quantisation can be known
-MOST = 1000.0  # steps between two samples beyond which multiples are no sign of anything
+from ident.information.chance import LOUD
+
+ORDER = 6  # numerics: of the difference that leaves little but noise
+POWER = 0.999  # range: share of the velocities' power that is the motion's
+VISIBLE = 200.0  # tuned: times the mean power of noise; real noise (steps, jitter) is not white
+GRAINS = 20  # work: changes of a signal from which its quantisation can be known
+MOST = 1000.0  # numerics: steps between two samples beyond which multiples are no sign of anything
 
 
 def noise_level(x: np.ndarray) -> float:
@@ -41,7 +42,7 @@ def is_white(x: np.ndarray, longest: int) -> bool:
             difference = difference[k:] - difference[:-k]
         sizes.append(float(np.median(np.abs(difference))))
         k *= 2
-    return len(sizes) > 1 and max(sizes) < COLOURED * sizes[0]
+    return len(sizes) > 1 and max(sizes) < LOUD * sizes[0]
 
 
 def noise_share(x: np.ndarray, differences: int = 0) -> float:

@@ -27,16 +27,16 @@ from ident.motion.signals import Clock, LogSignals
 from ident.motion.state import HOPELESS, State, largest_nearness, nearness
 
 AUTO = "auto"
-CLEAN = 1e-3  # share of noise below which a channel is taken as it is
-NOISY = 0.02  # share of noise in an acceleration that the filter may let pass
-ROWS_OVER_MOTION = 5.0  # cut-off of the rows' filter over the motion's bandwidth
-ROWS_OVER_MOTION_LEAST = 2.0  # the same where accelerations are noisy
-SMOOTH_OVER_MOTION = 10.0  # resolution of smoothing over the motion's bandwidth
-WHITE = 1 / 3  # of that resolution: differences over longer times may hold motion
-STILL = 0.004  # share of a joint's top speed below which it counts as standing still
-NOISE = 4.0  # or so many times the noise of speeds, where that is more
-HARDLY = 0.5  # noise that is this share of the top speed is all that moves the joint
-LOOKED_AT = 500  # samples from which the closures' transmission is taken
+CLEAN = 1e-3  # tuned: share of noise below which a channel is taken as it is
+NOISY = 0.02  # tuned: share of noise in an acceleration that the filter may let pass
+ROWS_OVER_MOTION = 5.0  # tuned: cut-off of the rows' filter over the motion's bandwidth
+ROWS_OVER_MOTION_LEAST = 2.0  # tuned: the same where accelerations are noisy
+SMOOTH_OVER_MOTION = 2.0 * ROWS_OVER_MOTION  # level: of splines: twice what the rows' filter passes
+WHITE = 1 / 3  # tuned: of that resolution: differences over longer times may hold motion
+STILL = 0.004  # tuned: share of a joint's top speed below which it counts as standing still
+NOISE = 4.0  # level: or so many times the noise of speeds, where that is more
+HARDLY = 0.5  # level: noise that is this share of the top speed is all that moves the joint
+LOOKED_AT = 500  # work: samples from which the closures' transmission is taken
 
 
 @dataclass(frozen=True)

@@ -18,24 +18,24 @@ from ident.motion.noise import grain, noise_level
 
 PREFIXES = ("q", "v", "a", "tau", "wrench")
 ORDERS = "qva"
-LARGEST = 1e30  # in any unit; what some loggers write for "no value" lies beyond
-# times the 99 % quantile of a signal's distance from its median: no sensor's range is so much
-# larger than what it measures
+LARGEST = 1e30  # range: in any unit; what some loggers write for "no value" lies beyond
+# tuned: times the 99 % quantile of a signal's distance from its median: no sensor's range is so
+# much larger than what it measures
 ABSURD = 30.0
-ENOUGH = 4000  # samples that show what is usual of a signal
-LONE = 5  # samples: what differs so much for fewer than half of them is no measurement
-UNEVEN = 1e-3  # jitter, as a share of the step, below which a clock counts as uniform
-GAP = 5.0  # median steps without a sample that make a gap
-SHORTEST = 12.0  # median steps that a run between two gaps must last to be used
-SHARPEST = 1e-3  # noise of a derivative over that of what it derives, a log's length
+ENOUGH = 4000  # work: samples that show what is usual of a signal
+LONE = 5  # range: samples: what differs so much for fewer than half of them is no measurement
+UNEVEN = 1e-3  # numerics: jitter, as a share of the step, below which a clock counts as uniform
+GAP = 5.0  # range: median steps without a sample that make a gap
+SHORTEST = 12.0  # range: median steps that a run between two gaps must last to be used
+SHARPEST = 1e-3  # numerics: noise of a derivative over that of what it derives, a log's length
 NO_MEASUREMENT = f"is no measurement: more than {ABSURD:g} times what is usual"
-NIL = 1e-12  # rad, m and their rates: what moves less stands still, but for rounding
-ROUNDING = 1e-9  # of its spread, or of 1 rad or m: no channel is trusted better
-WINDOW = 0.01  # s; increments over it are compared, in which noise is small
-CLIPPED = 0.005  # share of a torque's samples at an extreme, in runs of 3 or more
-PILED = 5.0  # times as many at the extreme as one step below it; 2.4 where a sine turns
-SWITCHED = 0.5  # share of all samples that are too many to be left out
-AT_REST = 0.02  # of what a joint usually moves in the same time, below which it is held
+NIL = 1e-12  # numerics: rad, m and their rates: what moves less stands still, but for rounding
+ROUNDING = 1e-9  # numerics: of its spread, or of 1 rad or m: no channel is trusted better
+WINDOW = 0.01  # range: s; increments over it are compared, in which noise is small
+CLIPPED = 0.005  # tuned: share of a torque's samples at an extreme, in runs of 3 or more
+PILED = 5.0  # level: times as many at the extreme as one step below it; 2.4 where a sine turns
+SLOW = 0.03  # tuned: share of a joint's top speed below which it is at rest, or about to reverse
+SWITCHED = 0.5  # level: share of all samples that are too many to be left out
 FACTORS = {
     180 / np.pi: "the first in degrees",
     np.pi / 180: "the second in degrees",
@@ -296,7 +296,7 @@ def _without_limits(
             n = run.stop - run.start - 1
             if n > 1 and np.isfinite(q).all():
                 moved = float(np.sqrt(np.mean((q[n:] - q[:-n]) ** 2)))
-                clipped[run] = np.ptp(q[run]) > AT_REST * moved
+                clipped[run] = np.ptp(q[run]) > SLOW * moved
             elif n < 2:
                 clipped[run] = False
         if clipped.any():

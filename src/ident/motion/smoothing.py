@@ -44,18 +44,18 @@ from ident.motion.spline import (
 )
 from ident.motion.state import State
 
-RATIO = 2**0.5  # of one spacing that is tried to the next
-WORSE = 2  # spacings in a row that must be worse before coarser ones are given up
-FEWEST = 6  # knot intervals of a run
-LOOKED_AT = 20000  # samples of a channel that decide
-ENDS = 2.0  # knots at either end of a run between which a spline is not to be trusted
-MOST = 0.08  # share of the shortest run that an end may lose
-WHOLE = 1e-4  # share of noise up to which q, v and a are taken as logged, where all three are
-ALONE = 1e-6  # the same for positions alone, which are differentiated
+RATIO = 2**0.5  # work: of one spacing that is tried to the next
+WORSE = 2  # work: spacings in a row that must be worse before coarser ones are given up
+FEWEST = 6  # work: knot intervals of a run
+LOOKED_AT = 20000  # work: samples of a channel that decide
+ENDS = 2.0  # numerics: knots at either end of a run between which a spline is not to be trusted
+MOST = 0.08  # tuned: share of the shortest run that an end may lose
+WHOLE = 1e-4  # numerics: share of noise up to which q, v and a are exact but for rounding
+ALONE = 1e-6  # numerics: the same for positions alone, which are differentiated
 AS_LOGGED = "as logged"
-SAMPLES = 1.5  # from one knot to the next, at least
-STEPS = 6
-CONVERGED = 1e-7  # of a joint's motion: a smaller step changes nothing
+SAMPLES = 1.5  # numerics: from one knot to the next, at least
+STEPS = 6  # work
+CONVERGED = 1e-7  # numerics: of a joint's motion: a smaller step changes nothing
 
 
 def finest(band: Band, channels: Sequence[Channel]) -> float:

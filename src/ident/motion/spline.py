@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from ident.information.chance import LOUD
 from ident.information.time_bases import Basis
 from ident.motion.signals import Channel
 
-DEGREE = 5
-WIDTH = DEGREE + 1  # functions that are nonzero at a time
-BRIDGE = 1e-12  # weight of smoothness, which decides only where a few samples are missing
-DOUBLINGS = 12
-HEAVIEST = 1e6  # rows of one channel over those of another, whose squares rounding can add
-INCONSISTENT = 1.3  # times its noise: a channel that misses the others by more weighs less
+DEGREE = 5  # range
+WIDTH = DEGREE + 1  # range: functions that are nonzero at a time
+BRIDGE = 1e-12  # numerics: weight of smoothness, which decides only where a few samples are missing
+DOUBLINGS = 12  # work
+HEAVIEST = 1e6  # numerics: rows of a channel over another's, whose squares rounding can add
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,9 +182,7 @@ def weighted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) ->
         for _ in range(DOUBLINGS + 1):
             off = residuals(fitted(basis, own, (name,)), own, (name,))
             rms = [spare * float(np.sqrt(np.mean(x**2))) for x in off]
-            late = [
-                c.order == 0 and r > INCONSISTENT * c.sigma for c, r in zip(own, rms, strict=True)
-            ]
+            late = [c.order == 0 and r > LOUD * c.sigma for c, r in zip(own, rms, strict=True)]
             if not any(late) or len(own) == 1:
                 break
             own = [c if c.order == 0 else replace(c, sigma=2 * c.sigma) for c in own]
@@ -195,7 +193,7 @@ def weighted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) ->
 def reweighted(channels: Sequence[Channel], rms: Sequence[float]) -> list[Channel]:
     """The channels with the rms of their residuals as noise, where that is clearly more."""
     return [
-        replace(channel, sigma=r) if r > INCONSISTENT * channel.sigma else channel
+        replace(channel, sigma=r) if r > LOUD * channel.sigma else channel
         for channel, r in zip(channels, rms, strict=True)
     ]
 

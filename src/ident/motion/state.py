@@ -20,9 +20,9 @@ from ident.motion.closures import LoopSolver, pseudo_inverse
 from ident.motion.signals import Smoothed, runs
 from ident.motion.spline import Smooth
 
-SINGULAR = 50.0  # times the log's median ‖K⁺‖: beyond, a sample is near a singular position
-HOPELESS = 1e6  # ‖K⁺‖ at which a position is singular whatever the median is
-LEFT_OPEN = 1e-6  # [m | rad] largest equation of a sample that is used at other coordinates
+SINGULAR = 50.0  # tuned: times the log's median ‖K⁺‖: beyond, a sample is near a singular position
+HOPELESS = 1e6  # numerics: ‖K⁺‖ at which a position is singular whatever the median is
+LEFT_OPEN = 1e-6  # numerics: [m | rad] largest equation of a sample, used at other coordinates
 
 
 class Store:

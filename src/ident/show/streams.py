@@ -36,7 +36,7 @@ from ident.show.motion import made_of
 from ident.show.sheet import Sheet
 from ident.show.template import piece
 from ident.streams.gather import Gathered
-from ident.streams.many_logs import RATE, Disagreement, LogComparison, Verdict, Verdicts
+from ident.streams.many_logs import ALPHA, Disagreement, LogComparison, Verdict, Verdicts
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
 from ident.text import listed, percent, rounded, some, stamp
@@ -68,7 +68,7 @@ def who_disagrees(x: LogComparison) -> str:
     whom = "each other" if len(x.used) == len(x.odd) == 2 else "the others"
     return (
         f"{names} {'disagree' if len(x.odd) > 1 else 'disagrees'} with {whom}; of 100 folders of "
-        f"logs that are alike, {100 * RATE:g} or fewer would have one that seems to"
+        f"logs that are alike, {100 * ALPHA:g} or fewer would have one that seems to"
     )
 
 

@@ -14,7 +14,7 @@ from ident.fit.files import Saved
 from ident.fit.findings import Finding
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
-from ident.show.html import NOISY, TRIFLE, too_large, wrong_unit
+from ident.show.html import MATERIAL, NOISY, too_large, wrong_unit
 from ident.show.laws import numbers
 from ident.text import listed, percent, places, significant, some
 
@@ -125,7 +125,7 @@ def left_before(d: Diagnosis) -> list[str]:
     then = errors.get("held out") or errors.get("train") or {}
     if d.verdict == "nothing" or d.fit.residual.risen(then):
         return []
-    return [f"{j} ({percent(then[j].relative)})" for j in too_large(then, d.floor, TRIFLE)]
+    return [f"{j} ({percent(then[j].relative)})" for j in too_large(then, d.floor, MATERIAL)]
 
 
 def separable(d: Diagnosis) -> tuple[str, ...]:

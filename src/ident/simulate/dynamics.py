@@ -25,10 +25,10 @@ from ident.motion.closures import pseudo_inverse
 from ident.motion.state import wrenches
 from ident.simulate.plant import Extra, InstantSignals, InstantTerms, Plant
 
-STICK = 0  # a mode; −1 and +1 are sliding, by the sign of the rate
-MARGIN = 1e-9  # of F, by which a stuck joint's friction may be exceeded before it breaks away
-SMALL = 1e-12  # of the largest term of the box programme: zero
-CONVERGED, ITERATIONS = 1e-12, 60  # relative error of x = g(x), and evaluations of g at most
+STICK = 0  # range: a mode; −1 and +1 are sliding, by the sign of the rate
+MARGIN = 1e-9  # numerics: of F, by which a stuck joint's friction may be exceeded
+SMALL = 1e-12  # numerics: of the largest term of the box programme: zero
+CONVERGED, ITERATIONS = 1e-12, 60  # numerics: relative error of x = g(x); evaluations of g
 # τ (driven,) [N m | N] from the terms and (nv,): smooth effects, less external forces
 Actuator = Callable[[InstantTerms, np.ndarray], np.ndarray]
 # v̇, friction, its limits F, their sides, forces without friction, whether friction suffices

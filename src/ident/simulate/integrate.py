@@ -45,7 +45,7 @@ from ident.simulate.inverse import (
 )
 from ident.simulate.plant import InstantTerms, Plant, constant_correction
 
-BANDWIDTH = 2 * np.pi * 5.0  # [rad/s] of a controller whose gains are not given
+BANDWIDTH = 2 * np.pi * 5.0  # range: [rad/s] of a controller whose gains are not given
 Gains = tuple[float, float] | Mapping[str, tuple[float, float]]
 AnyLog = Log | str | os.PathLike[str]
 
@@ -152,10 +152,10 @@ def _by_joint(gains: Gains, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarra
     return Kp, Kd
 
 
-DURATION, RATE = 10.0, 250.0  # [s], [Hz] without a log
-TOLERANCE = 1e-10
-ROUGH = 1e-6  # share of noise above which torques are integrated sample by sample
-STEPS = 5  # samples of a log that one step of the integration may pass over
+DURATION, RATE = 10.0, 250.0  # range: [s], [Hz] without a log
+TOLERANCE = 1e-10  # numerics
+ROUGH = 1e-6  # numerics: share of noise above which torques are integrated sample by sample
+STEPS = 5  # work: samples of a log that one step of the integration may pass over
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -36,8 +36,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Rigid
 from ident.mechanism.tree import rates
 
-SMOOTH = 1e-3  # [rad/s | m/s] speed below which the sign of a law that is no dry friction is smooth
-SIGN_ONLY = 1e-200  # [rad/s | m/s] a speed that has a sign and no size
+SMOOTH = 1e-3  # range: [rad/s | m/s] below which the sign of a law, no dry friction, is smooth
+SIGN_ONLY = 1e-200  # numerics: [rad/s | m/s] a speed that has a sign and no size
 Extra = Mapping[str, Callable[[float], float]]
 
 
@@ -170,7 +170,7 @@ class ForwardLaws:
         )
 
 
-SINGULAR = 1e-7  # of the largest singular value of J: below, the closures lose a direction
+SINGULAR = 1e-7  # numerics: of J's largest singular value: below, the closures lose a direction
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 

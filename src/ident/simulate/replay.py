@@ -27,10 +27,9 @@ from ident.simulate.events import Integration
 from ident.simulate.integrate import STEPS, interpolated, rough_times, torque_series
 from ident.simulate.plant import Plant
 
-WINDOW = 0.5  # [s]
-TOLERANCE = (
-    1e-6  # of a step: 1e-8 moves the windows of a clean log by 4e-8 rad, errors by 1e-6 of them
-)
+WINDOW = 0.5  # range: [s]
+# numerics: of a step: 1e-8 moves the windows of a clean log by 4e-8 rad, errors by 1e-6 of them
+TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)

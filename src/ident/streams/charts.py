@@ -34,23 +34,23 @@ import numpy as np
 
 from ident.equations.rows import Rows
 from ident.information import linear
+from ident.information.chance import BEYOND
 from ident.information.linear import Triangle
 
 SIZES = 2.0 ** np.arange(6)  # times the least change watched for
 RATIOS = np.array([3.0, 9.0, 27.0])  # c: noise may grow by a third and is no fault
-CLIP = 4.0  # standard deviations beyond which a score counts no more
-PARAMETERS = 0.75  # weight of all charts of parameters; the rest is for errors
-FLOOR = 6.0  # standard errors of the normal log: a smaller change could be its own error
-MARGIN = 1.5  # for what a log of minutes has not shown yet
-BLOCKS = 8  # at least, in the longest sums, and drawn from a log
-FEWEST = 40  # intervals of a log of normal running
-USUAL = 0.5  # of the rows that an interval usually has; one with fewer is left out
-FELT = 1e-5  # of the largest column of its unit, singular value or component: less is no effect
-KNOWN = 0.03  # of the largest singular value of unit columns: a direction known less well stays
-REMAINS = 3.0  # times what is left of a change that has been named: that is no new change
-STREAMS, STEPS = 20, 2000  # simulated beside each other, and intervals of each
-OFTEN = 20.0  # alarms that a calibration would have at the stated rate, at a lowered threshold
-WIDER, MOST = 1.15, 12  # factor of φ² a step, and steps
+CLIP = 4.0  # level: standard deviations beyond which a score counts no more
+PARAMETERS = 0.75  # range: weight of all charts of parameters; the rest is for errors
+FLOOR = 6.0  # level: standard errors of the normal log: a smaller change could be its own error
+MARGIN = 1.5  # tuned: for what a log of minutes has not shown yet
+BLOCKS = 8  # work: at least, in the longest sums, and drawn from a log
+FEWEST = 40  # work: intervals of a log of normal running
+USUAL = 0.5  # level: of the rows that an interval usually has; one with fewer is left out
+FELT = 1e-5  # numerics: of the largest column, singular value or component: less is no effect
+KNOWN = 0.03  # tuned: of unit columns' largest singular value: what is known less well stays
+STREAMS, STEPS = 20, 2000  # work: simulated beside each other, and intervals of each
+OFTEN = 20.0  # work: alarms that a calibration has at the stated rate, at a lower threshold
+WIDER, MOST = 1.15, 12  # work: factor of φ² a step, and steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +194,7 @@ class NormalRunning:
         own = np.maximum((R**2).sum(axis=0), 1e-300)
         error = np.linalg.norm((R.T @ R[:, places]) @ root, axis=1) / own
         remaining = np.abs(rest.gradient(x)) / np.maximum((rest.R**2).sum(axis=0), 1e-300)
-        least = np.sqrt(self.least**2 + (FLOOR * error) ** 2 + (REMAINS * remaining) ** 2)
+        least = np.sqrt(self.least**2 + (FLOOR * error) ** 2 + (BEYOND * remaining) ** 2)
         return replace(self, least=least)
 
     def worse(

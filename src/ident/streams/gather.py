@@ -34,7 +34,7 @@ from ident.streams.many_logs import LogComparison, compare_logs
 from ident.streams.portions import Checkpoint, Plan, absorbed, multipliers_of, summaries, with_logs
 from ident.streams.stream import with_free_multipliers
 
-SAMPLES = 65_536  # of a portion
+SAMPLES = 65_536  # work: of a portion
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -20,11 +20,11 @@ from ident.motion import Motion, complete
 from ident.motion.recipe import Recipe
 from ident.motion.signals import NO_MEASUREMENT, UNEVEN, Clock, absurd_samples, is_signal
 
-LOOK = 64 * STRIDE  # rows that are read together
-STEPS = 1_000_000  # time steps from which their median is taken
-STRETCHES, LONGEST = 3, 16_384  # of one log for pictures and decisions, and samples of each
+LOOK = 64 * STRIDE  # work: rows that are read together
+STEPS = 1_000_000  # work: time steps from which their median is taken
+STRETCHES, LONGEST = 3, 16_384  # work: of one log for pictures and decisions, and samples of each
 SAMPLES = STRETCHES * LONGEST  # of all logs together in an excerpt
-LOGS = 12  # from which stretches are taken
+LOGS = 12  # work: from which stretches are taken
 NUMBER = re.compile(r"\d+")
 Given = str | os.PathLike[str]
 

@@ -38,8 +38,8 @@ from ident.fit import identify
 from ident.fit.problem import Problem
 from ident.information import linear
 from ident.information.blocks import Information
-from ident.information.chance import FEWEST_SQUARES, long_run, scores
-from ident.information.estimate import Estimate, estimate
+from ident.information.chance import ALPHA, FEWEST_SQUARES, PARSIMONY, RIVAL, long_run, scores
+from ident.information.estimate import MATERIAL, Estimate, estimate
 from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import complete
@@ -47,12 +47,10 @@ from ident.motion.recipe import AUTO
 from ident.pool import Workers
 from ident.streams.logs import Given, excerpt, log_paths, summarise
 
-RATE = 0.01  # of folders of logs that are alike, in which one is said to disagree
-SAME = 1e-6  # of the largest fall of squared error, within which two are the same
-NEARLY = 0.05  # of what a log's difference explains: parts as near as that are not told apart
-UNKNOWN = 1e-12  # of the largest eigenvalue of H, below which logs do not determine a direction
-BELIEVED = 0.5  # of ν: far out in the tail it counts that how long blocks are alike is estimated
-LEAST_NOISE = 0.01, 1e-3  # of σ² of a log's own rows, and of the joint residual: the least believed
+SAME = 1e-6  # numerics: of the largest fall of squared error, within which two are the same
+UNKNOWN = 1e-12  # numerics: of H's largest eigenvalue, below which nothing is determined
+BELIEVED = 0.5  # tuned: of ν: far out in the tail it counts that ν itself is estimated
+LEAST_NOISE = 0.01, 1e-3  # numerics: of σ² of a log's rows, of the joint residual
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ class Disagreement:
     """Difference of one log from the majority of the others."""
 
     p_value: float  # chance that a log like the others looks as odd as this one
-    clear: bool  # whether that is less than `RATE` over the number of logs
+    clear: bool  # whether that is less than `ALPHA` over the number of logs
     unknown: str  # that alone explains it best
     change: float  # by how much it differs
     stderr: float
@@ -200,7 +198,7 @@ def disagreements(
     numbers = sorted({log for log, _ in information.times})
     if len(numbers) < 2 or not joint.base.rank:
         return {}
-    logs, least, agreeing = _Logs(information, joint, columns), RATE / len(numbers), numbers
+    logs, least, agreeing = _Logs(information, joint, columns), ALPHA / len(numbers), numbers
     while True:
         found = {i: logs.against(agreeing, i, least) for i in agreeing}
         odd = [i for i, (each, _) in found.items() if each.clear]
@@ -284,7 +282,7 @@ class _Logs:
             mine = (D.T @ r) @ linear.pinv(D.T @ P @ D, rcond=1e-9, hermitian=True) @ (D.T @ r)
             shares[name] = float(np.clip(mine / fall, 0.0, 1.0)) if fall > 0 else 0.0
         best = max(shares.values(), default=0.0)
-        near = [name for name, x in shares.items() if x >= best - NEARLY]
+        near = [name for name, x in shares.items() if x >= best - PARSIMONY]
         explained = delta**2 * h  # of multiples of each other the first
         j = int((explained >= (1 - SAME) * explained.max()).argmax())
         odd = Disagreement(
@@ -304,8 +302,8 @@ def _inverse(H: np.ndarray) -> np.ndarray:
     return linear.pinv(H, rcond=UNKNOWN, hermitian=True)
 
 
-TOGETHER = 300_000  # samples of all logs, from which stretches stand for them
-EACH = 0.8  # of the work is done when each log has been diagnosed
+TOGETHER = 300_000  # work: samples of all logs, from which stretches stand for them
+EACH = 0.8  # shown: of the work is done when each log has been diagnosed
 
 
 @dataclass(frozen=True)
@@ -397,9 +395,9 @@ def diagnose_each(
     cutoff: float | str | None = "auto",
     smoothing: float | str | None = AUTO,
     seed: int = 0,
-    alpha: float = 0.01,
-    material: float = 0.003,
-    rival_se: float = 2.0,
+    alpha: float = ALPHA,
+    material: float = MATERIAL,
+    rival_se: float = RIVAL,
     jobs: int | None = None,
     scheduler: str | None = None,
     done: list[Verdict] | None = None,

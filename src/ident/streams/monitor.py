@@ -18,6 +18,7 @@ from ident.display import Displayed, render
 from ident.equations.rows import Rows
 from ident.errors import FitError
 from ident.fit import Fit
+from ident.information.estimate import MATERIAL
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -45,10 +46,9 @@ from ident.streams.suspects import (
     name_since_onset,
 )  # fmt: skip
 
-INTERVAL, SHORTEST, STEP = 0.5, 0.4, 0.02  # [s] usual; where logs are short, the least, by steps
-HELD = 240  # intervals kept, of which the onset can be one
-ENOUGH = 4  # intervals since the onset before anything is named
-STEADY = 3  # intervals in a row for which one suspect must lead alone
+INTERVAL, SHORTEST, STEP = 0.5, 0.4, 0.02  # range: [s] usual; least; by steps
+HELD = 240  # work: intervals kept, of which the onset can be one
+STEADY = 3  # tuned: intervals in a row for which one suspect must lead alone
 
 
 @dataclass(frozen=True, repr=False)
@@ -129,13 +129,13 @@ class _Raised:
     lead: int = 0
     named: float = np.inf  # when it was named [s]
 
-    def ready(self, naming: Naming, length: int) -> bool:
-        """Whether one suspect has led alone for long enough, on a window of `length` intervals."""
+    def ready(self, naming: Naming) -> bool:
+        """Whether one suspect has led alone for long enough."""
         alone = naming.best is not None and naming.sound and naming.alone
         leader = naming.best.suspect.label if naming.best and alone else ""
         self.lead = self.lead + 1 if leader and leader == self.leader else int(alone)
         self.leader = leader
-        return self.lead >= STEADY and length >= ENOUGH
+        return self.lead >= STEADY
 
 
 @dataclass(eq=False, repr=False)
@@ -184,7 +184,7 @@ class Monitor(Displayed):
         kinds: Sequence[str] = WATCHED,
         interval: float | None = None,
         false_alarms_per_hour: float = 0.1,
-        material: float = 0.003,
+        material: float = MATERIAL,
         patience: float = 20.0,
     ) -> Monitor:
         """Make a monitor from a reference and logs of normal running.
@@ -293,7 +293,7 @@ class Monitor(Displayed):
         if named and not late:
             return None
         naming, window = self._naming(raised)
-        ready = raised.ready(naming, len(window)) or late
+        ready = raised.ready(naming) or late
         alarm = self._alarm(raised, naming, window) if ready and not named else None
         if late:
             self._go_on(raised, naming, window)

@@ -48,10 +48,10 @@ from ident.streams.stream import (
     with_free_multipliers,
 )  # fmt: skip
 
-WARMUP = 5.0  # [s] from which a stream learns what it is like
-MOVES, TELL = 3.0, 10  # times its noise that a position varies, in so many samples, if it moves
-LONGEST = 100_000  # samples that a warm-up keeps at most
-CHECKED = 20.0, 5000  # s and samples from the beginning, in which errors of the data are looked for
+WARMUP = 5.0  # range: [s] from which a stream learns what it is like
+MOVES, TELL = 3.0, 10  # level: times its noise that a position varies, in so many samples
+LONGEST = 100_000  # work: samples that a warm-up keeps at most
+CHECKED = 20.0, 5000  # work: s, samples from the beginning, in which errors are looked for
 
 
 @dataclass(frozen=True, eq=False, repr=False)

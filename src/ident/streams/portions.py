@@ -54,10 +54,10 @@ from ident.pool import Workers
 from ident.streams.logs import LogOnDisk, summarise
 from ident.streams.stream import margin_of
 
-KNOTS = 40  # from a sample to another whose noise moves a spline there by 1e-7 of itself
-MEMORY = 4096  # samples after which an effect has forgotten where its memory began
-FEWEST = 64  # samples of a margin: what is interpolated reaches no farther
-THINNED = 8  # samples of which one is followed to know the branch of the closures
+KNOTS = 40  # numerics: from a sample to another whose noise moves a spline there by 1e-7 of itself
+MEMORY = 4096  # work: samples after which an effect has forgotten where its memory began
+FEWEST = 64  # work: samples of a margin: what is interpolated reaches no farther
+THINNED = 8  # work: samples of which one is followed to know the branch of the closures
 
 
 @dataclass(frozen=True)
@@ -290,7 +290,7 @@ def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray
 
 
 NAME = ".gathered.npz"
-PORTIONS, SECONDS = 8, 20.0  # after so many portions and so much time the file is replaced
+PORTIONS, SECONDS = 8, 20.0  # work: after so many portions and so much time the file is replaced
 Progress = tuple[int, list[Block], dict[str, str]]
 """How many portions are absorbed, their sum, and by name of a log why it is left out."""
 

@@ -17,6 +17,7 @@ import numpy as np
 from ident.errors import LogError, MotionError, one_of
 from ident.fit.channel_checks import log_findings
 from ident.fit.findings import Finding
+from ident.fit.residual_maps import MOVING
 from ident.log import Column, Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -163,10 +164,9 @@ class SampleParser:
         return given
 
 
-SECONDS = 10.0  # [s] of a window
-FEWEST = 400  # samples of a window
-MOVING = 0.2  # share of a window in which a joint must move to be judged
-REPORTED = 100  # kinds of findings, after which no other is reported
+SECONDS = 10.0  # range: [s] of a window
+FEWEST = 400  # work: samples of a window
+REPORTED = 100  # shown: kinds of findings, after which no other is reported
 
 
 @dataclass(frozen=True)

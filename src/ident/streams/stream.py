@@ -48,15 +48,15 @@ from ident.motion.signals import (
 from ident.motion.state import State, nearness
 from ident.streams.samples import Sample, SampleParser
 
-LATENCY = 0.5  # [s] that samples may wait for others: what is around them is made again each time
-SAMPLES = 4096  # new samples of one window, at most
-LAG = 10.0  # knots on either side of a sample, of splines that smooth
-EXACT = 16  # samples there, of splines that interpolate: each moves them by 0.43 of the last
-PLACES = 64  # configurations from which a stream may set out
-INTERVALS = 32  # of time, at most
-FADING = 8.0  # intervals in a time constant of forgetting
-TOGETHER = 128  # samples whose rows are absorbed at once
-SPLINE, TWICE = 12, 2  # samples: where a cubic spline forgets its ends; lost by two differences
+LATENCY = 0.5  # range: [s] that samples may wait: what is around them is made again each time
+SAMPLES = 4096  # work: new samples of one window, at most
+LAG = 10.0  # numerics: knots on either side of a sample, of splines that smooth
+EXACT = 16  # numerics: samples there, of splines that interpolate: 0.43 is left by each
+PLACES = 64  # work: configurations from which a stream may set out
+INTERVALS = 32  # work: of time, at most
+FADING = 8.0  # work: intervals in a time constant of forgetting
+TOGETHER = 128  # work: samples whose rows are absorbed at once
+SPLINE, TWICE = 12, 2  # numerics: samples: a cubic spline's ends; lost by two differences
 
 
 SampleWindow = tuple[State, slice]

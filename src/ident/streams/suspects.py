@@ -45,6 +45,7 @@ from ident.errors import FitError, one_of
 from ident.fit import Fit
 from ident.information import linear
 from ident.information.blocks import Block, Information
+from ident.information.chance import NEGATIVE
 from ident.information.cone import Limit, nearest, svec
 from ident.information.hypotheses import PartialRegression
 from ident.information.linear import Triangle
@@ -55,17 +56,16 @@ from ident.motion.state import State
 from ident.streams.charts import FELT, MARGIN, NormalRunning, WatchedInterval
 
 WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
-DIRECT = 4  # columns of a suspect that have charts; of a payload the mass and its first moments
-APART = 3.0  # standard errors within which two suspects are not told apart
-RANK = 1e-4  # of the largest singular value of unit columns; below, a direction is not asked for
-SURPLUS = 2.5  # standard errors by which what is left may exceed noise
-EXPLAINS = 0.999  # or share of what is beyond noise that is explained: no model is that exact
-MOSTLY = 0.8  # share that a cause must explain however little is left
-NEGATIVE = 2.0  # standard errors below zero at which a value is one that no such thing can have
-EARLIER = 10  # intervals before the leading chart's onset in which it can have been
-RIDGE = 1e-3  # of unit columns, for what the intervals do not determine of a load
-THINNED = 600  # samples of an experiment in which Δλ is taken
-TINY = 1e-300  # so that nothing is divided by zero
+DIRECT = 4  # range: columns of a suspect that have charts: a payload's mass and first moments
+APART = 3.0  # level: standard errors within which two suspects are not told apart
+RANK = 1e-4  # numerics: of unit columns' largest singular value: below, it is not asked for
+SURPLUS = 2.5  # level: standard errors by which what is left may exceed noise
+EXPLAINS = 0.999  # numerics: or share beyond noise that is explained: no model is that exact
+MOSTLY = 0.8  # tuned: share that a cause must explain however little is left
+EARLIER = 10  # work: intervals before the leading chart's onset in which it can have been
+RIDGE = 1e-3  # numerics: of unit columns, for what the intervals do not determine of a load
+THINNED = 600  # work: samples of an experiment in which Δλ is taken
+TINY = 1e-300  # numerics: so that nothing is divided by zero
 BODIES = np.stack([svec(pseudo_inertia(each)) for each in np.eye(COUNT)], axis=1)
 
 

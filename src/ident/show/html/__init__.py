@@ -21,10 +21,11 @@ from markupsafe import Markup
 from ident.display import acceptable, folder, inputs, running
 from ident.effects import Effect
 from ident.files import version
-from ident.fit.channel_fits import LEAVES
 from ident.fit.faults import UNITS
 from ident.fit.findings import Finding
 from ident.information.blocks import Error
+from ident.information.chance import LEAVES
+from ident.information.estimate import MATERIAL
 from ident.mechanism.load import has_identified
 from ident.mechanism.mechanism import Mechanism
 from ident.show.charts import Chart, scripts
@@ -39,7 +40,6 @@ NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from whi
 SAME = 0.005  # of an error: a change below is none, since both are printed with three digits
 BODIES = 0.3  # difference of logarithms that the masses of a URDF make
 LONG, ROOM = 8.0, 4.0  # times what stays or noise: a longer bar is cut, at this length
-TRIFLE = 0.003  # of the torque: what a diagnosis takes to be too small to matter
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def _judged(
     """Return the joints that can be judged, and the share of the torque that is acceptable."""
     own = acceptable.get()
     judged = {j: e for j, e in errors.items() if own is not None or floor.get(j)}
-    return judged, TRIFLE if own is None else own
+    return judged, MATERIAL if own is None else own
 
 
 def _hidden(
