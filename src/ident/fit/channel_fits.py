@@ -24,7 +24,7 @@ from scipy.linalg import lapack
 from ident.effects import Effect
 from ident.fit.faults import Fault
 from ident.fit.problem import Table
-from ident.information.chance import LEAVES
+from ident.information.chance import BEYOND, LEAVES
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import regressor
@@ -36,7 +36,7 @@ LONGEST = 0.1  # range: s; a torque that is later still is another log's
 NODES = 12  # work: shifts on either side, from one sample up to LONGEST
 HALF = 0.5  # level: of the relative error: what explains less of it is an effect, no fault
 SMALL = 0.01  # tuned: relative error below which no channel is blamed, none is better
-DOUBT = 2.5 * SMALL  # tuned: relative error of some torque from which a fit is doubted
+DOUBT = BEYOND * SMALL  # level: relative error of some torque from which a fit is doubted
 SEVERAL = 3  # range: joints from which on torques of another run are told from a missing effect
 NEARLY = 1.2  # tuned: times an error, up to which another one is nearly as small (tests/mistakes)
 ROUNDS = 3  # work: in which weights settle

@@ -39,7 +39,7 @@ from ident.fit.findings import Finding, bodies_with_unknowns
 from ident.fit.problem import Problem, body_scales
 from ident.fit.shapes import shape_bounds
 from ident.information.blocks import Squares
-from ident.information.chance import held_out, rise
+from ident.information.chance import MATTERS, held_out, rise
 from ident.information.cone import (
     SLACK,
     Limit,
@@ -72,7 +72,6 @@ UNFELT = 1e9  # numerics: plausible size of an unknown that no data feel
 PASSES = 6  # work: over what the equations are not linear in
 CONVERGED = 1e-6  # numerics: of a plausible size: a smaller change of any unknown is the last
 PUSHED = 0.1  # level: standard errors of white noise by which a limit must push to count as active
-COSTS = 0.05  # tuned: of the error: a rise that asks for an explanation
 IMPOSSIBLE = -1e-9  # numerics: smallest eigenvalue of a prior that is no possible body
 MARGIN = 1e-6  # numerics: of the ball, what a body keeps: a simulator inverts its mass
 SMALL = 1e-3  # range: of a mean link, the least size that is believed
@@ -121,12 +120,12 @@ class Binding(Displayed):
                 "possible one stands in for it"
             )
             found.append(Finding("prior repaired", text, where=self.repaired))
-        if (cost := max(self.rise, self.held_out_rise or 0.0)) > COSTS:
+        if (cost := max(self.rise, self.held_out_rise or 0.0)) > MATTERS:
             text = (
                 "these data contradict what is physically possible: something is missing from the "
                 "model, or a sign, unit or bound is wrong"
             )
-            found.append(Finding("contradiction", text, "see ident diagnose", (), cost, COSTS))
+            found.append(Finding("contradiction", text, "see ident diagnose", (), cost, MATTERS))
         return found
 
     def json(self) -> dict[str, Any]:

@@ -42,7 +42,6 @@ ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no 
 UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
 # tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TIMES = 30.0
-TOGETHER = 3.0  # tuned: the same at all joints: masses in a URDF are rarely so wrong, units are
 SAME = 0.03  # tuned: difference of logarithms of factors that are one number, as no masses' are, …
 OTHER = 1.15  # tuned: … from which that number is another scale than the URDF's
 
@@ -238,11 +237,11 @@ class DataChecks(FaultSearch):
                 yield Finding("unlike", text, remedy, (f"tau.{name}",), like, UNLIKE)
         logs = np.log(list(gains.values()))
         one = len(gains) > 1 and np.ptp(logs) < SAME
-        least = OTHER if one else TOGETHER
+        least = OTHER if one else BEYOND
         far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}
         several = 2 * len(far) >= len(self.use.T) and len({x > 1 for x in far.values()}) == 1
         if several and len(far) > 1 and (fall := self._scaled_alike(gains)):
-            yield self._magnitude("units", gains, TOGETHER, fall)
+            yield self._magnitude("units", gains, BEYOND, fall)
         elif several and len(far) == len(gains):
             yield self._magnitude("magnitude", far, least)
         else:

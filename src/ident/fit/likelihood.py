@@ -28,12 +28,11 @@ from ident.equations.motion_noise import (
 from ident.errors import FitError
 from ident.fit.findings import Finding
 from ident.fit.problem import Problem, stacks_information
-from ident.information.chance import LOUD
+from ident.information.chance import LOUD, MATTERS
 from ident.information.estimate import Estimate, estimate
 from ident.motion import Motion, State
 from ident.motion.smoothing import along, finer
 
-MATTERS = 0.05  # tuned: share of a coordinate's squared residual that is the motion's noise
 FINER = 3  # work: knots of the likelihood for one of smoothing: torques tell more of the motion
 AGREED = 1.2  # numerics: the same, for the noise that a refined fit takes for the torques'
 TRIALS = 6  # work: of the torques' noise

@@ -50,6 +50,7 @@ NEGATIVE = 2.0  # level: standard errors from zero at which a value has a sign
 CERTAIN = 3.0  # level: the same where a sign that cannot be is no accident
 LOUD = 1.25  # tuned: times a noise or an error, from which something is more than that
 PARSIMONY = 0.1  # tuned: share of the best gain within which fewer numbers are preferred
+MATTERS = 0.05  # tuned: share of an error or of its squares, from which its cause is told
 MINE = 0.1  # tuned: share of a fall or a lever, with which a coordinate belongs to a cause
 # tuned: times what is known (a noise, a named change), beyond which there is more; residuals of
 # good logs are 0.5 to 1.3 times the sensors' noise

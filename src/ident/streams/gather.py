@@ -18,11 +18,12 @@ from ident.fit import Fit
 from ident.fit.files import multipliers_rows, write_fit
 from ident.fit.findings import Finding, note
 from ident.fit.identify import estimate_of, fit_of
-from ident.fit.likelihood import MATTERS, share_of_motion
+from ident.fit.likelihood import share_of_motion
 from ident.fit.prediction import Reactions, identifiable_multipliers
 from ident.fit.problem import Problem
 from ident.fit.shapes import working_point
 from ident.information.blocks import Block, Error, Information, Key, summed
+from ident.information.chance import MATTERS
 from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
