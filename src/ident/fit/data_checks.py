@@ -39,6 +39,7 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
     "position swapped", "joints swapped", "time", "gravity", "another run", "units",
 }  # fmt: skip
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
+LIKE = 0.9  # level: from there on four fifths of the squares of one are of the other's shape
 UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
 # tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TIMES = 30.0
@@ -209,6 +210,7 @@ class DataChecks(FaultSearch):
         may be wrong; but a fault where factors of several torques explain the log.
         """
         columns, table, gains = self.problem.columns, self.table, dict[str, float]()
+        alike = 1.0  # least correlation of the torques of `gains` with what the URDF's bodies need
         rigid = np.arange(len(columns)) < len(columns.rigid)
         beside = [table.effect_columns(each, [{}]) for each in self.common]
         for u, name in enumerate(self.problem.motion.independent):
@@ -223,8 +225,8 @@ class DataChecks(FaultSearch):
                 x - X @ np.linalg.lstsq(X, x, rcond=None)[0] for x in (now, then, tau)
             )
             like = max(_cosine(now, then), _cosine(fitted, own))  # bodies may stand in for those
-            if np.linalg.norm(own) > SMALL * sizes[1] and _cosine(own, logged) > ALIKE:
-                gains[name] = float(own @ logged / (own @ own))
+            if np.linalg.norm(own) > SMALL * sizes[1] and (c := _cosine(own, logged)) > LIKE:
+                gains[name], alike = float(own @ logged / (own @ own)), min(alike, c)
             many = self.estimate.triangle.rows > FEW * self.estimate.base.rank
             matter = min(sizes) > LEAVES * float(np.linalg.norm(tau))
             if many and matter and like < UNLIKE and self.errors[name] < LEAVES:
@@ -236,7 +238,7 @@ class DataChecks(FaultSearch):
                 remedy = "check [mechanism] gravity, q.… and t against the machine"
                 yield Finding("unlike", text, remedy, (f"tau.{name}",), like, UNLIKE)
         logs = np.log(list(gains.values()))
-        one = len(gains) > 1 and np.ptp(logs) < SAME
+        one = len(gains) > 1 and np.ptp(logs) < SAME and alike > ALIKE
         least = OTHER if one else BEYOND
         far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}
         several = 2 * len(far) >= len(self.use.T) and len({x > 1 for x in far.values()}) == 1
