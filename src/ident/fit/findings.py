@@ -121,7 +121,7 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         text = "nothing is unknown: these are the errors of the model as it is"
         remedy = "to identify, give [parameters] unknown in mechanism.toml or add an effect"
         yield Finding("nothing unknown", text, remedy)
-    if loads := tuple(e.label for e in problem.mechanism.effects if e.kind == "payload"):
+    if loads := tuple(e.label for e in problem.mechanism.effects if e.loaded_link):
         text = f"{_some(loads, 4)}: masses and moments are {IN_PROPORTION}"
         yield Finding("scale", text, "log once more with a known mass to measure the scale", loads)
     if (condition := estimate.base.condition_number) > POOR:
