@@ -226,6 +226,17 @@ def test_the_search_stays_inside_and_gains():
         assert problem.exact.excess(problem.box.z(each.rows.e)).max() < 0
 
 
+def test_a_motion_far_beyond_a_limit_between_its_samples_is_shrunk_until_it_keeps_all():
+    """Twenty steps of 1 % are not enough for it: gravity's part of a torque does not shrink."""
+    problem = DesignProblem(ident.load(ROBOTS / "arm"), ROOM["arm"], 6.0, 2, {}, 0)
+    x, _ = problem.family.draw(problem.box, np.random.default_rng(0))
+    found = problem.inside(3.0 * x, 50.0)
+    assert 0.1 < np.linalg.norm(found) / np.linalg.norm(3.0 * x) < 0.8
+    fine = problem.family.at(6.0 * np.arange(300) / 300)
+    motion, _ = fine.grow(found, lambda rows: problem.exact.broken(problem.exact.z(rows.e)) is None)
+    np.testing.assert_allclose(motion, found)
+
+
 @pytest.mark.parametrize(
     ("name", "effect"), [("arm", "coulomb"), ("four_bar", ""), ("arm", "hysteresis:elbow")]
 )

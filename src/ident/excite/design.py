@@ -182,11 +182,14 @@ class DesignProblem:
         period = self.family.series.period
         n = max(FINE * len(self.family.rest), int(np.ceil(period * rate)))
         fine = self.family.at(period * np.arange(n) / n)
+        grown = None
         for _ in range(SHRINKS):
             grown = fine.grow(x, lambda rows: self.exact.broken(self.exact.z(rows.e)) is None)
             if grown is not None and np.allclose(grown[0], x, rtol=1e-9, atol=0.0):
                 return x
             x = SHRINK * x
+        if grown is not None:  # torques that gravity makes do not shrink with the motion
+            return grown[0]
         raise MotionError(
             f"{self.family.mechanism.name}: the motion found breaks a limit between its "
             "samples; try another seed, or fewer harmonics"
