@@ -15,6 +15,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Column, Log, Noise, health
+from ident.fit.channel_checks import log_findings
 from ident.fit.data_checks import DataChecks
 from ident.fit.faults import log_entry
 from ident.fit.small_errors import common_delay
@@ -215,6 +216,34 @@ def test_coarse_steps_are_found_and_fine_ones_are_not():
         judgement = judged(p.mechanism, changed(p.log, tau__elbow=np.round(x / step) * step))
         numbers = [each.number for each in judgement.findings if each.code == "steps"]
         assert numbers == ([pytest.approx(share / np.sqrt(12), rel=0.1)] if bad else [])
+
+
+def test_steps_that_are_a_small_part_of_the_least_error_are_no_fault():
+    """Not of what a model leaves that lacks friction: of what it leaves with all effects."""
+    p = planted("arm", seed=18)
+    x = p.log.columns["tau.elbow"]
+    rms, random = np.sqrt(np.mean(x**2)), np.random.default_rng(0)
+    step = 0.06 * rms  # an error of 1.7 %
+    for noise, bad in ((0.2, False), (0.01, True)):
+        noisy = x + noise * rms * random.normal(size=len(x))
+        log = changed(p.log, tau__elbow=np.round(noisy / step) * step)
+        codes = {(each.code, each.where) for each in judged(p.mechanism, log).findings}
+        assert (("steps", ("tau.elbow",)) in codes) is bad
+
+
+def test_a_joint_that_rests_before_its_fastest_move_is_not_frozen():
+    """A servo of the first order at 50 Hz: at rest for 4 s, then ever smaller moves."""
+    p = planted("arm", seed=18)
+    t = np.arange(0.0, 12.0, 0.02)
+    targets = np.select([t < 4, t < 6, t < 8, t < 10], [0.0, 1.0, 0.3, 0.8], 0.5)
+    q = np.zeros_like(t)
+    for k in range(1, len(t)):
+        q[k] = q[k - 1] + (targets[k] - q[k - 1]) * -np.expm1(-0.02 / 0.06)
+    columns = {f"q.{joint}": (1 + 0.1 * i) * q for i, joint in enumerate(p.mechanism.driven)}
+    columns |= {f"tau.{joint}": np.sin(t + i) for i, joint in enumerate(p.mechanism.driven)}
+    log = Log.from_arrays("servo", t, columns)
+    found = log_findings(p.mechanism, ident.complete(p.mechanism, log))
+    assert "frozen" not in {each.code for each in found if each.where[0].startswith("q.")}
 
 
 def test_coarse_encoder_without_speeds_is_found():

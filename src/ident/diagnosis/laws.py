@@ -13,14 +13,14 @@ import numpy as np
 from ident.diagnosis.candidates import Contest
 from ident.diagnosis.effect_set import Member, Responses
 from ident.diagnosis.grammar import PLAIN_WAVE, PROBE
-from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress, at_most
+from ident.diagnosis.law_search import FittedFormula, LawSearch, OnProgress, at_most
 from ident.diagnosis.search import Selection
 from ident.diagnosis.selection import MOST, Decision, Ranking
 from ident.display import part
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import ROUNDING, largest_transmission
-from ident.information.chance import LOUD, PARSIMONY, paired
+from ident.information.chance import LOUD, MINE, PARSIMONY, paired
 from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.information.projection import EXACT
 
@@ -120,7 +120,7 @@ class LossComparison:
 
         def as_good(loss: Array) -> bool:
             ratio = self.ratio(loss, best)
-            return ratio < 1 + PARSIMONY and self.better(loss, best) < within
+            return ratio < 1 + PARSIMONY and self.better(loss, best) <= within
 
         equal = [each for each in found if as_good(each.refit.loss)]
         return sorted(equal, key=lambda e: (e.formula.cost, float(self.loss(e.refit.loss).sum())))

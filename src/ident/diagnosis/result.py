@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.diagnosis.effect_set import Member, leading, on_all_rows, reweighted
 from ident.diagnosis.found_curves import FoundCurve
-from ident.diagnosis.law_search import NEGATIVE, FittedFormula
+from ident.diagnosis.law_search import FittedFormula
 from ident.diagnosis.laws import FoundLaw
 from ident.diagnosis.search import Selection
 from ident.diagnosis.selection import Decision, Evidence
@@ -27,6 +27,7 @@ from ident.fit.residual import Failure
 from ident.fit.residual_maps import Periods
 from ident.fit.values import Value
 from ident.information.blocks import Error
+from ident.information.chance import NEGATIVE
 from ident.mechanism.mechanism import Mechanism
 from ident.text import rounded
 

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, absorbed, possible
-from ident.diagnosis.law_search import MINE, FittedFormula, LawSearch, OnProgress
+from ident.diagnosis.law_search import FittedFormula, LawSearch, OnProgress
 from ident.diagnosis.laws import LossComparison
 from ident.diagnosis.search import Selection
 from ident.diagnosis.selection import HIDDEN, Decision, Ranking, torque_squares
 from ident.effects import KINDS, Effect, Signals
 from ident.fit import Fit
 from ident.information import linear
-from ident.information.chance import CERTAIN, zscore
+from ident.information.chance import CERTAIN, MINE, zscore
 from ident.information.hypotheses import Array, PartialRegression
 
 SHARE = 0.05  # shown: of a column, from which an unknown is named as one that carries it

@@ -29,9 +29,13 @@ Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, 
 NOISE = 0.5**0.5  # level: noise over rms: from half of its squares on a torque is no torque
 ZERO = 0.2  # tuned: share of the samples at which a joint moves, where its torque is exactly zero
 HELD = 2  # range: samples for which most values stay: a staircase of a slower controller
+ALWAYS = 0.98  # tuned: share of pairs from which rows are repeated: a slow channel repeats some
 REGULAR = 0.9  # tuned: share of the times that a channel is held, which are of one length
 SHORTEST = 20  # work: samples of a channel that can be judged
 FROZEN = 0.25  # tuned: s for which a channel stays at a value while its joint moves
+# tuned: times the largest other step, by which a position that was frozen goes on; one that rested
+# sets out by steps that grow
+JUMP = 5.0
 ROUGH = 0.1  # tuned: noise in the accelerations by the steps of an encoder, of their rms
 SPIKE = 15.0  # level: standard deviations from its neighbours, from which a sample is no noise
 RARE = 1e-3  # tuned: share of lone samples that no sensor is free of (TX40: 3 of 45,000)
@@ -135,7 +139,7 @@ def staircase(c: LoggedChannel) -> Judgement:
     usual = float(np.median(lengths)) if len(lengths) >= 10 else 0.0
     # steps of a coarse sensor are as long as the channel is flat, only two samples are never by it
     alike = np.abs(lengths - usual) <= (usual > HELD)
-    if usual < HELD or alike.mean() < REGULAR:
+    if usual < HELD or alike.mean() < (REGULAR if usual > HELD else ALWAYS):
         return None
     text = (
         f"held for {usual:.0f} samples at a time: rows are repeated, or a slower controller "
@@ -157,7 +161,7 @@ def frozen(c: LoggedChannel) -> Judgement:
         moving = seconds * float(c.moving[longest].mean())
         wrong = inside and not c.step and moving > max(FROZEN, 0.5 * seconds)
     else:
-        wrong = last < len(step) and step[last] > np.delete(step, last).max()
+        wrong = last < len(step) and step[last] > JUMP * np.delete(step, last).max()
     text = (
         f"stays at {significant(c.x[first], 4)} for {seconds:.3g} s from t = {c.t[first]:.4g} s "
         "on, while the joint moves"

@@ -17,6 +17,7 @@ from markupsafe import Markup
 
 from ident.diagnosis import Diagnosis
 from ident.display import inputs, renders
+from ident.information.chance import ALPHA
 from ident.mechanism import Mechanism
 from ident.show.charts import FAINT, RESIDUAL, Chart, Line, Mark, Panel, pieces_of
 from ident.show.fit import summary
@@ -36,7 +37,7 @@ from ident.show.motion import made_of
 from ident.show.sheet import Sheet
 from ident.show.template import piece
 from ident.streams.gather import Gathered
-from ident.streams.many_logs import ALPHA, Disagreement, LogComparison, Verdict, Verdicts
+from ident.streams.many_logs import Disagreement, LogComparison, Verdict, Verdicts
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
 from ident.text import listed, percent, rounded, some, stamp

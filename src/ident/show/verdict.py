@@ -158,7 +158,7 @@ def certainty(d: Diagnosis) -> str:
             f"noise stays in {best.joint})"
         )
     elif open_between(d):
-        certain = f"Which of these it is remains open. That one is missing is {certain.lower()}"
+        certain = f"Which of these it is remains open. It is {certain.lower()} that one is missing"
     value = f"{named([d.best])}: " if len(d.group) > 1 or open_between(d) else ""
     known = f", in the model {known_values(best)}" * bool(best.known)
     return f"{certain}: {by_chance(best.evidence)}; {value}{numbers(best.parameters)}{known}."
