@@ -77,13 +77,16 @@ def test_random_motions_separate_less(four_bar, apart):
 
 SHAPED = [
     ("coulomb:elbow", "stribeck:elbow"),
+    ("payload:hand", "payload:upper_arm"),  # beside known bodies; the second's mass acts nowhere
     pytest.param("encoder_offset:elbow", "spring:elbow", marks=pytest.mark.slow),
 ]
 
 
 @pytest.mark.parametrize(("first", "second"), SHAPED)
-def test_effects_with_shapes_and_corrections(first, second):
-    """A shape's sensitivity is zero before there is a value; a correction has shapes alone."""
+def test_effects_with_shapes_corrections_and_loads(first, second):
+    """A shape's sensitivity is zero before there is a value; a correction has shapes alone; loads
+    act as the bodies' own parameters do.
+    """
     arm = ident.load(ROBOTS / "arm")
     x = ident.excite(arm, separate=(first, second), **{**SHORT, "harmonics": 2})
     assert 0.0 < x.separation.cosine < 1.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.equations.unknowns import Columns
 from ident.errors import MechanismError, MotionError, one_of
-from ident.excite.excitation import Criterion, Determined, Excitation, informative, places_of
+from ident.excite.excitation import Criterion, Determined, Excitation, determined_places, informative
 from ident.excite.limits import LimitBox, Limits
 from ident.excite.trajectory import Family, Fourier, MotionRows, at_rest, moved_joints
 from ident.fit.shapes import initial
@@ -129,7 +129,7 @@ class DesignProblem:
         columns, independent = self.family.columns, list(self.base.independent)
         places = []
         for label in separate:
-            own = places_of(columns, label)
+            own = determined_places(columns, label, independent)
             if lost := [columns.names[i] for i in own if i not in independent]:
                 raise MotionError(
                     f"{self.family.mechanism.name}: no motion separates {label} from everything "

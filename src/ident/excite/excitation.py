@@ -16,8 +16,8 @@ Donev, Optimum Experimental Designs, 1992, sect. 10.3.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -222,7 +222,7 @@ class Determined:
         estimates, that of their predictions beside all else.
         """
         columns, place = self.columns, {i: k for k, i in enumerate(self.base.independent.tolist())}
-        places = [places_of(columns, label) for label in pair]
+        places = [determined_places(columns, label, place) for label in pair]
         both = [[place[i] for i in own if i in place] for own in places]
         errors = [self.stderr[place[i]] if i in place else np.inf for i, *_ in places]
         cosine, (a, b) = 1.0, both
@@ -254,8 +254,21 @@ def places_of(columns: Columns, label: str) -> list[int]:
     return [int(i) for i in own if i >= 0]
 
 
+def determined_places(columns: Columns, label: str, independent: Collection[int]) -> list[int]:
+    """Return the places of an effect's unknowns; of a load those that are independent, if any is:
+    the mass of a load on a link that only turns about an axis acts through its moments alone.
+    """
+    places = places_of(columns, label)
+    load = any(effect.label == label and effect.loaded_link for effect, _ in columns.effects)
+    return (load and [i for i in places if i in independent]) or places
+
+
 def with_rivals(mechanism: Mechanism, pair: tuple[str, str]) -> Mechanism:
-    """Return the mechanism with two different effects, their parameters unknown."""
+    """Return the mechanism with two different effects, their parameters unknown.
+
+    If one is a load, the bodies are known, as in the fit of the machine without the load: their own
+    inertial parameters act as a load does.
+    """
     if len(set(pair)) != 2:
         raise MechanismError(f"separate {' '.join(pair)}: two different effects are expected")
     for label in pair:
@@ -266,4 +279,5 @@ def with_rivals(mechanism: Mechanism, pair: tuple[str, str]) -> Mechanism:
         if not joints and KINDS[kind].sits != "mechanism":
             raise MechanismError(f"separate {label}: of which joint? write {label}:JOINT")
         mechanism = mechanism.with_effect(label)
-    return mechanism
+    loads = {effect.label for effect in mechanism.effects if effect.loaded_link}
+    return replace(mechanism, unknown=()) if loads & {*pair} else mechanism
