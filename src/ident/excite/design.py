@@ -10,7 +10,13 @@ import numpy as np
 
 from ident.equations.unknowns import Columns
 from ident.errors import MechanismError, MotionError, one_of
-from ident.excite.excitation import Criterion, Determined, Excitation, determined_places, informative
+from ident.excite.excitation import (
+    Criterion,
+    Determined,
+    Excitation,
+    determined_places,
+    informative,
+)
 from ident.excite.limits import LimitBox, Limits
 from ident.excite.trajectory import Family, Fourier, MotionRows, at_rest, moved_joints
 from ident.fit.shapes import initial
