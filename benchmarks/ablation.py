@@ -1,9 +1,10 @@
-"""Which constants of the diagnosis pay: each switched off, or halved and doubled.
+"""Which constants and rules of the diagnosis pay: each switched off, or halved and doubled.
 
-    python benchmarks/ablation.py [--off] [--every 8] [--data DIR] [--only NAME …] [--results FILE]
+    python benchmarks/ablation.py [--off] [--rules] [--every 8] [--data DIR] [--only NAME …]
+                                  [--results FILE]
 
-Every case is fitted once, and the set of effects is searched again with one constant changed at a
-time. Right is: a hidden effect is named first (in a loop: named or a rival); both of two are in the
+Every case is fitted once, and the set of effects is searched again with one constant changed, or
+one rule left out, at a time. Right is: a hidden effect is named first (in a loop: named or a rival); both of two are in the
 set; no name where nothing, or nothing of the library, is missing. A real machine has no such truth:
 there the members of the set that come and go are counted, and the change of the left-out error.
 """
@@ -63,6 +64,31 @@ SHARES = {"ALIKE", "PASSED", "NEAR", "ENOUGH"}  # doubled: half way to one
 Variant = tuple[str, str, float, bool]  # module, constant, factor or value, whether a value
 
 
+def _of(cls: str) -> Any:
+    """A class of the search, in which a rule is a method."""
+    return getattr(importlib.import_module(f"ident.diagnosis.{CLASSES[cls]}"), cls)
+
+
+CLASSES = {"Search": "search", "EffectSet": "effect_set", "Responses": "effect_set"}
+RULES: dict[str, tuple[str, Any]] = {  # where a rule is, and what leaves it out
+    "Search.joined": ("Search", lambda self, now, ranking: now),
+    "Search.grouped": ("Search", lambda self, now: now),
+    "Search.restored": ("Search", lambda self, now: now),
+    "Search.several": ("Search", lambda self, now: None),
+    "Search.exchanged": ("Search", lambda self, now: None),
+    "Search.with_rivals": ("Search", lambda self, now, member: member),
+    "EffectSet.polished": ("EffectSet", lambda self: self),
+    "search._stands": ("search", lambda *_: True),
+    "effect_set._past": ("effect_set", lambda *_: None),
+    "effect_set._curve": ("effect_set", lambda *_: None),
+    "effect_set._impossible": ("effect_set", lambda *_: None),
+    "effect_set._beside_best_law": ("effect_set", lambda *_: True),
+    "effect_set._alone": ("effect_set", lambda member, *_: member),
+    "selection.differs": ("selection", lambda *_: True),
+    "selection.by_chance": ("selection", lambda *_: False),
+}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
@@ -70,6 +96,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=8, help="one case of each category in so many")
     parser.add_argument("--data", action="append", type=Path, default=[], metavar="DIR")
     parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="these constants")
+    parser.add_argument("--rules", action="store_true", help="leave out rules, not constants")
     parser.add_argument("--off", action="store_true", help="switch off, not halve and double")
     parser.add_argument("--results", type=Path, help="JSON lines, one a case")
     options = parser.parse_args()
@@ -80,6 +107,9 @@ def main() -> None:
         if not options.only or name in options.only
         for factor in (OFF.get(name, ()) if options.off else (0.5, 2.0))
     ]
+    if options.rules:
+        variants = [("", name, 0.0, True) for name in RULES
+                    if not options.only or name in options.only]  # fmt: skip
     places = [*options.data, Path(os.environ.get("IDENT_DATA", ROOT.parent / "shared" / "data"))]
     found = []
     for result in results(variants, options.every, places):
@@ -164,6 +194,10 @@ def right(case: Case | None, selection: Selection) -> bool:
 def changed(variant: Variant) -> Iterator[None]:
     """One constant of the diagnosis with another value, wherever it is imported."""
     module, constant, factor, absolute = variant
+    if not module:
+        with without(constant):
+            yield
+        return
     value = getattr(importlib.import_module(f"ident.{module}"), constant)
     new = factor * value if factor < 1 or constant not in SHARES else 0.5 * (1 + value)
     new = factor if absolute else new
@@ -182,8 +216,31 @@ def changed(variant: Variant) -> Iterator[None]:
             setattr(place, constant, value)
 
 
+@contextmanager
+def without(rule: str) -> Iterator[None]:
+    """The diagnosis without one rule, wherever it is imported."""
+    where, instead = RULES[rule]
+    name = rule.rpartition(".")[2]
+    if where in CLASSES:
+        places = [_of(where)]
+    else:
+        own = getattr(importlib.import_module(f"ident.diagnosis.{where}"), name)
+        places = [m for n, m in sys.modules.items()
+                  if n.startswith("ident.diagnosis.") and getattr(m, name, None) is own]  # fmt: skip
+    before = getattr(places[0], name)
+    for place in places:
+        setattr(place, name, instead)
+    try:
+        yield
+    finally:
+        for place in places:
+            setattr(place, name, before)
+
+
 def text(variant: Variant) -> str:
     module, constant, factor, absolute = variant
+    if not module:
+        return f"without {constant}"
     return f"{module.partition('.')[2]}.{constant} {'=' if absolute else '×'} {factor:g}"
 
 

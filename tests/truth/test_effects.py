@@ -324,6 +324,8 @@ def test_effects_by_text(mechanism):
     assert [e.label for e in every.effects] == ["coulomb:knee", "coulomb:hip", "coulomb:slide"]
     with pytest.raises(MechanismError, match="has 'coulomb' already"):
         every.with_effect("coulomb")
+    known = mechanism.with_effect("coulomb", {"Fc": 0.4})
+    assert not any(e.known for e in known.with_effect("coulomb").effects)
 
 
 @pytest.mark.parametrize(

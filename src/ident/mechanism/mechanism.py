@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import combinations
+from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -301,8 +302,9 @@ class Mechanism(Displayed):
         `curve:elbow:q:pieces=8` has the signal of a kind that is a curve of one, and values that
         are known.
 
-        `kind` alone stands for every driven joint that does not have it yet, or for the whole
-        mechanism, where the effect has no joint. One that it has with known values is unknown then.
+        `kind` alone stands for every driven joint that does not have it yet or, where all have it
+        with known values, for all of them; or for the whole mechanism, where the effect has no
+        joint. One that it has with known values is unknown then.
 
         Args:
             text: names it.
@@ -318,15 +320,17 @@ class Mechanism(Displayed):
         if joints or cls.arity != 1 or cls.sits == "place":
             return self + create(kind, joints, values, signal=signal)
         everywhere = {"link": self.bodies.links, "closure": self.sites.closure}
-        present = {effect.label for effect in self.effects}
+        present = {effect.label: effect.known for effect in self.effects}
         every = [create(kind, name, values) for name in everywhere.get(cls.sits, self.driven)]
-        grown = self
-        for effect in every:
-            grown = grown if effect.label in present else grown + effect
-        if grown is self:
+        new = [effect for effect in every if effect.label not in present]
+        if not new and all(present[effect.label] for effect in every) and not values:
+            new = every
+        if not new:
             what = "link" if cls.sits == "link" else "driven joint"
-            raise MechanismError(f"{self.name}: every {what} has '{kind}' already")
-        return grown
+            raise MechanismError(
+                f"{self.name}: every {what} has '{kind}' already; leave it out, or name one joint"
+            )
+        return reduce(add, new, self)
 
     def check_required(self) -> None:
         """Refuse an effect without the other effect that it changes.

@@ -32,7 +32,7 @@ from ident.motion.recipe import (
     thresholds,
     top_speeds,
 )
-from ident.motion.signals import LogSignals, Smoothed, measure, runs
+from ident.motion.signals import LogSignals, Smoothed, measure, runs, without_repeats
 from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
 from ident.motion.state import State, wrenches
 from ident.text import some
@@ -140,7 +140,7 @@ def complete(
     given: list[Any] = [*cast(Any, logs)] if several and not is_frame(logs) else [logs]
     if not given:
         raise MotionError(f"{mechanism.name}: no log given")
-    read = [log_of(mechanism, each) for each in given]
+    read = [without_repeats(log_of(mechanism, each)) for each in given]
     different = zip(read, distinct(log.name for log in read), strict=True)
     read = [log if log.name == name else replace(log, name=name) for log, name in different]
     measured = [measure(mechanism, log) for log in read]

@@ -11,6 +11,9 @@ from ident.information.chance import LOUD
 ORDER = 6  # numerics: of the difference that leaves little but noise
 POWER = 0.999  # range: share of the velocities' power that is the motion's
 VISIBLE = 200.0  # tuned: times the mean power of noise; real noise (steps, jitter) is not white
+# tuned: neighbouring frequencies over which that is the mean: a lone line is a vibration or the
+# mains, and a motion's own lines are thousands of times as large
+NEIGHBOURS = 9
 GRAINS = 20  # work: changes of a signal from which its quantisation can be known
 MOST = 1000.0  # numerics: steps between two samples beyond which multiples are no sign of anything
 
@@ -58,8 +61,8 @@ def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
     """Frequency [Hz] below which 99.9 % of the power of the velocity lies.
 
     The noise's own share, measured in the upper half of the spectrum, is taken off first: what
-    does not stand out of it by VISIBLE cannot be told from it. x (n,) of step dt [s] is the
-    position (order 0), velocity (1) or acceleration (2).
+    does not stand out of it by VISIBLE, NEIGHBOURS together, cannot be told from it. x (n,) of step
+    dt [s] is the position (order 0), velocity (1) or acceleration (2).
     """
     x = np.diff(x) / dt if order == 0 else x
     n = len(x)
@@ -69,7 +72,9 @@ def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
     shape = (2 * np.sin(np.pi * f * dt)) ** 2 if order == 0 else np.ones(len(f))
     high = slice(max(n // 4, 1), None)
     noise = np.median(power[high] / shape[high]) / np.log(2) * shape
-    power = np.where(power > VISIBLE * noise, power - noise, 0.0)
+    ratio = np.divide(power, noise, out=np.full(len(f), np.inf), where=noise > 0)
+    together = np.convolve(np.minimum(ratio, 1e30), np.full(NEIGHBOURS, 1 / NEIGHBOURS), "same")
+    power = np.where(together > VISIBLE, np.maximum(power - noise, 0.0), 0.0)
     if order == 2:
         power = power / np.maximum(2 * np.pi * f, 2 * np.pi * f[1]) ** 2
     total = np.cumsum(power)

@@ -35,6 +35,7 @@ WINDOW = 0.01  # range: s; increments over it are compared, in which noise is sm
 CLIPPED = 0.005  # tuned: share of a torque's samples at an extreme, in runs of 3 or more
 PILED = 5.0  # level: times as many at the extreme as one step below it; 2.4 where a sine turns
 SLOW = 0.03  # tuned: share of a joint's top speed below which it is at rest, or about to reverse
+REGULAR = 0.9  # tuned: share of the runs of equal rows that have one length, of a log with repeats
 SWITCHED = 0.5  # level: share of all samples that are too many to be left out
 FACTORS = {
     180 / np.pi: "the first in degrees",
@@ -129,6 +130,31 @@ class LogSignals:
             first, last = np.searchsorted(at, (t[0] - 0.5 * dt, t[-1] + 0.5 * dt))
             t, dt = np.arange(at[first], at[last - 1] + 1e-6 * step, step), step
         return np.interp(t, at, x), dt
+
+
+def without_repeats(log: Log) -> Log:
+    """The log with one row of those that are equal, where all are repeated, each as often.
+
+    A logger that is faster than what it logs writes the same numbers several times. Of rows that
+    stay equal for longer, as at rest, one is kept in as many.
+    """
+    every = np.array([x for name, x in log.columns.items() if is_signal(name)])
+    if not len(every):
+        return log
+    equal = (every[:, 1:] == every[:, :-1]) | (np.isnan(every[:, 1:]) & np.isnan(every[:, :-1]))
+    first = np.flatnonzero(np.append(True, ~equal.all(axis=0)))
+    lengths = np.diff(first)
+    usual = int(np.median(lengths)) if len(lengths) >= SHORTEST else 1
+    if usual < 2 or (np.abs(lengths - usual) <= (usual > 2)).mean() < REGULAR:
+        return log
+    begun = np.repeat(first, np.diff(np.append(first, len(log.t))))
+    rows = np.flatnonzero((np.arange(len(log.t)) - begun) % usual == 0)
+    note = (
+        f"each row is repeated, {len(log.t) / len(rows):.3g} equal ones in a row: the first of "
+        f"them is kept, {len(rows)} of {len(log.t)}"
+    )
+    columns = {name: x[rows] for name, x in log.columns.items()}
+    return replace(log, t=log.t[rows], columns=columns, repairs=(*log.repairs, note))
 
 
 def measure(
