@@ -321,11 +321,21 @@ def _beside_best_law(columns: Index, joint: str, member: Member, last: Ranking) 
 def in_order(members: Sequence[Member], first: Ranking, decision: Decision) -> list[Member]:
     """Put members of a set in the order in which they are named: first those that are credible on
     the model as it is, by what they explain there; the first name with its evidence there.
+
+    Of names that explain as much there, within PARSIMONY, the first is one that every machine has,
+    of few numbers: a bare model lacks friction of all joints.
     """
     found = sorted(members, key=lambda each: first.place(each.label))
-    named = next((i for i, m in enumerate(found) if not m.rejected), None)
-    if named is not None:
-        found[named] = _alone(found[named], first, decision)
+    named = [m for m in found if not m.rejected]
+    if named:
+        alone = {e.effect.label: e.gain for e in first.credible}
+        least = (1 - PARSIMONY) * alone.get(named[0].label, np.inf)
+        equal = [m for m in named if alone.get(m.label, 0.0) >= least] or named[:1]
+        lead = min(equal, key=lambda m: (not m.effect.common, len(m.effect.parameters)))
+        lead = lead if lead.effect.common else named[0]
+        at = found.index(named[0])
+        found.remove(lead)
+        found.insert(at, _alone(lead, first, decision))
     return found
 
 

@@ -96,12 +96,18 @@ class Search:
         return replace(now, members=tuple(self.with_rivals(now, each) for each in now.members))
 
     def with_rivals(self, now: EffectSet, member: Member) -> Member:
-        """The member; one that came with others with its rivals beside the rest of the set."""
+        """The member; one that came with others with its rivals beside the rest of the set: of what
+        every machine has none with more numbers, for it is there in any case.
+        """
         if not member.grouped:
             return member
         beside = self.beside(now.minus(member), member)
         own = next((e for e in beside.evidence if e.effect.label == member.label), None)
-        return replace(member, rivals=rivals(own, beside, self.decision)) if own else member
+        if own is None:
+            return member
+        most = own.numbers if member.effect.common else np.inf
+        equal = (e for e in rivals(own, beside, self.decision) if e.numbers <= most)
+        return replace(member, rivals=tuple(equal))
 
     def beside(self, bare: EffectSet, member: Member) -> Ranking:
         """Return what could take the place of a member, of its joints, in a set without it."""
