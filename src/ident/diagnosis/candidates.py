@@ -21,6 +21,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
 CALM = 1 / 3  # tuned: share of squares away from reversals, below which these decide too
+HIDDEN = 0.02  # tuned: visible share below which the data cannot speak of an effect
 SURE = 1.0  # level: standard errors over blocks by which pulses lower left-out errors
 Shape = Mapping[str, float]
 Columns = Mapping[int, np.ndarray]  # (m, u) in the rows of each coordinate
@@ -199,6 +200,8 @@ class Contest:
         D = regression.gains(beside).D if beside else np.zeros((0, 1))
         some = [each for each, falls in zip(beside, D, strict=True) if zscore(falls) > SURE]
         pulses = np.concatenate([np.zeros(0, dtype=int), *some])
+        found, more = _beside_held(regression, np.flatnonzero(held), found)
+        failed += more
         regression = regression.extended(pulses)
         return cls(fit, table, use, regression, pulses, tuple(found), tuple(failed))
 
@@ -282,6 +285,27 @@ class Contest:
         )
         regression = replace(self.regression, parts=parts, count=int(new[-1]) + 1)
         return replace(self, regression=regression), new
+
+
+def _beside_held(
+    regression: PartialRegression, held: np.ndarray, candidates: Sequence[CandidateColumns]
+) -> tuple[list[CandidateColumns], list[tuple[Effect, str]]]:
+    """The candidates that have columns of their own beside the unknowns that are held at their
+    priors, and those that have none, with the reason: where friction is missing the residual hides
+    an inertia, which then is no effect.
+    """
+    groups = [each.groups[0] for each in candidates]
+    if not len(held) or not groups:
+        return [*candidates], []
+    visible = regression.extended(held).gains(groups).visible
+    found, hidden = list[CandidateColumns](), list[tuple[Effect, str]]()
+    why = "it has the columns of inertial parameters that are held at their priors"
+    for each, share in zip(candidates, visible, strict=True):
+        if share > HIDDEN or each.curve:
+            found.append(each)
+        else:
+            hidden.append((each.effect, why))
+    return found, hidden
 
 
 class ColumnStore:

@@ -18,11 +18,10 @@ from functools import cached_property, partial, reduce
 
 import numpy as np
 
-from ident.diagnosis.candidates import CandidateColumns, Contest
+from ident.diagnosis.candidates import HIDDEN, CandidateColumns, Contest
 from ident.diagnosis.effect_set import EffectSet, Member, Responses, in_order, judged_member
 from ident.diagnosis.null import SURROGATES, NoiseDraws, judging, null_shares, path_shares
 from ident.diagnosis.selection import (
-    HIDDEN,
     Decision,
     Evidence,
     OnProgress,

@@ -34,7 +34,6 @@ from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 MOST = 0.5  # level: of a joint's squares: what explains less of them is not its main cause
 ALIKE = 0.7  # level: cosine of what two candidates explain: half of the squares are the same part
 PASSED = 1 / 3  # tuned: of the samples, at least, at which the filter must pass waves of position
-HIDDEN = 0.02  # tuned: visible share below which the data cannot speak of an effect
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
 OnProgress = Callable[[str, float], None]
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest, absorbed, possible
+from ident.diagnosis.candidates import HIDDEN, Contest, absorbed, possible
 from ident.diagnosis.law_search import FittedFormula, LawSearch, OnProgress
 from ident.diagnosis.laws import LossComparison
 from ident.diagnosis.search import Selection
-from ident.diagnosis.selection import HIDDEN, Decision, Ranking, torque_squares
+from ident.diagnosis.selection import Decision, Ranking, torque_squares
 from ident.effects import KINDS, Effect, Signals
 from ident.fit import Fit
 from ident.information import linear
