@@ -398,7 +398,7 @@ def monte_carlo(
         LogError: if the log cannot be read or has no channel that gets noise.
     """
     ratios, applied = _checked(snr, runs, seed), estimators_of(estimators)
-    log = log if isinstance(log, Log) else read_log(log, mechanism.columns)
+    log = log if isinstance(log, Log) else read_log(log, mechanism.sources)
     columns = noisy_columns(log, channels)
     if reactions is not None and not isinstance(reactions, Log):
         reactions = read_log(reactions)

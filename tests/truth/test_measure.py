@@ -4,11 +4,12 @@ import re
 
 import numpy as np
 import pinocchio as pin
+import polars as pl
 import pytest
 
 from helpers import Truth, series, write_mechanism
 from ident.errors import LogError, MechanismError, MotionError
-from ident.log import Log
+from ident.log import Log, read_log
 from ident.log.log import entry_for
 from ident.mechanism import load
 from ident.mechanism.load import absolute
@@ -271,6 +272,33 @@ def test_one_entry_maps_the_columns_of_all_joints(tmp_path, robots):
             np.testing.assert_allclose(e.y[:, at], columns[f"q.{joint}"], atol=1e-9)
             factor = 2 if joint == "yaw" else 1
             np.testing.assert_allclose(e.tau[:, at], factor * columns[f"tau.{joint}"], atol=1e-9)
+
+
+def test_an_underscore_stands_for_the_dot(robots, tmp_path):
+    mechanism = load(robots / "arm")
+    log = read_log(robots / "arm" / "run.csv")
+    log.polars().rename(lambda name: name.replace(".", "_")).write_csv(tmp_path / "run.csv")
+    (e,), (known,) = (
+        complete(mechanism, x).experiments for x in (tmp_path / "run.csv", robots / "arm/run.csv")
+    )
+    np.testing.assert_array_equal(e.tau, known.tau)
+    both = log.polars().with_columns(q_elbow=pl.lit(3.0))
+    both.write_csv(tmp_path / "both.csv")  # the column with the dot is the position
+    (e,) = complete(mechanism, tmp_path / "both.csv").experiments
+    np.testing.assert_array_equal(e.y, known.y)
+
+
+def test_rows_that_are_all_repeated_are_one_sample_each(robots):
+    log = read_log(robots / "arm" / "run.csv")
+    t = np.arange(3 * len(log.t)) * (log.t[1] - log.t[0]) / 3
+    repeated = Log.from_arrays(
+        "repeated", t, {name: np.repeat(x, 3) for name, x in log.columns.items()}
+    )
+    motion = complete(load(robots / "arm"), repeated)
+    assert any("each row is repeated, 3 equal ones" in note for note in motion.notes)
+    (e,) = motion.experiments
+    assert len(e.t) == len(log.t)
+    np.testing.assert_allclose(e.tau, complete(load(robots / "arm"), log).experiments[0].tau)
 
 
 @pytest.mark.parametrize(

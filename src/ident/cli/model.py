@@ -238,7 +238,7 @@ def simulate(
         log, t, forces = run.log, run.t, run.multipliers
     else:
         assert motion is not None
-        log, prediction = simulate_(mechanism, read_log(motion, mechanism.columns), **common)
+        log, prediction = simulate_(mechanism, read_log(motion, mechanism.sources), **common)
         t, forces = prediction.t, prediction.multipliers
     if out is not None:
         log.write(out)
@@ -282,7 +282,7 @@ def _drive(
         return None
     if motion is None:
         raise IdentError(f"--control {control}: needs a MOTION, the log that it plays or follows")
-    log = read_log(motion, mechanism.columns)
+    log = read_log(motion, mechanism.sources)
     if control == "torque":
         return Torques(log)
     remedy = "write KP,KD or JOINT=KP,KD, as 400,30"

@@ -87,7 +87,8 @@ class Column:
 def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     """Return the table under ident's names and in SI units; unmapped columns keep their own name.
 
-    Two columns may exchange their names. A file with none of the mapped columns, but with `t` and
+    Two columns may exchange their names. One that is not required gives way to a column that has
+    the name already. A file with none of the mapped columns, but with `t` and
     some of the names that they are to have, has ident's names already, as planned motions have.
     """
     every = {*table.columns, *table.ignored}
@@ -99,7 +100,8 @@ def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     mapping = {
         name: source
         for name, source in mapping.items()
-        if (source.required and not source.group) or source.column in every
+        if (source.required and not source.group)
+        or (source.column in every and (source.required or name not in every))
     }
     used = {source.column for source in mapping.values()}
     if "t" in table.columns and own - {"t"} and not used & every:

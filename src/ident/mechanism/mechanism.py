@@ -296,6 +296,16 @@ class Mechanism(Displayed):
         sites = self.sites if logged is None else replace(self.sites, logged=tuple(logged))
         return [self.placed(effect) for effect in candidates(sites, self.effects, columns)]
 
+    @property
+    def sources(self) -> dict[str, Column]:
+        """Columns of a log's file by ident's names: those of [log], and q_elbow for q.elbow."""
+        kinds = ("q", "v", "a", "tau")
+        names = [f"{kind}.{joint.name}" for kind in kinds for joint in self.joints]
+        usual = {name: Column(name.replace(".", "_", 1), required=False) for name in names}
+        taken = {each.column for each in self.columns.values()}
+        free = {name: each for name, each in usual.items() if each.column not in taken}
+        return {**free, **self.columns}
+
     def with_effect(self, text: str, values: Mapping[str, float] | None = None) -> Mechanism:
         """This mechanism with the effect(s) that `kind:joint[,joint]` or `kind` names.
 

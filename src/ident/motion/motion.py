@@ -269,8 +269,8 @@ def log_of(mechanism: Mechanism, given: Given) -> Log:
         return given
     try:
         if isinstance(given, str | os.PathLike):
-            return read_log(given, mechanism.columns)
-        return Log.from_frame(given, columns=mechanism.columns)
+            return read_log(given, mechanism.sources)
+        return Log.from_frame(given, columns=mechanism.sources)
     except NoTime as error:
         entries = entries_for(_unmapped_joints(mechanism, error.columns), error.columns)
         raise LogError(f"{error}{entries and f' and {entries}'}") from None

@@ -173,7 +173,7 @@ def measure(
             is missing.
     """
     own = dict(log.columns)  # this robot's own names become ident's
-    for name, source in mechanism.columns.items():
+    for name, source in mechanism.sources.items():
         if name != "t" and name not in own and source.column in own:
             own[name] = source.scale * own[source.column] + source.offset
     notes = list(log.repairs)

@@ -94,7 +94,7 @@ def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Pat
 
 def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
     """Read a log once, piece by piece."""
-    log = open_log(path, mechanism.columns)
+    log = open_log(path, mechanism.sources)
     signals = [name for name in log.columns if is_signal(name)]
     values = dict.fromkeys(signals, 0)
     repairs: dict[str, list[str]] = {}

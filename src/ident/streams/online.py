@@ -165,7 +165,7 @@ class Online:
         self._T, self._latency, self._warmup = forget, latency, warmup
         self._cutoff, self._smoothing = cutoff, smoothing
         reads = [name for effect in mechanism.effects for name in effect.reads()]
-        self._parser = SampleParser(mechanism.name, mechanism.columns, None, reads)
+        self._parser = SampleParser(mechanism.name, mechanism.sources, None, reads)
         self._first: list[np.ndarray] = []  # samples of the warm-up
         self._resting = 0  # samples before the machine moved
         self._stream: Stream | None = None  # after the warm-up

@@ -103,7 +103,7 @@ class Stream:
         names += [name for effect in mechanism.effects for name in effect.reads()]
         usual = {name: usual_range(x) for name, x in log.columns.items() if is_signal(name)}
         self._parser = SampleParser(
-            mechanism.name, mechanism.columns, [*dict.fromkeys(names)], gap=GAP * self._dt,
+            mechanism.name, mechanism.sources, [*dict.fromkeys(names)], gap=GAP * self._dt,
             usual=usual,
         )  # fmt: skip
         self._margin = margin_of(mechanism, e.rate, like.band.cutoff)
