@@ -26,7 +26,7 @@ from ident.diagnosis.refitted import (
 )
 from ident.diagnosis.result import Diagnosis, Explanation, Law, announced_with, errors_of
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import MOST, NEGATIVE, Decision, Ranking, torque_squares
+from ident.diagnosis.selection import MOST, NEGATIVE, Decision, Ranking, can_be, torque_squares
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
 from ident.effects.formula import Formula
@@ -45,7 +45,6 @@ from ident.information.hypotheses import PartialRegression
 
 TRIED = 3  # work: rivals of a formula whose constants are not determined
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
-THIRD = 1 / 3  # range: of a length, by which no drawing is off
 STEP = 0.08  # tuned: of dry friction's rms, by which it may differ from a step around reversals; a
 # simulator's friction, 10 ms early, differs by 0.06, breakaway of eight times as much by 0.1
 AGAIN = 0.6  # tuned: correlation of a residual between periods that noise does not have
@@ -286,20 +285,20 @@ def _explains(
     the noise, as a law must, and of no joint of which it and what was found with it leave most of
     the torque, whichever of those on which it acts it mends.
     """
+    fit = contest.fit
     after, before = found.after[found.joint].rms, found.before[found.joint].rms
     if after >= before and len(selection.named) > 1:  # alone it may need the others
-        after = announced_with(contest.fit, selection, selection.named)[found.joint].rms
+        after = announced_with(fit, selection, selection.named)[found.joint].rms
     if after >= before:
         return False
-    if found.effect.descriptive and not _explains_most(found, contest.fit):
+    if found.effect.descriptive and not _explains_most(found, fit):
         return False
     several = 1 if found.effect.loaded_link else len(found.effect.unknowns)  # of a body, its mass
     sizes = [v for v in found.parameters[: several or None] if v.stderr]
     if sizes and all(abs(v.value) < NEGATIVE * (v.stderr or 0.0) for v in sizes):
         return False
-    lengths = contest.fit.mechanism.lengths if found.effect.sits == "place" else {}
-    length = abs(lengths.get(found.effect.joints[0], np.inf)) if found.effect.joints else np.inf
-    if any(abs(value.value) > THIRD * length for value in found.parameters):
+    values = np.array([value.value for value in found.parameters])
+    if found.effect.sits == "place" and not can_be(fit.mechanism, found.effect, values, 0 * values):
         return False
     first, last = selection.first.regression, selection.last.regression
     left = last.losses.sum(axis=0) - last.rows * (last.weight * draws.floor) ** 2

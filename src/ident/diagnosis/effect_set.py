@@ -318,22 +318,25 @@ def _beside_best_law(columns: Index, joint: str, member: Member, last: Ranking) 
 # --- of a set that is found -----------------------------------------------------------------------
 
 
+def leader(named: Sequence[Member], first: Ranking) -> Member:
+    """Return which of some members, sorted by what they explain alone, is named first: one that
+    every machine has and that explains as much as the best, within PARSIMONY, for a bare model
+    lacks friction of all joints; else the best.
+    """
+    alone = {e.effect.label: e.gain for e in first.credible}
+    least = (1 - PARSIMONY) * alone.get(named[0].label, np.inf)
+    common = [m for m in named if m.effect.common and alone.get(m.label, 0.0) >= least]
+    return min(common, key=lambda m: len(m.effect.parameters), default=named[0])
+
+
 def in_order(members: Sequence[Member], first: Ranking, decision: Decision) -> list[Member]:
     """Put members of a set in the order in which they are named: first those that are credible on
     the model as it is, by what they explain there; the first name with its evidence there.
-
-    Of names that explain as much there, within PARSIMONY, the first is one that every machine has,
-    of few numbers: a bare model lacks friction of all joints.
     """
     found = sorted(members, key=lambda each: first.place(each.label))
     named = [m for m in found if not m.rejected]
     if named:
-        alone = {e.effect.label: e.gain for e in first.credible}
-        least = (1 - PARSIMONY) * alone.get(named[0].label, np.inf)
-        equal = [m for m in named if alone.get(m.label, 0.0) >= least] or named[:1]
-        lead = min(equal, key=lambda m: (not m.effect.common, len(m.effect.parameters)))
-        lead = lead if lead.effect.common else named[0]
-        at = found.index(named[0])
+        at, lead = found.index(named[0]), leader(named, first)
         found.remove(lead)
         found.insert(at, _alone(lead, first, decision))
     return found

@@ -19,12 +19,12 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, possible
 from ident.diagnosis.diagnosis import Decision, at_reversals, concluded, seen_elsewhere
-from ident.diagnosis.effect_set import EffectSet, Member, on_all_rows, reweighted
+from ident.diagnosis.effect_set import EffectSet, Member, leader, on_all_rows, reweighted
 from ident.diagnosis.null import noise
 from ident.diagnosis.refitted import started
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
 from ident.diagnosis.search import Search
-from ident.diagnosis.selection import Ranking
+from ident.diagnosis.selection import Ranking, can_be
 from ident.display import Displayed, part, render
 from ident.effects import Effect
 from ident.equations.unknowns import Point
@@ -280,8 +280,9 @@ Grown = tuple[EffectSet, tuple[Effect, ...], Point, Fit]
 
 
 def refitted(fit: Fit, search: Search, found: EffectSet, validate: Motion | None) -> Grown | None:
-    """Refit the set that a search found, without effects that the fit does not determine; None
-    where it is the set at the start, or predicts left-out rows no better.
+    """Refit the set that a search found, without effects that the fit does not determine or that
+    have values that cannot be; None where it is the set at the start, or predicts left-out rows no
+    better.
     """
     model = fit.mechanism
     without = search.start.labels - found.labels
@@ -348,17 +349,20 @@ def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple
 
 
 def undetermined(fit: Fit, new: Collection[Effect]) -> str:
-    """Return the label of an added effect all values of which are smaller than their errors, the
-    one with most parameters first, and what every machine has last; "" if there is none.
+    """Return the label of an added effect all values of which are smaller than their errors, or one
+    of which cannot be, the one with most parameters first, and what every machine has last; "" if
+    there is none.
     """
     labels = {each.label for each in new}
-    loose = [
-        e.effect
-        for e in fit.effects
-        if e.effect.label in labels
-        and e.effect.unknowns
-        and all(abs(v.value) < (v.stderr or 0.0) for v in e.parameters[: len(e.effect.unknowns)])
-    ]
+    loose = []
+    for e in fit.effects:
+        own = e.parameters[: len(e.effect.unknowns) or None]
+        values = np.array([v.value for v in own])
+        errors = np.array([np.inf if v.stderr is None else v.stderr for v in own])
+        small = bool(e.effect.unknowns) and all(abs(v.value) < (v.stderr or 0.0) for v in own)
+        possible = can_be(fit.mechanism, e.effect, values, errors)
+        if e.effect.label in labels and (small or not possible):
+            loose.append(e.effect)
     last = max(loose, key=lambda e: (not e.common, len(e.parameters)), default=None)
     return last.label if last else ""
 
@@ -404,6 +408,8 @@ def ladder(
         rungs.append(Step((), removed, (), None, now))
         last = now
     new.sort(key=lambda each: first.place(each.label))
+    if new:
+        new.sort(key=lambda each, lead=leader(new, first): each is not lead)
     kinds: dict[str, list[Member]] = {}
     for each in new:
         kinds.setdefault(each.effect.kind, []).append(each)

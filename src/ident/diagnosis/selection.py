@@ -30,10 +30,12 @@ from ident.errors import FitError
 from ident.information.chance import ALPHA, MINE, NEGATIVE, PARSIMONY, RIVAL, Chance, paired, zscore
 from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import Array, Index, PartialRegression, Refit
+from ident.mechanism.mechanism import Mechanism
 
 MOST = 0.5  # level: of a joint's squares: what explains less of them is not its main cause
 ALIKE = 0.7  # level: cosine of what two candidates explain: half of the squares are the same part
 PASSED = 1 / 3  # tuned: of the samples, at least, at which the filter must pass waves of position
+THIRD = 1 / 3  # range: of a length, by which no drawing is off
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
 OnProgress = Callable[[str, float], None]
 
@@ -341,17 +343,29 @@ def torque_squares(contest: Contest, regression: PartialRegression) -> Array:
 
 
 def sensible(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> bool:
-    """Return whether an effect can have its values (u,), with those known already added.
-
-    None is larger than the kind allows, and none that must not be negative is so beyond its error.
-    """
+    """Return whether an effect can have its values (u,), with those known already added."""
     names = effect.unknowns or effect.searched
     own = next((e.values for e in contest.fit.mechanism.effects if e.label == effect.label), {})
     values = theta[: len(names)] + [own.get(each.name, 0.0) for each in names]
+    return can_be(contest.fit.mechanism, effect, values, stderr)
+
+
+def can_be(mechanism: Mechanism, effect: Effect, values: Array, stderr: Array) -> bool:
+    """Return whether an effect can have values (u,) of its unknowns, of a correction of its shapes.
+
+    None is larger than the kind allows, none that must not be negative is so beyond its error, and
+    no length differs from the drawing by more than a third.
+    """
     rounding = 1e-9 * float(np.abs(values).max(initial=0.0))  # of a value that no row determines
+    length = np.inf
+    if effect.sits == "place" and effect.joints:
+        length = abs(mechanism.lengths.get(effect.joints[0], np.inf))
     return not any(
-        abs(value) > each.largest or (each.nonnegative and value < -max(NEGATIVE * error, rounding))
-        for each, value, error in zip(names, values, stderr, strict=False)
+        abs(value) > min(each.largest, THIRD * length)
+        or (each.nonnegative and value < -max(NEGATIVE * error, rounding))
+        for each, value, error in zip(
+            effect.unknowns or effect.searched, values, stderr, strict=False
+        )
     )
 
 

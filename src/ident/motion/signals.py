@@ -225,17 +225,17 @@ def measure(
             continue
         empty = gaps(t, at)
         steps.append(float(np.median(np.diff(at))))
+        cells = len(log.t) - len(x)
+        said = [f"{name} is empty in {cells} of {len(log.t)} rows"] if cells else []
         if (count := int((empty & usable).sum())) > 0:
-            notes.append(
-                f"{name} has no sample near {count} of {n} instants (first at t = "
-                f"{t[np.argmax(empty)]:.4g} s); they are left out"
+            said.append(
+                f"{'' if said else f'{name} has '}no sample near {count} of {n} instants (first at "
+                f"t = {t[np.argmax(empty)]:.4g} s), which are left out"
             )
+        elif said:
+            said.append("values between are interpolated")
+        notes += [": ".join(said)] if said else []
         usable &= ~empty
-        if len(x) < len(log.t):
-            notes.append(
-                f"{name} is empty in {len(log.t) - len(x)} of {len(log.t)} rows; values between "
-                "are interpolated"
-            )
     shortest = round(SHORTEST * max(steps) / (t[1] - t[0]))
     short = [run for run in runs(usable) if run.stop - run.start < min(shortest, n)]
     for run in short:
