@@ -270,9 +270,10 @@ class Samples:
         effects that are explicit; in a closure's own joint both are |λ|, the size of its force.
         """
         e, part = self.e, self.part
-        surplus = [name for name in self.mechanism.driven if name not in e.independent]
-        known = self.generalised(part).measured(surplus) if surplus else 0.0
-        pinv = None if e.loop is None else e.pinv[part]
+        known, pinv = np.zeros(1), None
+        if e.loop is not None:
+            surplus = (name for name in self.mechanism.driven if name not in e.independent)
+            known, pinv = self.generalised(part).measured(surplus), e.pinv[part]
         return joint_loads(
             self.mechanism, joints, e.independent, pinv, *self.forces(), known, e.tau[part]
         )
@@ -285,7 +286,7 @@ def joint_loads(
     pinv: np.ndarray | None,
     rigid: np.ndarray,
     others: np.ndarray,
-    known: np.ndarray | float,
+    known: np.ndarray,
     tau: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (torque, load), both (n, joints) [N m | N], as `Samples.predicted`.

@@ -186,22 +186,22 @@ class _Instant:
             share = each.limit(self.signals, explicit=True) / F[k] if F[k] else 0.0
             others = others + share * f[k] * self.w[k]
         mechanism, independent = self.plant.mechanism, self.dynamics.independent
-        joints = mechanism.joints
+        words, places = zip(*self.dynamics.asking, strict=True)
+        joints = [mechanism.joints[i].name for i in places]
         Kp, known = None, np.zeros(len(rigid))
         if mechanism.closures:
             at = [mechanism.joint_index[name] for name in independent]
             Kp = pseudo_inverse(np.concatenate([m.J, m.W[at]])[None])
             for i, tau in zip(self.plant.driven, self.tau, strict=True):
-                known += 0.0 if joints[i].name in independent else m.W[i] * tau
-        forces = (rigid - self.external)[None], others[None]
-        asking = self.dynamics.asking
-        names = [joints[i].name for _, i in asking]
+                if i not in at:
+                    known += m.W[i] * tau
+        rigid = rigid - self.external
         torque, load = joint_loads(
-            mechanism, names, independent, Kp, *forces, known, self.tau[None]
+            mechanism, joints, independent, Kp, rigid[None], others[None], known, self.tau[None]
         )
-        by_word = {"a": (m.W @ a + m.drift)[[i for _, i in asking]], "torque": torque[0]}
-        by_word["load"] = load[0]
-        return np.array([by_word[word][k] for k, (word, _) in enumerate(asking)])
+        acceleration = (m.W @ a + m.drift)[list(places)]
+        found = {"a": acceleration, "torque": torque[0], "load": load[0]}
+        return np.array([found[word][k] for k, word in enumerate(words)])
 
     def _least(self, A: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return A⁻¹ b of a positive definite A."""
