@@ -4,8 +4,8 @@
                                   [--results FILE]
 
 Every case is fitted once, and the set of effects is searched again with one constant changed, or
-one rule left out, at a time. Right is: a hidden effect is named first (in a loop: named or a rival); both of two are in the
-set; no name where nothing, or nothing of the library, is missing. A real machine has no such truth:
+one rule left out, at a time. Right is: a hidden effect is named first (in a loop: named or a
+rival); both of two are in the set; no name where nothing, or nothing of the library, is missing. A real machine has no such truth:
 there the members of the set that come and go are counted, and the change of the left-out error.
 """
 
@@ -225,8 +225,8 @@ def without(rule: str) -> Iterator[None]:
         places = [_of(where)]
     else:
         own = getattr(importlib.import_module(f"ident.diagnosis.{where}"), name)
-        places = [m for n, m in sys.modules.items()
-                  if n.startswith("ident.diagnosis.") and getattr(m, name, None) is own]  # fmt: skip
+        mine = [m for n, m in sys.modules.items() if n.startswith("ident.diagnosis.")]
+        places = [m for m in mine if getattr(m, name, None) is own]
     before = getattr(places[0], name)
     for place in places:
         setattr(place, name, instead)

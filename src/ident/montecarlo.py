@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -161,23 +162,19 @@ def truth_of(
     for name, value in (given or {}).items():
         if name not in values:
             raise FitError(f"truth of '{name}'; {one_of(name, values)}")
-        try:
-            values[name] = float(value)
-        except (TypeError, ValueError):
-            values[name] = np.nan
-        if not np.isfinite(values[name]):
+        if not isinstance(value, int | float | np.number) or not np.isfinite(value):
             raise FitError(f"truth of '{name}' {value!r}; valid: a number, finite")
-    kinematics = mechanism.kinematics
-    names = kinematics.multipliers
+        values[name] = float(value)
+    names, kinds = mechanism.kinematics.multipliers, mechanism.kinematics.units
     own = f"{log.name} as it is" + (", with free multipliers" if names else "")
     words = [f"parameters: of {own}" + (f"; as given: {', '.join(given)}" if given else "")]
     t, true = fit.multipliers[0]
     if reactions is not None:
-        known_ones = fit.compare_multipliers(reactions)
-        t, true = known_ones.t, known_ones.known
+        compared = fit.compare_multipliers(reactions)
+        t, true = compared.t, compared.known
     if names:
         words.append(f"multipliers: of {own if reactions is None else reactions.name}")
-    return Truth(values, units, names, kinematics.units, t, true, tuple(words))
+    return Truth(values, units, names, kinds, t, true, tuple(words))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,29 +205,26 @@ class TrialPlan:
                     (*key, name, *_value_and_stderr(fit, name), true, truth.units[name])
                     for name, true in truth.values.items()
                 ]
-                every = list(
-                    zip(truth.multipliers, truth.errors(fit), truth.multiplier_units, strict=True)
-                )
+                rms = truth.errors(fit)
             except Exception as error:  # of whatever estimator
                 failures.append((*key, line_of(error)))
                 continue
             samples += values
+            every = list(zip(truth.multipliers, rms, truth.multiplier_units, strict=True))
             errors += [(*key, *each) for each in every]
             for name, unit in SUMS.items():
-                same = [rms for _, rms, its in every if its == unit and np.isfinite(rms)]
+                same = [x for _, x, its in every if its == unit and np.isfinite(x)]
                 errors += [(*key, name, float(np.linalg.norm(same)), unit)] if same else []
         return samples, errors, failures
 
 
 def _value_and_stderr(fit: Fit, name: str) -> tuple[float, float]:
     """Return NaN for a value that this fit does not determine."""
-    try:
+    with suppress(KeyError):  # with noise the data may determine other combinations
         one = fit[name]
-    except KeyError:  # with noise the data may determine other combinations
-        one = None
-    if one is None or not getattr(one, "identifiable", True):
-        return np.nan, np.nan
-    return float(one.value), np.nan if one.stderr is None else float(one.stderr)
+        if getattr(one, "identifiable", True):
+            return float(one.value), np.nan if one.stderr is None else float(one.stderr)
+    return np.nan, np.nan
 
 
 Z95 = 1.96  # level: standard errors: the central 95 % of a normal distribution
@@ -324,20 +318,15 @@ class MonteCarlo(Displayed, Written):
     @property
     def notes(self) -> tuple[str, ...]:
         """Runs that failed or did not determine a parameter."""
-        key, notes, failed = ("estimator", "snr"), [], {}
-        for own, frame in self.failures.group_by(*key, maintain_order=True):
+        notes, failed = [], {}
+        for own, frame in self.failures.group_by("estimator", "snr", maintain_order=True):
             failed[own] = frame.height
-            notes.append(
-                f"{own[0]} at {own[1]:g} dB: {frame.height} of {self.runs} runs failed; the first: "
-                f"{frame['error'][0]}"
-            )
-        for r in self.table.iter_rows(named=True):
-            less = self.runs - failed.get((r["estimator"], r["snr"]), 0) - r["runs"]
-            if less > 0:
-                notes.append(
-                    f"{r['estimator']} at {r['snr']:g} dB: {less} of {self.runs} runs do not "
-                    f"determine {r['parameter']}"
-                )
+            what = f"{frame.height} of {self.runs} runs failed; the first: {frame['error'][0]}"
+            notes.append(f"{own[0]} at {own[1]:g} dB: {what}")
+        for name, snr, parameter, runs, *_ in self.table.iter_rows():
+            if (less := self.runs - failed.get((name, snr), 0) - runs) > 0:
+                what = f"{less} of {self.runs} runs do not determine {parameter}"
+                notes.append(f"{name} at {snr:g} dB: {what}")
         return tuple(notes)
 
     def plot(self, parameters: Sequence[str] | None = None) -> Any:
@@ -397,46 +386,29 @@ def monte_carlo(
         FitError: for an SNR, a number or an estimator that is none, or an unknown truth.
         LogError: if the log cannot be read or has no channel that gets noise.
     """
-    ratios, applied = _checked(snr, runs, seed), estimators_of(estimators)
+    check_whole("runs", runs, 1)
+    check_whole("seed", seed)
+    ratios, applied = _ratios(snr), estimators_of(estimators)
     log = log if isinstance(log, Log) else read_log(log, mechanism.sources)
     columns = noisy_columns(log, channels)
     if reactions is not None and not isinstance(reactions, Log):
         reactions = read_log(reactions)
     known = truth_of(mechanism, log, truth, reactions)
     plan = TrialPlan(mechanism, log, applied, known, columns, int(seed))
-    return _study(plan, ratios, runs, Workers(jobs, scheduler, False, progress))
-
-
-def _checked(snr: float | Sequence[float], runs: int, seed: int) -> tuple[float, ...]:
-    """Return signal-to-noise ratios, each once, highest first; refuse an invalid argument."""
-    check_whole("runs", runs, 1)
-    check_whole("seed", seed)
-    valid = "valid: numbers of dB, as snr=(60, 40, 30)"
-    ratios = np.atleast_1d(np.asarray(snr, dtype=object))
-    for each in ratios:
-        if not (isinstance(each, int | float | np.number) and np.isfinite(each)):
-            raise FitError(f"SNR {each!r}; {valid}")
-    if not len(ratios):
-        raise FitError(f"no SNR given; {valid}")
-    return tuple(sorted(set(map(float, ratios)), reverse=True))
-
-
-def _study(plan: TrialPlan, ratios: tuple[float, ...], runs: int, workers: Workers) -> MonteCarlo:
-    """Make all runs of a plan; Ctrl-C ends it with the runs that are done at every ratio."""
-    tasks = [(snr, run) for run in range(runs) for snr in ratios]
-    names = [f"run {run} at {snr:g} dB" for snr, run in tasks]
-    rows: TrialRows = ([], [], [])
+    workers = Workers(jobs, scheduler, False, progress)
+    tasks = [(ratio, run) for run in range(runs) for ratio in ratios]
+    names = [f"run {run} at {ratio:g} dB" for ratio, run in tasks]
     done = workers.over(TrialPlan.rows, tasks, plan, names, "runs")
+    rows: TrialRows = ([], [], [])
     count = 0
     try:
-        for name, ((snr, run), each) in zip(names, done, strict=True):
+        for name, (task, each) in zip(names, done, strict=True):
             if each is None:  # the process died
-                why = workers.broken[name]
-                each = [], [], [(one.name, snr, run, why) for one in plan.estimators]
+                each = [], [], [(one.name, *task, workers.broken[name]) for one in applied]
             for mine, new in zip(rows, each, strict=True):
                 mine += new
             count += 1
-    except KeyboardInterrupt:
+    except KeyboardInterrupt:  # what is done at every ratio
         runs = count // len(ratios)
         if not runs:
             raise
@@ -450,3 +422,13 @@ def _study(plan: TrialPlan, ratios: tuple[float, ...], runs: int, workers: Worke
         for frame, kinds in zip(rows, types, strict=True)
     )
     return MonteCarlo(plan, ratios, runs, *frames)
+
+
+def _ratios(snr: float | Sequence[float]) -> tuple[float, ...]:
+    """Return signal-to-noise ratios, each once, highest first."""
+    ratios = np.atleast_1d(np.asarray(snr, dtype=object))
+    numbers = [isinstance(x, int | float | np.number) and np.isfinite(x) for x in ratios]
+    if not numbers or not all(numbers):
+        given = f"SNR {ratios[numbers.index(False)]!r}" if numbers else "no SNR given"
+        raise FitError(f"{given}; valid: numbers of dB, as snr=(60, 40, 30)")
+    return tuple(sorted(set(map(float, ratios)), reverse=True))

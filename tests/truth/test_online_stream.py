@@ -198,7 +198,7 @@ def test_before_a_gap_no_sample_is_lost():
     motion = replace(motion, band=replace(motion.band, cutoff=None))
     stream = Stream(mechanism, Columns.of(mechanism), motion)
     cut = without(log, slice(1500, 1600))
-    found = together([*stream.push(cut), *stream.finish()])
+    found = together([*stream.push(cut), *stream.flush(last=True)])
     ends = round(2 * motion.experiments[0].smooth.spacing * 500)
     for first, stop in ((0, 1500), (1600, len(log.t))):
         inside = (found.t >= log.t[first]) & (found.t <= log.t[stop - 1])

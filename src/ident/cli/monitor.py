@@ -168,7 +168,7 @@ class Watch:
     def alarms(self, samples: Mapping[str, np.ndarray] | None) -> list[Alarm]:
         """Return the alarms that further samples raise; None: those that still wait."""
         try:
-            made = self._stream.finish() if samples is None else self._stream.push(samples)
+            made = self._stream.flush(True) if samples is None else self._stream.push(samples)
         except LogError:  # of one sample, which is left out
             made = []
         alarms = [alarm for rows in made for alarm in self.monitor.absorb(rows)]

@@ -408,8 +408,8 @@ def ladder(
         rungs.append(Step((), removed, (), None, now))
         last = now
     new.sort(key=lambda each: first.place(each.label))
-    if new:
-        new.sort(key=lambda each, lead=leader(new, first): each is not lead)
+    lead = leader(new, first) if new else None
+    new.sort(key=lambda each: each is not lead)
     kinds: dict[str, list[Member]] = {}
     for each in new:
         kinds.setdefault(each.effect.kind, []).append(each)

@@ -269,26 +269,48 @@ class Samples:
         load  f_j = Γ_j π − f_e, π with loads on links       torque  τ̂_j = f_j + Σ E_j c of other
         effects that are explicit; in a closure's own joint both are |λ|, the size of its force.
         """
-        e, mechanism, part = self.e, self.mechanism, self.part
-        rigid, others = self.forces()
-        torque, load = np.zeros((2, len(self), len(joints)))
-        for i, name in enumerate(joints):
-            joint = mechanism.joint(name)
-            if e.loop is None:
-                load[:, i] = rigid[:, joint.index]
-                torque[:, i] = load[:, i] + others[:, joint.index]
-            elif name in e.independent:
-                extract = e.pinv[part][:, :, e.independent.index(name) - len(e.independent)]
-                surplus = [each for each in mechanism.driven if each not in e.independent]
-                known = self.generalised(part).measured(surplus) if surplus else 0.0
-                load[:, i] = np.einsum("ni,ni->n", extract, rigid - known)
-                torque[:, i] = load[:, i] + np.einsum("ni,ni->n", extract, others)
-            elif name in mechanism.driven:
-                torque[:, i] = load[:, i] = e.tau[part][:, mechanism.driven.index(name)]
-            elif not joint.in_tree:
-                force = self.multipliers()[:, mechanism.kinematics.forces_at(name)]
-                torque[:, i] = load[:, i] = np.linalg.norm(force, axis=1)
-        return torque, load
+        e, part = self.e, self.part
+        known, pinv = np.zeros(1), None
+        if e.loop is not None:
+            surplus = (name for name in self.mechanism.driven if name not in e.independent)
+            known, pinv = self.generalised(part).measured(surplus), e.pinv[part]
+        return joint_loads(
+            self.mechanism, joints, e.independent, pinv, *self.forces(), known, e.tau[part]
+        )
+
+
+def joint_loads(
+    mechanism: Mechanism,
+    joints: Sequence[str],
+    independent: tuple[str, ...],
+    pinv: np.ndarray | None,
+    rigid: np.ndarray,
+    others: np.ndarray,
+    known: np.ndarray,
+    tau: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (torque, load), both (n, joints) [N m | N], as `Samples.predicted`.
+
+    From forces of bodies and of effects, and those `known` of surplus drives (n, nv), the torques
+    of all drives (n, driven), and K⁺ (n, nv, m + d), None for a tree.
+    """
+    torque, load = np.zeros((2, len(rigid), len(joints)))
+    for i, name in enumerate(joints):
+        joint = mechanism.joint(name)
+        if pinv is None:
+            load[:, i] = rigid[:, joint.index]
+            torque[:, i] = load[:, i] + others[:, joint.index]
+        elif name in independent:
+            extract = pinv[:, :, independent.index(name) - len(independent)]
+            load[:, i] = np.einsum("ni,ni->n", extract, rigid - known)
+            torque[:, i] = load[:, i] + np.einsum("ni,ni->n", extract, others)
+        elif name in mechanism.driven:
+            torque[:, i] = load[:, i] = tau[:, mechanism.driven.index(name)]
+        elif not joint.in_tree:
+            extract = pinv[:, :, mechanism.kinematics.forces_at(name)]
+            force = np.einsum("nij,ni->nj", extract, rigid + others - known)
+            torque[:, i] = load[:, i] = np.linalg.norm(force, axis=1)
+    return torque, load
 
 
 @dataclass(frozen=True, eq=False)

@@ -244,23 +244,17 @@ def _largest(columns: Columns) -> np.ndarray:
     return found
 
 
-def places_of(columns: Columns, label: str) -> list[int]:
+def determined_places(columns: Columns, label: str, independent: Collection[int]) -> list[int]:
     """Return the indices of an effect's unknowns; of a correction, which has none, its shapes.
 
-    The sensitivity of another effect's shape is zero as long as its unknowns are.
+    The sensitivity of another effect's shape is zero as long as its unknowns are. Of a load those
+    that are independent, if any is: the mass of a load on a link that only turns about an axis acts
+    through its moments alone.
     """
-    effect, places = next((e, at) for e, at in columns.effects if e.label == label)
-    own = places[: len(effect.unknowns)] if effect.unknowns else places
-    return [int(i) for i in own if i >= 0]
-
-
-def determined_places(columns: Columns, label: str, independent: Collection[int]) -> list[int]:
-    """Return the places of an effect's unknowns; of a load those that are independent, if any is:
-    the mass of a load on a link that only turns about an axis acts through its moments alone.
-    """
-    places = places_of(columns, label)
-    load = any(effect.label == label and effect.loaded_link for effect, _ in columns.effects)
-    return (load and [i for i in places if i in independent]) or places
+    effect, at = next((e, at) for e, at in columns.effects if e.label == label)
+    places = [int(i) for i in (at[: len(effect.unknowns)] if effect.unknowns else at) if i >= 0]
+    known = [i for i in places if effect.loaded_link and i in independent]
+    return known or places
 
 
 def with_rivals(mechanism: Mechanism, pair: tuple[str, str]) -> Mechanism:

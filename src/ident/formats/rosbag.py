@@ -8,7 +8,7 @@ Joint states have one definition in every ROS 2, so the bag's own is not used.
 from __future__ import annotations
 
 from array import array
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -84,7 +84,8 @@ def _messages(bag: Any, connections: list[Any], file: str) -> Groups:
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     number: Counter[str] = Counter()
-    arrays: dict[tuple[str, tuple[str, ...]], tuple[array[int], array[int], array[float]]] = {}
+    arrays: dict[tuple[str, tuple[str, ...]], tuple[array[int], array[int], array[float]]]
+    arrays = defaultdict(lambda: (array("q"), array("q"), array("d")))
     for count, (connection, received, raw) in enumerate(bag.messages(connections=connections)):
         if count >= LARGEST:
             raise LogError(f"{file}: more than {LARGEST} messages; cut the bag into several logs")
@@ -93,13 +94,10 @@ def _messages(bag: Any, connections: list[Any], file: str) -> Groups:
         message: Any = store.deserialize_cdr(raw, _kind(connection).replace("/", "/msg/"))
         place = f"{file}: topic {topic}, message {number[topic]}"
         columns, values = _content(message, place)
-        key = (topic, columns)
-        if key not in arrays:
-            arrays[key] = array("q"), array("q"), array("d")
-        stamp = message.header.stamp
-        arrays[key][0].append(received)
-        arrays[key][1].append(stamp.sec * 10**9 + stamp.nanosec)
-        arrays[key][2].extend(values)
+        times, stamps, numbers = arrays[topic, columns]
+        times.append(received)
+        stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+        numbers.extend(values)
     groups = {}
     for (topic, columns), (received, stamps, values) in arrays.items():
         table = np.array(values).reshape(len(stamps), len(columns))

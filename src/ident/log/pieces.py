@@ -231,10 +231,9 @@ def follow(
     `grow` waits for more at the end of the file; `stop` is called again and again, true ends it.
     """
     name = "standard input" if path is None else str(path)
-    pieces = _pipe_pieces(stop) if path is None else _file_pieces(path, grow, stop)
     head: Head | None = None
     rest, number = b"", 0
-    for piece in pieces:
+    for piece in _pieces(path, grow, stop):
         rest += piece
         end = not piece
         if head is None:
@@ -298,13 +297,17 @@ def _number(cell: bytes) -> float:
         return {"true": 1.0, "false": 0.0}.get(text, math.nan)
 
 
-def _file_pieces(path: Path, grow: bool, stop: Callable[[], bool]) -> Iterator[bytes]:
-    if not path.exists():
+def _pieces(path: Path | None, grow: bool, stop: Callable[[], bool]) -> Iterator[bytes]:
+    """Yield bytes as they come, at the end none once; from standard input for no path."""
+    if path is not None and not path.exists():
         raise LogError(f"{path}: {missing_file(path)}; name a CSV file, or - for standard input")
-    with file_errors(path), path.open("rb", buffering=0) as stream:
+    given = sys.stdin.fileno() if path is None else path
+    with file_errors(path or Path("-")), open(given, "rb", 0, closefd=path is not None) as stream:
         while not stop():
+            if not select.select([stream], [], [], WAIT)[0]:  # a file is always ready
+                continue
             piece = stream.read(PIECE)
-            if piece or not grow:
+            if piece or path is None or not grow:
                 yield piece
                 if not piece:
                     return
@@ -312,13 +315,3 @@ def _file_pieces(path: Path, grow: bool, stop: Callable[[], bool]) -> Iterator[b
                 raise LogError(f"{path}: has become shorter while it was followed; start anew")
             else:
                 time.sleep(WAIT)
-
-
-def _pipe_pieces(stop: Callable[[], bool]) -> Iterator[bytes]:
-    stream = sys.stdin.fileno()
-    while not stop():
-        if select.select([stream], [], [], WAIT)[0]:
-            piece = os.read(stream, PIECE)
-            yield piece
-            if not piece:
-                return

@@ -36,6 +36,7 @@ from ident.show.html import (
 from ident.show.motion import made_of
 from ident.show.sheet import Sheet
 from ident.show.template import piece
+from ident.streams.charts import OFTEN
 from ident.streams.gather import Gathered
 from ident.streams.many_logs import Disagreement, LogComparison, Verdict, Verdicts
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
@@ -290,8 +291,7 @@ def monitor_sheet(x: Monitor) -> Sheet:
     )
     facts = {
         "false alarms": f"{x.false_alarms_per_hour:g} an hour at most, while the machine runs as "
-        f"it did then; on normal running drawn again {x.calibration.alarms} where "
-        f"{x.calibration.stated:g} were allowed",
+        f"it did then; on normal running drawn again {x.drawn} where {OFTEN:g} were allowed",
         "watches": f"{kinds} (number of places)",
         "alarms": f"{len(x.alarms)}, evidence {x.evidence:.1f} of {x.threshold:.1f}",
     }

@@ -18,12 +18,14 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import lapack
 
+from ident.effects import Signals
+from ident.equations.terms import joint_loads
 from ident.errors import MechanismError, MotionError
 from ident.information import linear
 from ident.mechanism.parameters import COUNT, pseudo_inertia
 from ident.motion.closures import pseudo_inverse
 from ident.motion.state import wrenches
-from ident.simulate.plant import Extra, InstantSignals, InstantTerms, Plant
+from ident.simulate.plant import Extra, InstantTerms, Plant, signals_at
 
 STICK = 0  # range: a mode; −1 and +1 are sliding, by the sign of the rate
 MARGIN = 1e-9  # numerics: of F, by which a stuck joint's friction may be exceeded
@@ -31,8 +33,6 @@ SMALL = 1e-12  # numerics: of the largest term of the box programme: zero
 CONVERGED, ITERATIONS = 1e-12, 60  # numerics: relative error of x = g(x); evaluations of g
 # τ (driven,) [N m | N] from the terms and (nv,): smooth effects, less external forces
 Actuator = Callable[[InstantTerms, np.ndarray], np.ndarray]
-# v̇, friction, its limits F, their sides, forces without friction, whether friction suffices
-Response = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, bool]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +43,7 @@ class Balance:
     tau: np.ndarray  # (driven,)
     multipliers: np.ndarray  # (m,) the smallest λ that fit
     friction: np.ndarray  # (dry,) torques of dry friction
+    limits: np.ndarray  # (dry,) F, their largest sizes
     rates: np.ndarray  # (dry,) their joints' accelerations
     # (dry,) of joints at rest with open modes, the limit (−1, +1) that friction reaches
     sides: np.ndarray
@@ -108,8 +109,8 @@ class _Instant:
         self.plant = plant = dynamics.plant
         laws, extra = plant.laws, dynamics.extra
         self.w = plant.dry @ m.W
-        zero = np.zeros(len(m.y))
-        self.signals = InstantSignals(m.t, dynamics.since, m.y, m.yd, extra, zero, zero, zero)
+        read = {name: extra[name](m.t) for name in laws.reads}
+        self.signals = signals_at(dynamics.since, m.t, m.y, m.yd, read)
         self.external = np.zeros(len(m.v))
         if dynamics.wrenches:
             now = {name: np.array([x(m.t)]) for name, x in dynamics.wrenches.items()}
@@ -131,16 +132,18 @@ class _Instant:
         self.delta = self.w @ m.a0 + plant.dry @ m.drift
         self.B = self.w @ m.Z
 
-    def _with(self, x: np.ndarray) -> InstantSignals:
+    def _with(self, x: np.ndarray) -> Signals:
         if not len(x):
             return self.signals
-        given = {word: np.zeros(len(self.m.y)) for word in ("a", "torque", "load")}
+        given = {word: np.zeros_like(self.signals.q) for word in ("a", "torque", "load")}
         for (word, i), value in zip(self.dynamics.asking, x, strict=True):
-            given[word][i] = value
-        return replace(self.signals, a=given["a"], torque=given["torque"], load=given["load"])
+            given[word][:, i] = value
+        return replace(
+            self.signals, a=given["a"], predicted=lambda: (given["torque"], given["load"])
+        )
 
-    def _respond(self, x: np.ndarray) -> Response:
-        """Return the accelerations and the friction where effects take x for the loads."""
+    def balance(self, x: np.ndarray) -> Balance:
+        """Return accelerations and forces where effects take x for what they ask for."""
         m, s, laws = self.m, self._with(x), self.plant.laws
         r = self.applied - m.h - self.explicit
         for law in laws.smooth:
@@ -164,12 +167,16 @@ class _Instant:
             f[held], sides[held] = box_programme(H, g, F[held])
         elif len(held):
             f[held], holding = holding_friction(H, g, F[held] * (1 + MARGIN))
-        return m.a0 + m.Z @ (back[:, 0] - back[:, 1:] @ f[held]), f, F, sides, r, holding
+        alpha = back[:, 0] - back[:, 1:] @ f[held]
+        a, rates = m.a0 + m.Z @ alpha, self.B @ alpha + self.delta
+        multipliers = m.Jp.T @ (r - self.w.T @ f - m.M @ a)
+        return Balance(a, self.tau, multipliers, f, F, rates, sides, holding)
 
     def predicted(self, x: np.ndarray) -> np.ndarray:
         """Return g(x): the model's predictions where effects take x for them."""
         m, laws = self.m, self.plant.laws
-        a, f, F, *_ = self._respond(x)
+        now = self.balance(x)
+        a, f, F = now.a, now.friction, now.limits
         rigid = self.plant.rigid(pin.rnea, m.q, m.v, a)
         others = m.M @ a + m.h - rigid + self.explicit - self.aside
         for law in laws.smooth:
@@ -178,55 +185,23 @@ class _Instant:
         for k, each in enumerate(laws.dry):
             share = each.limit(self.signals, explicit=True) / F[k] if F[k] else 0.0
             others = others + share * f[k] * self.w[k]
-        loads = self._loads(rigid - self.external, others)
-        return np.array(
-            [
-                m.W[i] @ a + m.drift[i] if word == "a" else loads[word, i]
-                for word, i in self.dynamics.asking
-            ]
+        mechanism, independent = self.plant.mechanism, self.dynamics.independent
+        words, places = zip(*self.dynamics.asking, strict=True)
+        joints = [mechanism.joints[i].name for i in places]
+        Kp, known = None, np.zeros(len(rigid))
+        if mechanism.closures:
+            at = [mechanism.joint_index[name] for name in independent]
+            Kp = pseudo_inverse(np.concatenate([m.J, m.W[at]])[None])
+            for i, tau in zip(self.plant.driven, self.tau, strict=True):
+                if i not in at:
+                    known += m.W[i] * tau
+        rigid = rigid - self.external
+        torque, load = joint_loads(
+            mechanism, joints, independent, Kp, rigid[None], others[None], known, self.tau[None]
         )
-
-    def _loads(self, rigid: np.ndarray, others: np.ndarray) -> dict[tuple[str, int], float]:
-        """Return load and torque of joints from forces (nv,), as `Samples.predicted` of a log."""
-        mechanism, m = self.plant.mechanism, self.m
-        joints = {i for word, i in self.dynamics.asking if word != "a"}
-        loads: dict[tuple[str, int], float] = {}
-        if not mechanism.closures:
-            for i in joints:
-                at = mechanism.joints[i].index
-                loads["load", i], loads["torque", i] = rigid[at], rigid[at] + others[at]
-            return loads
-        independent = self.dynamics.independent
-        Kp = pseudo_inverse(
-            np.concatenate([m.J, m.W[[mechanism.joint_index[name] for name in independent]]])[None]
-        )[0]
-        known = np.zeros(len(rigid))
-        for name, tau in zip(mechanism.driven, self.tau, strict=True):
-            if name not in independent:
-                known += m.W[mechanism.joint_index[name]] * tau
-        for i in joints:
-            joint = mechanism.joints[i]
-            load = torque = 0.0
-            if joint.name in independent:
-                extract = Kp[:, len(m.J) + independent.index(joint.name)]
-                load = float(extract @ (rigid - known))
-                torque = load + float(extract @ others)
-            elif joint.name in mechanism.driven:
-                load = torque = float(self.tau[mechanism.driven.index(joint.name)])
-            elif not joint.in_tree:
-                own = mechanism.kinematics.forces_at(joint.name)
-                force = Kp[:, own].T @ (rigid + others - known)
-                load = torque = float(np.linalg.norm(force))
-            loads["load", i], loads["torque", i] = load, torque
-        return loads
-
-    def balance(self, x: np.ndarray) -> Balance:
-        """Return the complete solution at x."""
-        m = self.m
-        a, f, _, sides, r, holding = self._respond(x)
-        multipliers = m.Jp.T @ (r - self.w.T @ f - m.M @ a)
-        rates = self.B @ (m.Z.T @ (a - m.a0)) + self.delta
-        return Balance(a, self.tau, multipliers, f, rates, sides, holding)
+        acceleration = (m.W @ a + m.drift)[list(places)]
+        found = {"a": acceleration, "torque": torque[0], "load": load[0]}
+        return np.array([found[word][k] for k, word in enumerate(words)])
 
     def _least(self, A: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return A⁻¹ b of a positive definite A."""

@@ -113,7 +113,11 @@ def actuator_of(drive: Drive | None, plant: Plant, e: State | None) -> Actuator:
         if not computed:
             return feedback
         back = linear.pinv(m.W[at] @ m.Z, 1e-9) if fixed is None else fixed
-        return inverse_dynamics(m, at, a + feedback, against, back)
+        # Zᵀ Wᵀ τ = Zᵀ (M v̇ + h + against), W v̇ + drift = ÿ, `back` (d, driven) is (W Z)⁺: least
+        # squares and the smallest τ where there are not as many drives as degrees of freedom
+        further = a + feedback - m.drift[at] - m.W[at] @ m.a0
+        vdot = m.a0 + m.Z @ (back @ further)
+        return np.asarray(back.T @ (m.Z.T @ (m.M @ vdot + m.h + against)))
 
     return control
 
@@ -122,18 +126,6 @@ def torque_series(e: State) -> Actuator:
     """Return the measured torques of a state as a function of time."""
     spline = CubicSpline(e.t, e.tau)
     return lambda m, against: np.asarray(spline(m.t))
-
-
-def inverse_dynamics(
-    m: InstantTerms, at: list[int], ydd: np.ndarray, against: np.ndarray, back: np.ndarray
-) -> np.ndarray:
-    """Return torques of the joints `at` for their accelerations, against further forces (nv,).
-
-    Zᵀ Wᵀ τ = Zᵀ (M v̇ + h + against),  W v̇ + drift = ÿ; least squares and the smallest τ where
-    there are not as many drives as degrees of freedom. `back` (d, driven) is (W Z)⁺.
-    """
-    a = m.a0 + m.Z @ (back @ (ydd - m.drift[at] - m.W[at] @ m.a0))
-    return np.asarray(back.T @ (m.Z.T @ (m.M @ a + m.h + against)))
 
 
 def _by_joint(gains: Gains, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:

@@ -41,20 +41,16 @@ SIGN_ONLY = 1e-200  # numerics: [rad/s | m/s] a speed that has a sign and no siz
 Extra = Mapping[str, Callable[[float], float]]
 
 
-@dataclass(frozen=True, eq=False)
-class InstantSignals:
-    """Signals of all J joints at one instant."""
+def signals_at(
+    since: float, t: float, y: np.ndarray, yd: np.ndarray, extra: Mapping[str, float]
+) -> Signals:
+    """Return the signals of all J joints at one instant, y and ẏ (J,), as two samples.
 
-    t: float  # [s]
-    since: float  # the log's first sample [s]
-    # y, yd: (J,)
-    y: np.ndarray
-    yd: np.ndarray
-    extra: Extra  # other columns of the log, as functions of time
-    # a, torque, load: (J,) predictions of the present model, for effects that ask for them
-    a: np.ndarray
-    torque: np.ndarray
-    load: np.ndarray
+    The first is the log's, at the time `since`: some effects count time from there.
+    """
+    zero = np.zeros((2, len(y)))
+    others = {name: np.full(2, x) for name, x in extra.items()}
+    return Signals(np.array([since, t]), zero + y, zero + yd, zero, zero[0], others)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,28 +64,28 @@ class EffectLaw:
     present: Mapping[str, float]
     at: tuple[int, ...]  # indices of its joints among the mechanism's
 
-    def torque(self, s: InstantSignals, yd: np.ndarray | None = None) -> np.ndarray:
-        """Return E c (arity,) [N m | N] that the joints must supply, at other rates if given."""
-        at, given = list(self.at), yd
-        yd = s.yd[at] if given is None else given
-        # two samples, the first being the log's: some effects count time from there
-        signals = Signals(
-            t=np.array([s.since, s.t]),
-            q=s.y[[at, at]],
-            v=np.stack([yd, yd]),
-            a=s.a[[at, at]],
-            still=np.full(len(at), SMOOTH if given is None else SIGN_ONLY),
-            extra={name: np.full(2, s.extra[name](s.t)) for name in self.effect.reads()},
+    def torque(self, s: Signals, yd: np.ndarray | None = None) -> np.ndarray:
+        """Return E c (arity,) [N m | N] of its joints from signals of all joints.
+
+        At other rates (arity,) if they are given.
+        """
+        at = list(self.at)
+        own = replace(
+            s,
+            q=s.q[:, at],
+            v=s.v[:, at] if yd is None else np.stack([yd, yd]),
+            a=s.a[:, at],
+            still=np.full(len(at), SMOOTH if yd is None else SIGN_ONLY),
             shape=self.shape,
             present=self.present,
-            predicted=lambda: (s.torque[[at, at]], s.load[[at, at]]),
+            predicted=lambda: (s.torque[:, at], s.load[:, at]),
         )
-        return self.effect.columns(signals)[-1] @ self.c
+        return self.effect.columns(own)[-1] @ self.c
 
-    def limit(self, s: InstantSignals) -> float:
+    def limit(self, s: Signals) -> float:
         """Return the friction F [N m | N] of a dry law at the present speed, whatever its sign."""
         u = np.zeros(len(self.at))
-        u[0] = max(abs(float(s.yd[list(self.at)].sum())), SIGN_ONLY)
+        u[0] = max(abs(float(s.v[-1, list(self.at)].sum())), SIGN_ONLY)
         return float(self.torque(s, u)[0])
 
 
@@ -103,7 +99,7 @@ class DryJoint:
     level: float = 0.0  # the part of F that does not depend on the state
     parts: list[EffectLaw] = field(default_factory=list)  # the laws of the rest
 
-    def limit(self, s: InstantSignals, *, explicit: bool = False) -> float:
+    def limit(self, s: Signals, *, explicit: bool = False) -> float:
         """Return F [N m | N], or the part that needs no prediction of the model."""
         parts = (each for each in self.parts if not (explicit and each.effect.asks))
         return self.level + sum(part.limit(s) for part in parts)
@@ -123,7 +119,7 @@ class ForwardLaws:
         self.inertial: list[tuple[tuple[int, ...], float]] = []  # joints, coefficient [kg m² | kg]
         self.joints: set[int] = set()  # indices of those on which some law acts
         dry: dict[tuple[str, ...], DryJoint] = {}
-        rest = InstantSignals(0.0, 0.0, zero, zero, {}, zero, zero, zero)
+        rest = signals_at(0.0, 0.0, zero, zero, {})
         for effect in mechanism.effects:
             if why := effect.not_integrable:
                 raise MechanismError(
@@ -150,9 +146,9 @@ class ForwardLaws:
                 elif acts == "linear":
                     self.T0[list(at)] += (offset := law.torque(rest))
                     for i in at:  # known from the columns at rest and at unit states
-                        unit = np.eye(J)[i]
-                        self.Tq[list(at), i] += law.torque(replace(rest, y=unit)) - offset
-                        self.Tv[list(at), i] += law.torque(replace(rest, yd=unit)) - offset
+                        unit = np.tile(np.eye(J)[i], (2, 1))
+                        self.Tq[list(at), i] += law.torque(replace(rest, q=unit)) - offset
+                        self.Tv[list(at), i] += law.torque(replace(rest, v=unit)) - offset
                 elif acts in ("dry", "level"):
                     joint = dry.setdefault(effect.joints, DryJoint(",".join(effect.joints), at))
                     joint.effects.append(effect.label)
@@ -168,6 +164,7 @@ class ForwardLaws:
         self.asking = tuple(
             dict.fromkeys((word, i) for law in laws for word in law.effect.asks for i in law.at)
         )
+        self.reads = {name for law in laws for name in law.effect.reads()}  # columns of a log
 
 
 SINGULAR = 1e-7  # numerics: of J's largest singular value: below, the closures lose a direction

@@ -339,25 +339,18 @@ class Charts:
         return int((self.log_R + np.log(weight + 1e-300)).argmax())
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """Result of the charts on intervals of normal running, drawn again in blocks, hour after hour.
+def calibrated(
+    normal: NormalRunning, mask: np.ndarray, intervals: Sequence[WatchedInterval], x: np.ndarray
+) -> tuple[Design, int]:
+    """Raise φ² until charts keep their rate on normal running, drawn again hour after hour.
 
     The theorem holds if scores scatter like a normal distribution of variance φ² I, one interval
     from the next. Blocks of a log keep its tails and its correlation; where the charts alarm more
     often on them than stated, φ² is raised until they do not.
+
+    Returns:
+        The charts, and their alarms at a threshold so low that `OFTEN` of them are stated.
     """
-
-    design: Design  # of the charts
-    raised: float  # factor by which φ² had to be raised
-    alarms: int  # counted, at a threshold so low that they can be
-    stated: float  # that the theory allows
-
-
-def calibrated(
-    normal: NormalRunning, mask: np.ndarray, intervals: Sequence[WatchedInterval], x: np.ndarray
-) -> Calibration:
-    """Raise φ² until charts keep their rate on the intervals of normal running."""
     data, random = statistics(intervals, x), np.random.default_rng(0)
     length = len(intervals) // BLOCKS
     first = random.integers(0, len(intervals) - length + 1, (-(-STEPS // length), 1, STREAMS))
@@ -375,4 +368,4 @@ def calibrated(
         if alarms <= OFTEN:
             break
         raised *= WIDER
-    return Calibration(design, raised, alarms, OFTEN)
+    return design, alarms

@@ -71,7 +71,7 @@ class Gathered(Displayed):
     def each(self) -> LogComparison:
         """The logs one by one, and which of them disagree with the others."""
         names = {i: part.name for i, part in enumerate(self.plan.parts)}
-        samples = {part.name: part.samples for part in self.plan.parts}
+        samples = {part.name: part.clock.count for part in self.plan.parts}
         return compare_logs(self.fit.problem, names, samples, self.broken)
 
     @property
@@ -244,12 +244,13 @@ def _summed(
     remaining = list(plan.portions())[resumed:]
     names = [plan.parts[portion.log].name for portion in remaining]
     count = resumed
-    for _, done in workers.over(absorbed, remaining, plan, names, "equations"):
-        summed(total, done.blocks if done else ())
+    for portion, done in workers.over(absorbed, remaining, plan, names, "equations"):
+        more, notes, findings = done or ((), (), ())
+        summed(total, more)
         count += 1
-        messages += done.notes if done else ()
-        for each in done.findings if done else ():
-            key = plan.parts[done.portion.log].name, each.code, each.where
+        messages += notes
+        for each in findings:
+            key = plan.parts[portion.log].name, each.code, each.where
             if key not in gravest or (each.number or 0.0) > (gravest[key].number or 0.0):
                 gravest[key] = each
         if saved is not None:
@@ -321,7 +322,7 @@ def _validation(
     logs = [names[portion.log] for portion in portions]
     done = alone.over(absorbed, portions, plan, logs, "validation")
     information = Information.of(
-        (block for _, each in done for block in each.blocks), len(x), r.information.d
+        (block for _, (blocks, _, _) in done for block in blocks), len(x), r.information.d
     )
     return {
         name: information.of_log(i).squares(x).errors(r.motion.independent, r.units)

@@ -48,11 +48,6 @@ class LogOnDisk:
         """Name of the log."""
         return self.file.name
 
-    @property
-    def samples(self) -> int:
-        """Samples on the log's clock."""
-        return self.clock.count
-
     def at(self, row: int) -> float:
         """Return the time [s] of a row that is a multiple of STRIDE."""
         return float(self.starts[row // STRIDE])

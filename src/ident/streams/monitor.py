@@ -24,7 +24,6 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.streams.charts import (
     FEWEST,
-    Calibration,
     Charts,
     Cutter,
     Design,
@@ -145,7 +144,8 @@ class Monitor(Displayed):
     Attributes:
         watched: the reference and the suspects; its `mechanism`, `columns`, `point` and `cutoff`
             are those of the rows that `absorb` takes.
-        calibration: the charts, and how they did on the log of normal running.
+        calibrated: the charts of normal running; drawn: how many alarms they raised on it, drawn
+            again, where `charts.OFTEN` are stated.
         normal: (k,) what normal running has of all columns; reference: (k,) with the changes that
             have been named.
         multipliers: triangles of ∂λ/∂x.
@@ -156,7 +156,8 @@ class Monitor(Displayed):
     """
 
     watched: Watched
-    calibration: Calibration
+    calibrated: Design
+    drawn: int
     normal: np.ndarray
     multipliers: Sequence[Triangle]
     seconds: float
@@ -167,7 +168,7 @@ class Monitor(Displayed):
         self.reference = self._now = self.normal.copy()  # now: with what is being learnt
         # log A: the mean time to a false alarm is A intervals or more
         self.threshold = float(np.log(3600.0 / (self.false_alarms_per_hour * self.seconds)))
-        self.design = self.calibration.design
+        self.design = self.calibrated  # now
         self.alarms: list[Alarm] = []
         self.raised: _Raised | None = None
         self._charts = Charts.fresh(len(self.design.weight))
@@ -235,9 +236,9 @@ class Monitor(Displayed):
         normal = NormalRunning.of(intervals, sigma, x, material, felt)
         charted = np.zeros(len(x), dtype=bool)
         charted[[i for suspect in watched.suspects for i in suspect.places[:DIRECT]]] = True
-        calibration = calibrated(normal, charted, intervals, x)
-        multipliers = watched.multiplier_triangles(motion)
-        return cls(watched, calibration, x, multipliers, interval, patience, false_alarms_per_hour)
+        design, drawn = calibrated(normal, charted, intervals, x)
+        forces = watched.multiplier_triangles(motion)
+        return cls(watched, design, drawn, x, forces, interval, patience, false_alarms_per_hour)
 
     def fresh(self) -> Monitor:
         """Return the same monitor before it has seen anything, as after a repair."""
@@ -302,7 +303,7 @@ class Monitor(Displayed):
     def _naming(self, raised: _Raised) -> tuple[Naming, list[WatchedInterval]]:
         return name_since_onset(
             self.watched.suspects, list(self._held), raised.since, self.reference,
-            self.calibration.design.normal, self.threshold,
+            self.calibrated.normal, self.threshold,
         )  # fmt: skip
 
     def _alarm(self, raised: _Raised, naming: Naming, window: Sequence[WatchedInterval]) -> Alarm:

@@ -271,7 +271,7 @@ class Online:
             FitError, LogError, MotionError: as `snapshot`.
         """
         stream = self._stream or self._start()
-        self._absorb(stream, stream.finish())
+        self._absorb(stream, stream.flush(last=True))
         self._judge(stream, stream.last[:0], over=True)
         return self._found(stream)
 

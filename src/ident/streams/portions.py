@@ -37,7 +37,7 @@ from ident.fit.channel_checks import log_findings
 from ident.fit.findings import Finding
 from ident.fit.prediction import predict
 from ident.fit.problem import block_edges, triangles
-from ident.information.blocks import Block, Key, summed
+from ident.information.blocks import Block, summed
 from ident.information.linear import Triangle
 from ident.log import Log
 from ident.log.read import names_of
@@ -204,12 +204,11 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
     """
     mechanism, part, anchors = plan.mechanism, plan.parts[number], []
     solver = LoopSolver(mechanism, plan.logged)
-    columns = [f"q.{name}" for name in plan.logged]
     portions = list(plan.portions(number))
     q = y = None
     for portion, after in zip(portions, [*portions[1:], portions[-1]], strict=True):
         log = part.file.piece(portion.begin, portion.end)
-        x = np.stack([log.columns[name] for name in columns], axis=1)
+        x = np.stack([log.columns[f"q.{name}"] for name in plan.logged], axis=1)
         for channel in x.T:
             channel[absurd_samples(channel)] = np.nan
         known = np.flatnonzero(np.isfinite(x).all(axis=1))[::THINNED]
@@ -246,22 +245,14 @@ def motion_of(plan: Plan, portion: Portion) -> tuple[Log, State | None, list[str
     return log, state, [f"{where}: no sample can be used"] if state is None else []
 
 
-@dataclass(frozen=True, eq=False)
-class PortionRows:
-    """The rows of a portion as triangles."""
-
-    portion: Portion  # where they are from
-    blocks: tuple[Block, ...]  # triangles
-    notes: tuple[str, ...] = ()  # what a person should know
-    findings: tuple[Finding, ...] = ()  # of its channels
-
-
-def absorbed(plan: Plan, portion: Portion) -> PortionRows:
-    """Absorb the rows of a portion."""
+def absorbed(
+    plan: Plan, portion: Portion
+) -> tuple[Sequence[Block], Sequence[str], Sequence[Finding]]:
+    """Return the rows of a portion as triangles, notes, and findings of its channels."""
     part, columns, cutoff = plan.parts[portion.log], plan.columns, plan.band.cutoff
     log, e, notes = motion_of(plan, portion)
     if e is None:
-        return PortionRows(portion, (), tuple(notes))
+        return (), notes, ()
     supports = row_supports(plan.mechanism, columns, e)
     if part.recipe is None:
         edges, farthest = block_edges(cutoff, e.t[0], e.t[-1], len(e)), None
@@ -273,8 +264,7 @@ def absorbed(plan: Plan, portion: Portion) -> PortionRows:
     own = (piece[(piece.t >= portion.since) & (piece.t < portion.until)] for piece in made)
     blocks = summed({}, triangles(portion.log, own, edges, supports))
     motion = Motion((e,), plan.independent, plan.band, 0.0, (), (log,), plan.mechanism)
-    findings = log_findings(plan.mechanism, motion)
-    return PortionRows(portion, tuple(blocks.values()), tuple(notes), tuple(findings))
+    return [*blocks.values()], notes, log_findings(plan.mechanism, motion)
 
 
 def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray]:
@@ -360,15 +350,14 @@ def _packed(block: Block) -> tuple[list[int], np.ndarray]:
 def _unpacked(counts: list[int], vector: np.ndarray) -> Block:
     """Return the block of which `_packed` made integers and numbers."""
     log, block, coordinate, *rows, k, _ = counts
-    size = k * k + k + 1
-    support, sizes, *parts = np.split(vector, [k, k + 4, k + 4 + size, k + 4 + 2 * size])
+    support, sizes, numbers = np.split(vector, [k, k + 4])
     some, rest, still = (
         Triangle(x[: k * k].reshape(k, k), x[k * k : -1], float(x[-1]), count)
-        for x, count in zip(parts, rows, strict=True)
+        for x, count in zip(numbers.reshape(3, -1), rows, strict=True)
     )
-    moving, idle, *span = sizes.tolist()
-    key, torque = Key(log, block, coordinate), (moving, idle)
-    return Block(*key, some, rest, still, support.astype(int), torque, (span[0], span[1]))
+    moving, idle, first, last = sizes.tolist()
+    torque, span = (moving, idle), (first, last)
+    return Block(log, block, coordinate, some, rest, still, support.astype(int), torque, span)
 
 
 def _feed(result: Any, thing: Any) -> None:

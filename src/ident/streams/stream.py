@@ -153,7 +153,9 @@ class Stream:
         return self.flush() if len(self._X) - self._old >= self._block else []
 
     def flush(self, last: bool = False) -> list[Rows]:
-        """Return the rows of samples that wait for others; `last`: of all, as before a gap."""
+        """Return the rows of samples that wait for others; `last`: of all, as before a gap, so that
+        further samples begin a new run.
+        """
         self.windows, made = [], []
         while self._old < len(self._X):
             stop = min(len(self._X), self._old + SAMPLES)
@@ -171,10 +173,6 @@ class Stream:
             self._X = self._X[:0]
             self._cut()
         return made
-
-    def finish(self) -> list[Rows]:
-        """Return all rows that are left, as before a gap; further samples begin a new run."""
-        return self.flush(last=True)
 
     def _rows_of(self, stop: int, last: bool) -> list[Rows]:
         """Return the rows that a window of samples up to `stop` completes."""
