@@ -92,19 +92,6 @@ class Fault:
         return replace(self, kind=kind, joints=joints, number=number, state=state, at=None, **rows)
 
 
-@dataclass(frozen=True, eq=False)
-class CredibleFault:
-    """A fault that predicts stretches of time that were left out better than the library does.
-
-    `before` and `after` are relative errors of its joints.
-    """
-
-    fault: Fault
-    before: float
-    after: float
-    rivals: tuple[Fault, ...]
-
-
 # --- torques ------------------------------------------------------------------------------------
 
 
@@ -340,18 +327,19 @@ WORDS = {  # by kind: in a rival's place, what it is, and the remedy
 }
 
 
-def fault_finding(mechanism: Mechanism, found: CredibleFault) -> Finding:
-    """Return a credible fault in words, with the remedy."""
-    fault, moved = found.fault, found.fault.state is not None
+def fault_finding(
+    mechanism: Mechanism, fault: Fault, before: float, after: float, rivals: Sequence[Fault] = ()
+) -> Finding:
+    """Return a fault in words; `before`, `after`: relative errors of its joints."""
+    moved = fault.state is not None
     _, text, remedy = (each.format(**_fields(mechanism, fault)) for each in WORDS[fault.kind])
-    errors = percent(found.before), percent(found.after)
-    text += " the error of the predicted torque falls from {} to {}".format(*errors)
-    for each in found.rivals:
+    text += f" the error of the predicted torque falls from {percent(before)} to {percent(after)}"
+    for each in rivals:
         rival = WORDS[each.kind][0].format(**_fields(mechanism, each))
         text += f"; {rival} would do nearly as well"
     own = sorted(fault.joints, key=mechanism.joint_index.__getitem__)
     where = tuple(f"{'q' if moved else 'tau'}.{name}" for name in own)
-    number = found.after / found.before if moved else fault.number[0]
+    number = after / before if moved else fault.number[0]
     number *= 1e3 if fault.kind == "delay" else 1.0  # [ms]
     return Finding(fault.kind, text, remedy, where, number)
 
