@@ -33,7 +33,7 @@ from ident.fit.faults import (
 from ident.fit.findings import Finding
 from ident.fit.problem import Problem, Table
 from ident.fit.small_errors import away_from_reversals
-from ident.information.chance import RIVAL, credible_t, zscore
+from ident.information.chance import LEAVES, RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
@@ -51,19 +51,13 @@ NUMBERED = ("scale", "delay", "time")  # faults of which a number is sought, not
 
 @dataclass(frozen=True, eq=False)
 class FaultTrial:
-    """A fault, in the equations of the motion as it would be.
-
-    Attributes:
-        before: relative errors (d,) without it.
-        was, rivals: of a credible one, the error of its joints without it, and faults that do
-            nearly as well.
-    """
+    """A fault, in the equations of the motion as it would be."""
 
     fault: Fault
     equations: ChannelEquations
-    before: Array
-    was: float = 1.0
-    rivals: tuple[Fault, ...] = ()
+    before: Array  # relative errors (d,) without it
+    was: float = 1.0  # of a credible one, the error of its joints without it
+    rivals: tuple[Fault, ...] = ()  # and faults that do nearly as well
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -97,20 +91,14 @@ class FaultTrial:
 
 @dataclass(frozen=True, eq=False)
 class FaultSearch:
-    """The rows of a fit, in which faults of the data are sought.
-
-    Attributes:
-        problem, estimate: of the fit; errors: relative, by joint, fitted or held out, the larger.
-        table, use: its rows, and which of them count (N, d).
-        explained: left-out squares (blocks, d) with the effects that a diagnosis found: a fault of
-            the data must explain more.
-    """
+    """The rows of a fit, in which faults of the data are sought."""
 
     problem: Problem
     estimate: Estimate
-    errors: Mapping[str, float]
+    errors: Mapping[str, float]  # relative, by joint, fitted or held out, the larger
     table: Table
-    use: np.ndarray
+    use: np.ndarray  # (N, d) which of its rows count
+    # left-out squares (blocks, d) with a diagnosis' effects: a fault must explain more
     explained: Array | None = None
 
     @property
@@ -316,9 +304,9 @@ class FaultSearch:
             and not (own[0] in NUMBERED and own == (each.fault.kind, each.fault.joints))
         )
         before = rms(was[mine])
-        most = min(best.equations.most, max(HALF * before, DOUBT))
-        if any(each.kind != best.fault.kind for each in rivals):
-            most = DOUBT  # nobody can tell by which of two faults
+        most = min(LEAVES, max(HALF * before, DOUBT))
+        if len(was) == 1 or any(each.kind != best.fault.kind for each in rivals):
+            most = DOUBT  # nothing else holds it, or nobody can tell by which of two faults
         fault = _determined(best, trial)
         if fault is None or t <= credible_t(len(faults), len(base)) or best.error > most:
             return None

@@ -44,29 +44,19 @@ Moved = Callable[[Mechanism, State], tuple[Mechanism, State]]
 
 @dataclass(frozen=True)
 class Fault:
-    """A hypothesis: what each joint is given instead of its own torque, and another motion.
+    """A hypothesis: what each joint is given instead of its own torque, and another motion."""
 
-    Attributes:
-        driven: names of the J driven joints.
-        take, gain, shift: by driven joint, the channel that is its torque, the channel's factor,
-            and the number of its shift in time, 0: none.
-        kind: code of its finding; empty for the log as it is.
-        joints: names, of exchanged ones those that are read instead.
-        number: the factor, those of several positions, the delay [s] (positive: the torque is
-            late), the scale of time, or the three components of gravity [m/s²].
-        state: the mechanism and the state as they would be, from those as they are; None: these.
-        at: the same fault with another factor or scale; None where it has none.
-    """
-
-    driven: tuple[str, ...]
-    take: tuple[int, ...]
-    gain: tuple[float, ...]
-    shift: tuple[int, ...]
-    kind: str = ""
-    joints: tuple[str, ...] = ()
+    driven: tuple[str, ...]  # names of the J driven joints
+    take: tuple[int, ...]  # by driven joint, the channel that is its torque
+    gain: tuple[float, ...]  # the channel's factor
+    shift: tuple[int, ...]  # the number of its shift in time, 0: none
+    kind: str = ""  # code of its finding; empty for the log as it is
+    joints: tuple[str, ...] = ()  # of exchanged ones those that are read instead
+    # the factor, those of several positions, the delay [s] (positive: the torque is late), the
+    # scale of time, or the three components of gravity [m/s²]
     number: tuple[float, ...] = ()
-    state: Moved | None = None
-    at: Callable[[float], Fault] | None = None
+    state: Moved | None = None  # makes the mechanism and the state as they would be; None: as is
+    at: Callable[[float], Fault] | None = None  # the same fault with another factor or scale
 
     @classmethod
     def none(cls, driven: tuple[str, ...]) -> Fault:
@@ -164,7 +154,6 @@ def scale_of_time(none: Fault, s: float) -> Fault:
 
 
 def _gravities(none: Fault, mechanism: Mechanism) -> Iterator[Fault]:
-    """Yield gravity along the other axes and none."""
     given = np.asarray(mechanism.model.gravity.linear)
     for g in (*EARTH * np.eye(3), *-EARTH * np.eye(3), np.zeros(3)):
         if np.linalg.norm(g - given) < 0.05 * EARTH:
