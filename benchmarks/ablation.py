@@ -5,8 +5,9 @@
 
 Every case is fitted once, and the set of effects is searched again with one constant changed, or
 one rule left out, at a time. Right is: a hidden effect is named first (in a loop: named or a
-rival); both of two are in the set; no name where nothing, or nothing of the library, is missing. A real machine has no such truth:
-there the members of the set that come and go are counted, and the change of the left-out error.
+rival); both of two are in the set; no name where nothing, or nothing of the library, is missing. A
+real machine has no such truth: there the members of the set that come and go are counted, and the
+change of the left-out error.
 """
 
 from __future__ import annotations

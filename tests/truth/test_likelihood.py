@@ -9,7 +9,7 @@ import pytest
 import ident
 from ident import Multipliers
 from ident.equations.filter import STANDING
-from ident.equations.motion_noise import gain, linear, rows_cutoff
+from ident.equations.motion_noise import gain, linear_runs, rows_cutoff
 from ident.equations.rows import Scene, rows
 from ident.equations.unknowns import Columns, Point
 from ident.motion.smoothing import along, finer
@@ -58,20 +58,19 @@ def test_rows_are_linear_about_the_motion(crank, snr):
     (e,) = motion.experiments
     columns, point = Columns.of(mechanism), Point.prior(mechanism)
     fine, x = finer(mechanism, e, 2), Columns.of(mechanism).prior
-    part = linear(mechanism, columns, e, fine, point)
+    (part,) = linear_runs(mechanism, columns, (0, e), fine, point)
     cutoff = rows_cutoff(fine, e.rate)
 
     def lacking(experiment):
         scene = Scene.of(mechanism, columns, experiment, point, cutoff)
         return np.concatenate([p.b - p.A @ x for p in rows(scene, cutoff, STANDING)])
 
-    ((segment, spline),), (c,) = fine.runs, part.c
+    segment, spline, c = part.segment, part.spline, part.c
     step = 1e-7 * np.random.default_rng(0).standard_normal(c.shape)
     moved = replace(spline, c=c + step)
     there = along(mechanism, e, Smooth(fine.names, fine.spacing, ((segment, moved),), ()))
-    torques = part.torques[0]
-    reached = step[torques.first[:, None] + np.arange(torques.L.shape[1])]
-    foretold = np.einsum("nwiu,nwi->nu", torques.L, reached)
+    reached = step[part.first[:, None] + np.arange(part.L.shape[1])]
+    foretold = np.einsum("nwiu,nwi->nu", part.L, reached)
     gone = lacking(there) - lacking(e)
     assert np.linalg.norm(gone - foretold) < 1e-4 * np.linalg.norm(foretold)
 

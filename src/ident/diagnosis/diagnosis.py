@@ -35,7 +35,7 @@ from ident.errors import FitError, IdentError, check_whole
 from ident.fit import Fit, identify
 from ident.fit.channel_fits import NEARLY
 from ident.fit.data_checks import DataChecks, Health
-from ident.fit.faults import CredibleFault, Fault, fault_finding, scale_of_time
+from ident.fit.faults import Fault, fault_finding, scale_of_time
 from ident.fit.findings import Finding
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
@@ -325,7 +325,7 @@ def _clock(fit: Fit, found: Explanation) -> Iterator[Finding]:
         errors = errors_of(identify(fit.mechanism, motion, estimator="least-squares"))
         if all(e.rms < NEARLY * found.after[name].rms for name, e in errors.items()):
             after = errors[found.joint].relative or 0.0
-            yield fault_finding(fit.mechanism, CredibleFault(fault, before, after, ()))
+            yield fault_finding(fit.mechanism, fault, before, after)
 
 
 def health(fit: Fit) -> Health:

@@ -159,36 +159,6 @@ def _spread(spline: Spline, t: np.ndarray, taps: np.ndarray | None, step: float)
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueRows:
-    """The n rows of one run, at c₀, before they are weighed, with w functions in reach."""
-
-    rows: Rows
-    first: np.ndarray  # (n,) the first function in reach
-    L: np.ndarray  # (n, w, coordinates, d), F G B
-
-    def residual(self, x: np.ndarray) -> np.ndarray:
-        """b − A x (n, d), zero where rows do not inform."""
-        return np.where(self.rows.informed, self.rows.b - self.rows.A @ x, 0.0)
-
-
-def weighed(torques: TorqueRows, spline: Spline, c: np.ndarray, sigma: np.ndarray) -> list[Chunk]:
-    """The run's rows, made at c (count, coordinates), divided by their noise σ (d,)."""
-    w, d = torques.L.shape[1], torques.L.shape[3]
-    off = c - spline.c
-    known = np.einsum("nwid,nwi->nd", torques.L, off[torques.first[:, None] + np.arange(w)])
-    chunks, rows = [], torques.rows
-    for u in range(d):
-        at = rows.informed[:, u]
-        L, A, b = -torques.L[at, :, :, u], rows.A[at, u], (rows.b - known)[at, u]
-        chunks.append(Chunk(torques.first[at], L / sigma[u], A / sigma[u], b / sigma[u]))
-    # U's windows of WIDTH functions as windows of w
-    n, low = len(spline.first), np.minimum(spline.first, spline.basis.count - w)
-    wide = np.zeros((n, w, spline.U.shape[2]))
-    wide[np.arange(n)[:, None], (spline.first - low)[:, None] + np.arange(WIDTH)] = spline.U
-    return [*chunks, Chunk(low, wide, np.zeros((n, rows.A.shape[2])), np.zeros(n))]
-
-
-@dataclass(frozen=True, eq=False)
 class EliminatedRun:
     """One run of samples with its motion, or its multipliers in a time basis, eliminated."""
 
@@ -205,47 +175,47 @@ class EliminatedRun:
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
-    """The likelihood of one experiment, linear about its present motion."""
+class LinearRun:
+    """The likelihood of one run of samples, linear about its present motion.
 
-    fine: Smooth  # splines with ĉ and U
-    c: tuple[np.ndarray, ...]  # by run, (count, coordinates) of the present motion
-    torques: tuple[TorqueRows | None, ...]  # rows of each run that has any
+    It has n torque rows of d coordinates, with w functions in reach of each.
+    """
 
-    def eliminated(self, number: int, sigma: np.ndarray) -> list[EliminatedRun]:
-        """All runs of experiment `number`, for torque rows of noise sigma (d,)."""
-        found = []
-        for (segment, spline), c, torques in zip(self.fine.runs, self.c, self.torques, strict=True):
-            if torques is not None:
-                chunks = weighed(torques, spline, c, sigma)
-                found.append(EliminatedRun.of(number, segment, spline.basis, chunks))
-        return found
+    experiment: int  # its number
+    segment: slice  # its samples
+    spline: Spline  # ĉ and U
+    c: np.ndarray  # (count, coordinates) of the present motion
+    rows: Rows  # at c, before they are weighed
+    first: np.ndarray  # (n,) the first function in reach
+    L: np.ndarray  # (n, w, coordinates, d), F G B
 
-    def residual_squares(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(d,) Σ |b − A x|² of the rows that inform, and their number."""
-        some = [torques for torques in self.torques if torques is not None]
-        squares = sum((torques.residual(x) ** 2).sum(axis=0) for torques in some)
-        return np.asarray(squares), np.asarray(sum(each.rows.informed.sum(axis=0) for each in some))
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        """b − A x (n, d), zero where rows do not inform."""
+        return np.where(self.rows.informed, self.rows.b - self.rows.A @ x, 0.0)
 
     def loss(self, x: np.ndarray, sigma: np.ndarray) -> float:
         """|U (c − ĉ)|² + Σ |b − A x|² / σ² at the present motion, for x (k,)."""
-        total = 0.0
-        for (_, spline), c, torques in zip(self.fine.runs, self.c, self.torques, strict=True):
-            if torques is None:
-                continue
-            off = (c - spline.c)[spline.first[:, None] + np.arange(spline.U.shape[1])]
-            total += float((np.einsum("nwi,nwi->n", spline.U, off) ** 2).sum())
-            total += float(((torques.residual(x) / sigma) ** 2).sum())
-        return total
+        spline = self.spline
+        off = (self.c - spline.c)[spline.first[:, None] + np.arange(WIDTH)]
+        parts = np.einsum("nwi,nwi->n", spline.U, off), self.residual(x) / sigma
+        return sum(float((part**2).sum()) for part in parts)
 
-    def moved(self, runs: Sequence[EliminatedRun], x: np.ndarray) -> Smooth:
-        """The motion that goes with the parameters x (k,)."""
-        steps = {run.segment.start: run.elimination.back_substitute(x) for run in runs}
-        found = []
-        for (segment, spline), c in zip(self.fine.runs, self.c, strict=True):
-            c = spline.c + steps[segment.start] if segment.start in steps else c
-            found.append((segment, replace(spline, c=c)))
-        return replace(self.fine, runs=tuple(found))
+    def eliminated(self, sigma: np.ndarray) -> EliminatedRun:
+        """The run without its motion, from torque rows divided by their noise σ (d,)."""
+        spline, rows, w = self.spline, self.rows, self.L.shape[1]
+        off = self.c - spline.c
+        known = np.einsum("nwid,nwi->nd", self.L, off[self.first[:, None] + np.arange(w)])
+        chunks = []
+        for u, noise in enumerate(sigma):
+            at = rows.informed[:, u]
+            L, A, b = -self.L[at, :, :, u], rows.A[at, u], (rows.b - known)[at, u]
+            chunks.append(Chunk(self.first[at], L / noise, A / noise, b / noise))
+        # U's windows of WIDTH functions as windows of w
+        n, low = len(spline.first), np.minimum(spline.first, spline.basis.count - w)
+        wide = np.zeros((n, w, spline.U.shape[2]))
+        wide[np.arange(n)[:, None], (spline.first - low)[:, None] + np.arange(WIDTH)] = spline.U
+        chunks.append(Chunk(low, wide, np.zeros((n, rows.A.shape[2])), np.zeros(n)))
+        return EliminatedRun.of(self.experiment, self.segment, spline.basis, chunks)
 
 
 def rows_cutoff(fine: Smooth, rate: float) -> float | None:
@@ -254,58 +224,49 @@ def rows_cutoff(fine: Smooth, rate: float) -> float | None:
     return cutoff if cutoff < NYQUIST * rate else None
 
 
-def linear(
+def linear_runs(
     mechanism: Mechanism,
     columns: Columns,
-    e: State,
+    experiment: tuple[int, State],
     fine: Smooth,
     point: Point,
-    like: Linear | None = None,
-) -> Linear:
-    """The likelihood about a smooth motion e, `fine` the splines with what channels say of them.
+    like: Sequence[LinearRun] = (),
+) -> list[LinearRun]:
+    """The runs that have rows of an experiment (number, state) with a smooth motion.
 
-    Rows inform or not as they do in `like`, about an earlier motion.
+    `fine` are the splines with what channels say of them. Rows inform or not as they do in `like`,
+    about an earlier motion.
     """
+    number, e = experiment
     cutoff = rows_cutoff(fine, e.rate)
     every = 1 if cutoff is None else max(1, int(e.rate / (PERIOD * cutoff)))
     some = e.thinned(every)
     G = gain(mechanism, some, fine.names, point, cutoff)
     if every > 1:
-        G = _between(e.t, some.t, G)
-    decimator = Decimator.of(cutoff, e.rate)
-    scene = Scene.of(mechanism, columns, e, point, cutoff)
-    pieces = [*rows(scene, cutoff, STANDING)]
-    coefficients: list[np.ndarray] = []
-    torques: list[TorqueRows | None] = []
-    for k, (segment, spline) in enumerate(fine.runs):
-        channels = through_motion(mechanism, e, fine.names)
-        inside = [channel.within(e.t[segment]) for channel in channels]
-        coefficients.append(fitted(spline.basis, inside, fine.names).c)
+        from scipy.interpolate import make_interp_spline  # takes 0.2 s to import
+
+        G = make_interp_spline(some.t, G, k=1)(np.minimum(e.t, some.t[-1]))
+    decimator, channels = Decimator.of(cutoff, e.rate), through_motion(mechanism, e, fine.names)
+    pieces = [*rows(Scene.of(mechanism, columns, e, point, cutoff), cutoff, STANDING)]
+    informed = {each.segment.start: each.rows for each in like if each.experiment == number}
+    found = []
+    for segment, spline in fine.runs:
         mine = [p for p in pieces if segment.start <= p.sample[0] < segment.stop]
         if not mine:
-            torques.append(None)
             continue
-        run = Rows.joined(mine)
-        before = None if like is None else like.torques[k]
-        if before is not None and np.array_equal(run.t, before.rows.t):
-            run = replace(run, informed=before.rows.informed)
-        at = np.clip(e.t[segment], spline.basis.t0, spline.basis.t_end)
-        windows = [spline.basis.window(at, order) for order in range(3)]
+        t, basis, run = e.t[segment], spline.basis, Rows.joined(mine)
+        c = fitted(basis, [channel.within(t) for channel in channels], fine.names).c
+        before = informed.get(segment.start)
+        if before is not None and np.array_equal(run.t, before.t):
+            run = replace(run, informed=before.informed)
+        at = np.clip(t, basis.t0, basis.t_end)
+        windows = [basis.window(at, order) for order in range(3)]
         values = sum(
             B[:, :, None, None] * G[segment, :, :, order].transpose(0, 2, 1)[:, None]
             for order, (_, B) in enumerate(windows)
         )
         first, L = filtered_windows(
-            decimator, spline.basis, e.t[segment], windows[0][0], np.asarray(values),
-            run.sample - segment.start,
-        )  # fmt: skip
-        torques.append(TorqueRows(run, first, L))
-    return Linear(fine, tuple(coefficients), tuple(torques))
-
-
-def _between(t: np.ndarray, at: np.ndarray, G: np.ndarray) -> np.ndarray:
-    """G at the times t (n,), linear between the times `at`."""
-    right = np.clip(np.searchsorted(at, t), 1, len(at) - 1)
-    share = (t - at[right - 1]) / (at[right] - at[right - 1])
-    share = np.clip(share, 0.0, 1.0)[:, None, None, None]
-    return (1 - share) * G[right - 1] + share * G[right]
+            decimator, basis, t, windows[0][0], np.asarray(values), run.sample - segment.start
+        )
+        found.append(LinearRun(number, segment, spline, c, run, first, L))
+    return found

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -242,17 +243,21 @@ class Rows:
     def __len__(self) -> int:
         return len(self.t)
 
+    @property
+    def arrays(self) -> list[Any]:
+        """All of these."""
+        return [getattr(self, each.name) for each in fields(Rows)]
+
     def __getitem__(self, which: slice | np.ndarray) -> Rows:
         """Some of the rows."""
-        return Rows(*(getattr(self, each.name)[which] for each in fields(self)))
+        return Rows(*(x[which] for x in self.arrays))
 
     @classmethod
     def joined(cls, parts: Sequence[Rows]) -> Rows:
         """Rows one after the other."""
         if len(parts) == 1:
             return parts[0]
-        names = [each.name for each in fields(cls)]
-        return cls(*(np.concatenate([getattr(x, name) for x in parts]) for name in names))
+        return cls(*map(np.concatenate, zip(*(each.arrays for each in parts), strict=True)))
 
 
 def informing(

@@ -7,6 +7,7 @@ remedy, or None where nothing is wrong; its name is the finding's code.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -19,7 +20,7 @@ from ident.information.linear import Array
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion, State
-from ident.motion.noise import noise_level, noise_share
+from ident.motion.noise import grain, noise_level, noise_share
 from ident.motion.recipe import CLEAN, ROWS_OVER_MOTION
 from ident.motion.signals import CLIPPED, LARGEST, absurd_samples, at_limit, runs
 from ident.text import significant
@@ -39,7 +40,6 @@ JUMP = 5.0
 ROUGH = 0.1  # tuned: noise in the accelerations by the steps of an encoder, of their rms
 SPIKE = 15.0  # level: standard deviations from its neighbours, from which a sample is no noise
 RARE = 1e-3  # tuned: share of lone samples that no sensor is free of (TX40: 3 of 45,000)
-ROUNDING = 1e-9  # numerics: of a channel's largest value: nearer values are one
 SAME = 1e-6  # numerics: of a channel's size, by which it may differ from a command and still be it
 COMMAND = re.compile(
     r"(des|cmd|command|ref|set|target|goal|con)(ired|erence|point|trol)?[\W_\d]*", re.I
@@ -84,14 +84,7 @@ class LoggedChannel:
     @cached_property
     def step(self) -> float:
         """The step of a quantised channel, 0 for others."""
-        gaps = np.diff(np.unique(self.x))
-        gaps = gaps[gaps > ROUNDING * np.abs(self.x).max()]
-        if len(gaps) < 3 or len(gaps) > len(self.x) // 3:
-            return 0.0
-        least = float(np.quantile(gaps, 0.02))
-        step = float(gaps[gaps < 1.5 * least].mean())
-        whole = np.round(gaps / step)
-        return step if (np.abs(gaps / step - whole) < 0.05 * np.sqrt(whole)).mean() > 0.95 else 0.0
+        return grain(self.x)
 
     @property
     def entry(self) -> str:
@@ -274,20 +267,19 @@ CHECKS = {
 # --- all channels -------------------------------------------------------------------------------
 
 
-def log_findings(mechanism: Mechanism, motion: Motion) -> list[Finding]:
-    """Return what is wrong with the channels of a motion's logs, where these are at hand."""
+def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
+    """Report what is wrong with the channels of a motion's logs, where these are at hand."""
     states = {  # the motion of a long log is that of stretches, and its samples are the first's
         log.name: next(
             (e for e in motion.experiments if f"{e.name}, ".startswith(f"{log.name}, ")), None
         )
         for log in motion.logs
     }
-    found = []
     for log in motion.logs:
         for name in log.columns:
             kind, _, joint = name.partition(".")
             if kind == "q" and joint in mechanism.locked:
-                found += _moving_lock(log, name, mechanism.locked[joint])
+                yield from _moving_lock(log, name, mechanism.locked[joint])
             if joint not in mechanism.joint_index or (state := states[log.name]) is None:
                 continue
             if kind == "tau" and joint not in mechanism.driven:
@@ -301,22 +293,18 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> list[Finding]:
                 if (judgement := check(channel)) is not None:
                     number, threshold, meaning, remedy = judgement
                     meaning = f"{log.name}: {name}: {meaning}"
-                    found.append(
-                        Finding(check.__name__, meaning, remedy, (name,), number, threshold)
-                    )
+                    yield Finding(check.__name__, meaning, remedy, (name,), number, threshold)
     texts = "standard errors are too small by √2", "leave it out"
     pairs = [*combinations(motion.logs, 2)][::-1]  # the first log counts
     again = {copy.where: copy for a, b in pairs for copy in copies(a, b, *texts)}
-    return [*found, *again.values()]
+    yield from again.values()
 
 
-def _moving_lock(log: Log, name: str, at: float) -> list[Finding]:
-    """Return a finding if a joint that is held moves in a log."""
+def _moving_lock(log: Log, name: str, at: float) -> Iterator[Finding]:
     off = float(np.nanmax(np.abs(log.columns[name] - at), initial=0.0))
-    if off < LOCKED:
-        return []
-    text = f"{log.name}: {name} is up to {off:.3g} off {at:.4g}, at which the joint is locked"
-    return [Finding("locked", text, "give its position, or do not lock it", (name,), off, LOCKED)]
+    if off >= LOCKED:
+        text = f"{log.name}: {name} is up to {off:.3g} off {at:.4g}, at which the joint is locked"
+        yield Finding("locked", text, "give its position, or do not lock it", (name,), off, LOCKED)
 
 
 def copies(a: Log, b: Log, harm: str, remedy: str) -> list[Finding]:

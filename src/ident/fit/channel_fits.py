@@ -51,27 +51,19 @@ class ChannelEquations:
 
     Where each coordinate has a drive of its own, its torques are τ_1 … τ_J and L shifts of its own;
     else they are Zᵀ W_jᵀ τ_i for each joint j and channel i, not shifted.
-
-    Attributes:
-        driven: names of the J driven joints; own: by coordinate its only drive; empty if there are
-            other drives.
-        gram: (d, k + r, k + r) of each block, k columns X and r right-hand sides; where all would
-            not be held in memory, the rows (d, rows, k + r) of each, of which they are products.
-        effects: by label, the columns of the effects that the model does not have, the last of X.
-        rows: (blocks, d); lags: (1 + L,) [s], first 0; near: how many of them can be a delay, the
-            others turn the log round.
-        limits: G (m, k), g (m,) with G x + g ≥ 0 for a machine that can exist.
     """
 
-    driven: tuple[str, ...]
-    own: tuple[int, ...]
+    driven: tuple[str, ...]  # names of the J driven joints
+    own: tuple[int, ...]  # by coordinate its only drive; empty if there are other drives
+    # (d, k + r, k + r) of each block, k columns X and r right-hand sides; where all would not be
+    # held in memory, the rows (d, rows, k + r) of each, of which they are products
     gram: Sequence[Array]
     k: int
-    effects: Mapping[str, Array]
-    rows: Array
-    lags: Array
-    near: int
-    limits: tuple[Array, Array]
+    effects: Mapping[str, Array]  # by label, the columns that the model does not have, the last
+    rows: Array  # (blocks, d)
+    lags: Array  # (1 + L,) [s], first 0
+    near: int  # how many of them can be a delay, the others turn the log round
+    limits: tuple[Array, Array]  # G (m, k), g (m,) with G x + g ≥ 0 for a machine that can exist
     memo: dict[Any, Any] = field(default_factory=dict)
 
     @classmethod
@@ -145,11 +137,6 @@ class ChannelEquations:
     def torque(self) -> Array:
         """Squares (d,) of the logged torques."""
         return self.squares_of(self.as_logged)[1]
-
-    @property
-    def most(self) -> float:
-        """Relative error that a cause may leave: of a single coordinate nothing else holds it."""
-        return LEAVES if len(self.total) > 1 else DOUBT
 
     @property
     def as_logged(self) -> Fault:
@@ -329,20 +316,15 @@ def _spread_torques(table: Table, driven: tuple[str, ...]) -> Array:
 
 
 def _inertia(model: pin.Model, e: State, d: int) -> Array:
-    """Mean (d, 10 · bodies) of Zᵀ Γ(q, 0, Z e_u) over postures of a log, kept with its state."""
-    kept = e.store.get("inertia", model)
-    if kept is None:
-        some = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
-        none = np.zeros_like(some.v)
-        rest = regressor(model, some.q, none, none)
-        means = np.zeros((d, rest.shape[2]))
-        for u in range(d):
-            Z = some.pinv[:, :, u - d]
-            gamma = regressor(model, some.q, none, Z) - rest
-            means[u] = np.einsum("nik,ni->k", gamma, Z) / len(some)
-        kept = [means]
-        e.store.put("inertia", model, kept)
-    return kept[0]
+    """Mean (d, 10 · bodies) of Zᵀ Γ(q, 0, Z e_u) over postures of a log."""
+    some = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
+    none, means = np.zeros_like(some.v), []
+    rest = regressor(model, some.q, none, none)
+    for u in range(d):
+        Z = some.pinv[:, :, u - d]
+        gamma = regressor(model, some.q, none, Z) - rest
+        means.append(np.einsum("nik,ni->k", gamma, Z) / len(some))
+    return np.array(means)
 
 
 def limits_of_machines(

@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.display import Displayed, Progress
+from ident.display import Displayed, Progress, quiet
 from ident.equations.unknowns import Columns
 from ident.errors import FitError, one_of
 from ident.fit.findings import Finding, bodies_with_unknowns
@@ -145,7 +145,7 @@ class Binding(Displayed):
 
 
 def nearest_possible(
-    problem: Problem, found: Estimate, asked: Consistency, on_progress: Progress | None = None
+    problem: Problem, found: Estimate, asked: Consistency, on_progress: Progress = quiet
 ) -> tuple[Problem, Estimate, Estimate, Squares | None, Binding]:
     """Return the consistent estimate that is nearest to the data; weights are those of `found`.
 
@@ -160,8 +160,7 @@ def nearest_possible(
     Raises:
         FitError: for limits that contradict each other, or a solution that does not hold.
     """
-    if on_progress:
-        on_progress("physical consistency", 0.0)
+    on_progress("physical consistency", 0.0)
     unlimited = problem.information.squares(found.x)
     before = held_out(problem.fitting, problem.information, found, problem.prior)
     program = Program.of(problem, asked)
@@ -187,20 +186,13 @@ def nearest_possible(
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Everything of the conic problem but the data. Made once, solved for the fit and every fold.
-
-    Attributes:
-        columns: the unknowns.
-        limits: what must hold.
-        anchor: (k,) the nearest to the prior within the limits.
-        W: (rows, k) the metric; ‖W (x − a)‖ is the distance from the anchor.
-        rest: the rows at standstill, and least error of each coordinate [N m | N].
-    """
+    """The conic problem without its data. Made once, solved for the fit and every fold."""
 
     columns: Columns
-    limits: Sequence[Limit]
-    anchor: np.ndarray
-    W: np.ndarray
+    limits: Sequence[Limit]  # what must hold
+    anchor: np.ndarray  # (k,) the nearest to the prior within the limits
+    W: np.ndarray  # (rows, k) the metric; ‖W (x − a)‖ is the distance from the anchor
+    # rows at standstill, and least error of each coordinate [N m | N]
     rest: Sequence[tuple[Triangle, float]]
 
     @classmethod
@@ -213,8 +205,7 @@ class Program:
         mechanism, columns, prior = problem.mechanism, problem.columns, problem.prior
         scale = problem.plausible
         scale = np.where(scale < UNFELT, scale, 1.0)  # of a column of zeros any size will do
-        shapes = shape_bounds(mechanism, columns, problem.motion, problem.point)
-        limits = limits_of(mechanism, columns, asked, scale, shapes)
+        limits = limits_of(mechanism, columns, asked, scale, shape_bounds(problem))
         if against := conflict(limits, scale):
             names = "; ".join(limit.name for limit in against)
             raise FitError(

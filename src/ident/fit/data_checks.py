@@ -18,17 +18,11 @@ from ident.equations.motion_noise import noise_floor
 from ident.fit.channel_checks import log_findings
 from ident.fit.channel_fits import DOUBT, HALF, SMALL, columns_of
 from ident.fit.fault_search import FaultSearch
-from ident.fit.faults import exact_factor, fault_finding, log_entry
+from ident.fit.faults import exact_factor, log_entry
 from ident.fit.findings import FEW, Finding
 from ident.fit.problem import Problem, Table
 from ident.fit.residual_maps import ALIKE
-from ident.fit.small_errors import (
-    WORSE,
-    common_delay,
-    delay_shows,
-    misfit_at_reversals,
-    moved_by_reversals,
-)
+from ident.fit.small_errors import WORSE, common_delay, misfit_at_reversals, moved_by_reversals
 from ident.information.chance import BEYOND, LEAVES, MINE
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
@@ -81,7 +75,8 @@ class DataChecks(FaultSearch):
     def health(self) -> Health:
         """Judge the data, gravest first."""
         held = "; standard errors hold what it does to parameters"
-        named = [fault_finding(self.mechanism, each) for each in self.faults[0]]
+        faults, noise = self.faults
+        named = [each.finding(self.mechanism) for each in faults]
         found = [replace(each, meaning=each.meaning + held) for each in named]
         if self.mechanism.driven:
             if all(each.code == "delay" and len(each.where) == 1 for each in found):
@@ -89,7 +84,7 @@ class DataChecks(FaultSearch):
             sizes = [*self._magnitudes()]
             if {each.code for each in found} <= {"scale"} and any(x.code == "units" for x in sizes):
                 found = sizes
-            found = found or [*self._strangers(self.faults[2])] or sizes
+            found = found or [*self._strangers(noise)] or sizes
         channels = filter(self._matters, log_findings(self.mechanism, self.problem.motion))
         return Health((*found, *channels))
 
@@ -112,12 +107,12 @@ class DataChecks(FaultSearch):
         rows at reversals that fit worse: the bias that they may have made, which the scatter of
         residuals does not show.
         """
-        found, moved = self.faults[1], np.zeros(len(self.estimate.x))
-        if found is None:
+        if not (found := self.faults[0]):
             return self.moved_at_reversals
-        equations, cause = found
+        fault, equations = found[-1].fault, found[-1].equations.beside(())
         free, size = ~self.estimate.held, self.estimate.triangle.column_norms()
-        moved[free] = equations.solution(cause, equations.noise(cause)) - self.estimate.x[free]
+        moved = np.zeros(len(self.estimate.x))
+        moved[free] = equations.solution(fault, equations.noise(fault)) - self.estimate.x[free]
         return np.where(size > ABSENT * size.max(), moved, 0.0)  # an unknown of no effect is open
 
     @property
@@ -134,7 +129,7 @@ class DataChecks(FaultSearch):
         """Report joints whose dry friction is not its sign at reversals."""
         names = zip(self.problem.motion.independent, self.misfit, strict=True)
         worse = tuple(name for name, times in names if times > WORSE)
-        if worse and self.faults[1] is None:
+        if worse and not self.faults[0]:
             most = two_digits(np.sqrt(self.misfit.max()))
             text = (
                 f"{', '.join(worse)}: at reversals, below 3 % of the top speed, errors are up to "
@@ -151,8 +146,6 @@ class DataChecks(FaultSearch):
         that a diagnosis found explain more, or another cause leaves most of the error of a bad fit.
         """
         good = max(self.errors.values(), default=0.0) < DOUBT
-        if good and not delay_shows(self.estimate, self.table, self.use):
-            return
         late = common_delay(self.estimate, self.table, self.use, self.common)
         if late is None or (not good and late.after > HALF * late.before):
             return
@@ -169,7 +162,6 @@ class DataChecks(FaultSearch):
             yield Finding("delay", text, remedy, where, 1e3 * late.delay)
 
     def _strangers(self, noise: Array) -> Iterator[Finding]:
-        """Report torques that do not belong to this motion."""
         names = noise.any() and [f"tau.{name}" for name in self.equations.strangers(noise)]
         if names and self.reference.max() > LEAVES:
             text = (
@@ -200,7 +192,7 @@ class DataChecks(FaultSearch):
         )
         if worst < LEAVES:
             text += ", far more than noise of the sensors makes"
-        if self.faults[1] is not None:
+        if self.faults[0]:
             text += ": what is named above explains it"
         else:
             text += (

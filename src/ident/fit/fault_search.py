@@ -23,16 +23,17 @@ from ident.fit.channel_fits import DOUBT, HALF, NEARLY, SMALL, ChannelEquations,
 from ident.fit.faults import (
     CLOCKS,
     FACTORS,
-    CredibleFault,
     Fault,
     Moved,
+    fault_finding,
     motion_faults,
     scale_of_torque,
     torque_faults,
 )
+from ident.fit.findings import Finding
 from ident.fit.problem import Problem, Table
 from ident.fit.small_errors import away_from_reversals
-from ident.information.chance import RIVAL, credible_t, zscore
+from ident.information.chance import LEAVES, RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
@@ -50,15 +51,13 @@ NUMBERED = ("scale", "delay", "time")  # faults of which a number is sought, not
 
 @dataclass(frozen=True, eq=False)
 class FaultTrial:
-    """A fault, in the equations of the motion as it would be.
-
-    Attributes:
-        before: relative errors (d,) without it.
-    """
+    """A fault, in the equations of the motion as it would be."""
 
     fault: Fault
     equations: ChannelEquations
-    before: Array
+    before: Array  # relative errors (d,) without it
+    was: float = 1.0  # of a credible one, the error of its joints without it
+    rivals: tuple[Fault, ...] = ()  # and faults that do nearly as well
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -85,23 +84,21 @@ class FaultTrial:
         """Log density (blocks, d) of the torques of each block, fitted to the others."""
         return self.equations.left_out(self.fault, self.noise)
 
+    def finding(self, mechanism: Mechanism) -> Finding:
+        """Return the fault in words."""
+        return fault_finding(mechanism, self.fault, self.was, self.error, self.rivals)
+
 
 @dataclass(frozen=True, eq=False)
 class FaultSearch:
-    """The rows of a fit, in which faults of the data are sought.
-
-    Attributes:
-        problem, estimate: of the fit; errors: relative, by joint, fitted or held out, the larger.
-        table, use: its rows, and which of them count (N, d).
-        explained: left-out squares (blocks, d) with the effects that a diagnosis found: a fault of
-            the data must explain more.
-    """
+    """The rows of a fit, in which faults of the data are sought."""
 
     problem: Problem
     estimate: Estimate
-    errors: Mapping[str, float]
+    errors: Mapping[str, float]  # relative, by joint, fitted or held out, the larger
     table: Table
-    use: np.ndarray
+    use: np.ndarray  # (N, d) which of its rows count
+    # left-out squares (blocks, d) with a diagnosis' effects: a fault must explain more
     explained: Array | None = None
 
     @property
@@ -180,28 +177,25 @@ class FaultSearch:
     # --- the search -------------------------------------------------------------------------------
 
     @cached_property
-    def faults(self) -> tuple[list[CredibleFault], tuple[ChannelEquations, Fault] | None, Array]:
-        """The faults, the model's own equations with the torques as they would be, and the relative
-        errors (d,) that wrong torques leave.
-        """
+    def faults(self) -> tuple[list[FaultTrial], Array]:
+        """The faults, and the relative errors (d,) that wrong torques leave."""
         good = max(self.errors.values(), default=0.0) < SMALL and self.possible
         if good or not self.use.any():
-            return [], None, np.zeros(len(self.errors))
-        found, last = self._torques()
+            return [], np.zeros(len(self.errors))
+        logged = self._logged(self.equations)
+        found = self._torques(logged)
+        last = found[-1] if found else logged
         if found and not (self._explains(last, self.every) and self._away_too(last.fault)):
-            found, last = [], self._logged(self.equations)
-        if moved := self._motion(last.noise):
-            return [moved[0]], (moved[1].equations.beside(()), moved[0].fault), last.noise
-        own = (self.every.beside(()), found[-1].fault) if found else None
-        return found, own, last.noise
+            found, last = [], logged
+        moved = self._motion(last.noise)
+        return [moved] if moved else found, last.noise
 
     def _logged(self, equations: ChannelEquations) -> FaultTrial:
         return FaultTrial(equations.as_logged, equations, np.ones(len(equations.total)))
 
-    def _torques(self) -> tuple[list[CredibleFault], FaultTrial]:
-        """Return the faults of torques, one after the other, and the last of them."""
-        equations, found = self.equations, list[CredibleFault]()
-        now = self._logged(equations)
+    def _torques(self, now: FaultTrial) -> list[FaultTrial]:
+        """Return the faults of torques, each beside those before it."""
+        equations, found = self.equations, list[FaultTrial]()
         while len(found) < len(equations.driven):
             poor, lags = now.noise > POOR, equations.lags[: equations.near]
 
@@ -216,9 +210,9 @@ class FaultSearch:
                 base = base if base.sum() > rival.sum() else rival
             if (best := self._best(faults, trial, base, now.noise)) is None:
                 break
-            found.append(best[0])
-            now = best[1]
-        return found, now
+            found.append(best)
+            now = best
+        return found
 
     def _scaled(self, now: FaultTrial, trial: Callable[[Fault], FaultTrial]) -> Iterator[Fault]:
         """Yield, of each poor joint, the factor of its torque that explains the log best."""
@@ -231,7 +225,7 @@ class FaultSearch:
                 if max(best.number[0], 1 / best.number[0]) > LEAST_FACTOR:
                     yield best
 
-    def _motion(self, noise: Array) -> tuple[CredibleFault, FaultTrial] | None:
+    def _motion(self, noise: Array) -> FaultTrial | None:
         """Return the fault of the motion that explains the log by far best, if any does better than
         what wrong torques leave, the relative errors `noise` (d,). Where those are small, or what a
         diagnosis found leaves little, none does.
@@ -272,11 +266,11 @@ class FaultSearch:
             return FaultTrial(fault, moved(fault.state), now.noise)
 
         best = self._best(faults, trial, now.left, min(now.noise, noise, key=rms))
-        return best if best and self._explains(best[1], every) else None
+        return best if best and self._explains(best, every) else None
 
     def _best(
         self, faults: Sequence[Fault], trial: Callable[[Fault], FaultTrial], base: Array, was: Array
-    ) -> tuple[CredibleFault, FaultTrial] | None:
+    ) -> FaultTrial | None:
         """Return the best of some faults, if it is credible.
 
         Args:
@@ -310,13 +304,13 @@ class FaultSearch:
             and not (own[0] in NUMBERED and own == (each.fault.kind, each.fault.joints))
         )
         before = rms(was[mine])
-        most = min(best.equations.most, max(HALF * before, DOUBT))
-        if any(each.kind != best.fault.kind for each in rivals):
-            most = DOUBT  # nobody can tell by which of two faults
+        most = min(LEAVES, max(HALF * before, DOUBT))
+        if len(was) == 1 or any(each.kind != best.fault.kind for each in rivals):
+            most = DOUBT  # nothing else holds it, or nobody can tell by which of two faults
         fault = _determined(best, trial)
         if fault is None or t <= credible_t(len(faults), len(base)) or best.error > most:
             return None
-        return CredibleFault(fault, before, best.error, rivals), best
+        return replace(best, fault=fault, was=before, rivals=rivals)
 
     def _explains(self, last: FaultTrial, every: ChannelEquations) -> bool:
         """Whether faults leave not much more than all effects of the library together, and less

@@ -44,29 +44,19 @@ Moved = Callable[[Mechanism, State], tuple[Mechanism, State]]
 
 @dataclass(frozen=True)
 class Fault:
-    """A hypothesis: what each joint is given instead of its own torque, and another motion.
+    """A hypothesis: what each joint is given instead of its own torque, and another motion."""
 
-    Attributes:
-        driven: names of the J driven joints.
-        take, gain, shift: by driven joint, the channel that is its torque, the channel's factor,
-            and the number of its shift in time, 0: none.
-        kind: code of its finding; empty for the log as it is.
-        joints: names, of exchanged ones those that are read instead.
-        number: the factor, those of several positions, the delay [s] (positive: the torque is
-            late), the scale of time, or the three components of gravity [m/s²].
-        state: the mechanism and the state as they would be, from those as they are; None: these.
-        at: the same fault with another factor or scale; None where it has none.
-    """
-
-    driven: tuple[str, ...]
-    take: tuple[int, ...]
-    gain: tuple[float, ...]
-    shift: tuple[int, ...]
-    kind: str = ""
-    joints: tuple[str, ...] = ()
+    driven: tuple[str, ...]  # names of the J driven joints
+    take: tuple[int, ...]  # by driven joint, the channel that is its torque
+    gain: tuple[float, ...]  # the channel's factor
+    shift: tuple[int, ...]  # the number of its shift in time, 0: none
+    kind: str = ""  # code of its finding; empty for the log as it is
+    joints: tuple[str, ...] = ()  # of exchanged ones those that are read instead
+    # the factor, those of several positions, the delay [s] (positive: the torque is late), the
+    # scale of time, or the three components of gravity [m/s²]
     number: tuple[float, ...] = ()
-    state: Moved | None = None
-    at: Callable[[float], Fault] | None = None
+    state: Moved | None = None  # makes the mechanism and the state as they would be; None: as is
+    at: Callable[[float], Fault] | None = None  # the same fault with another factor or scale
 
     @classmethod
     def none(cls, driven: tuple[str, ...]) -> Fault:
@@ -90,19 +80,6 @@ class Fault:
         changed = sorted({j for values in torques.values() for j in values})
         joints = joints or tuple(self.driven[j] for j in changed)
         return replace(self, kind=kind, joints=joints, number=number, state=state, at=None, **rows)
-
-
-@dataclass(frozen=True, eq=False)
-class CredibleFault:
-    """A fault that predicts stretches of time that were left out better than the library does.
-
-    `before` and `after` are relative errors of its joints.
-    """
-
-    fault: Fault
-    before: float
-    after: float
-    rivals: tuple[Fault, ...]
 
 
 # --- torques ------------------------------------------------------------------------------------
@@ -177,7 +154,6 @@ def scale_of_time(none: Fault, s: float) -> Fault:
 
 
 def _gravities(none: Fault, mechanism: Mechanism) -> Iterator[Fault]:
-    """Yield gravity along the other axes and none."""
     given = np.asarray(mechanism.model.gravity.linear)
     for g in (*EARTH * np.eye(3), *-EARTH * np.eye(3), np.zeros(3)):
         if np.linalg.norm(g - given) < 0.05 * EARTH:
@@ -340,18 +316,19 @@ WORDS = {  # by kind: in a rival's place, what it is, and the remedy
 }
 
 
-def fault_finding(mechanism: Mechanism, found: CredibleFault) -> Finding:
-    """Return a credible fault in words, with the remedy."""
-    fault, moved = found.fault, found.fault.state is not None
+def fault_finding(
+    mechanism: Mechanism, fault: Fault, before: float, after: float, rivals: Sequence[Fault] = ()
+) -> Finding:
+    """Return a fault in words; `before`, `after`: relative errors of its joints."""
+    moved = fault.state is not None
     _, text, remedy = (each.format(**_fields(mechanism, fault)) for each in WORDS[fault.kind])
-    errors = percent(found.before), percent(found.after)
-    text += " the error of the predicted torque falls from {} to {}".format(*errors)
-    for each in found.rivals:
+    text += f" the error of the predicted torque falls from {percent(before)} to {percent(after)}"
+    for each in rivals:
         rival = WORDS[each.kind][0].format(**_fields(mechanism, each))
         text += f"; {rival} would do nearly as well"
     own = sorted(fault.joints, key=mechanism.joint_index.__getitem__)
     where = tuple(f"{'q' if moved else 'tau'}.{name}" for name in own)
-    number = found.after / found.before if moved else fault.number[0]
+    number = after / before if moved else fault.number[0]
     number *= 1e3 if fault.kind == "delay" else 1.0  # [ms]
     return Finding(fault.kind, text, remedy, where, number)
 

@@ -382,7 +382,6 @@ def _sets(errors: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _error(e: Mapping[str, Any], whole: Mapping[str, Any] | None) -> Error:
-    """Return an error of fit.json, with that of all rows if the file has it."""
     every = (whole["rms"], whole["relative"]) if whole else (None, None)
     return Error(float(e["rms"]), e["relative"], str(e["unit"]), *every)
 

@@ -16,9 +16,9 @@ from ident.equations.filter import Decimator
 from ident.equations.unknowns import Columns
 from ident.errors import MotionError
 from ident.fit.prediction import identifiable_multipliers, resting_on_priors
-from ident.fit.problem import Problem, information_of
+from ident.fit.problem import Problem
 from ident.fit.shapes import initial
-from ident.fit.values import EffectValues, absorbed_by, rigid_values
+from ident.fit.values import EffectValues, ParameterValues, absorbed_by
 from ident.information.blocks import Error
 from ident.information.chance import CERTAIN
 from ident.information.estimate import Estimate, estimate, term_sizes
@@ -27,7 +27,7 @@ from ident.mechanism.parameters import pseudo_inertia
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.motion import prescribed
-from ident.text import significant, two_digits
+from ident.text import significant, some, two_digits
 
 IN_PROPORTION = (
     "in proportion to the torques' scale, whose error is not in their standard errors"  # of a load
@@ -122,7 +122,7 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         remedy = "to identify, give [parameters] unknown in mechanism.toml or add an effect"
         yield Finding("nothing unknown", text, remedy)
     if loads := tuple(e.label for e in problem.mechanism.effects if e.loaded_link):
-        text = f"{_some(loads, 4)}: masses and moments are {IN_PROPORTION}"
+        text = f"{some(loads, 4)}: masses and moments are {IN_PROPORTION}"
         yield Finding("scale", text, "log once more with a known mass to measure the scale", loads)
     if (condition := estimate.base.condition_number) > POOR:
         size = significant(condition)
@@ -132,7 +132,6 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
 
 
 def _longer(problem: Problem, rows: int, rank: int) -> str:
-    """Return the advice on the length of a log, from the equations that this one gave."""
     seconds = sum(float(e.t[-1] - e.t[0]) for e in problem.motion.experiments)
     if not seconds or not rows:
         return "give a longer log"
@@ -141,7 +140,6 @@ def _longer(problem: Problem, rows: int, rank: int) -> str:
 
 
 def _held(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
-    """Report unknowns that the data know worse than is plausible."""
     number = np.arange(len(columns))
     rigid, shapes = number < len(columns.rigid), np.isin(number, columns.shapes)
     for kind, where in (
@@ -150,15 +148,12 @@ def _held(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
         (~rigid & ~shapes, "held at zero"),
     ):
         if names := tuple(columns.names[i] for i in np.flatnonzero(estimate.held & kind)):
-            text = (
-                f"with a residual of this size this motion cannot tell {_some(names, 8)}: {where}"
-            )
+            text = f"with a residual of this size this motion cannot tell {some(names, 8)}: {where}"
             remedy = "move more joints, faster or farther, or see what is missing"
             yield Finding("held", text, remedy, names)
 
 
 def _absorbed(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
-    """Report effects' unknowns without columns of their own, by what carries them."""
     held = {columns.names[i] for i in np.flatnonzero(estimate.held)}
     names: dict[str, list[str]] = {}
     for name, carrier in absorbed_by(columns, estimate.base).items():
@@ -169,9 +164,9 @@ def _absorbed(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
                 else "it has no effect on any torque in this motion"
             )
             names.setdefault(why, []).append(name)
-    for why, some in names.items():
-        text = f"{_some(some, 6)} cannot be identified: {why}"
-        yield Finding("absorbed", text, where=tuple(some))
+    for why, own in names.items():
+        text = f"{some(own, 6)} cannot be identified: {why}"
+        yield Finding("absorbed", text, where=tuple(own))
 
 
 def _short_runs(motion: Motion) -> Iterator[Finding]:
@@ -188,7 +183,6 @@ def _short_runs(motion: Motion) -> Iterator[Finding]:
 
 
 def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
-    """Report multipliers that are not determined, or rest on priors."""
     mechanism = problem.mechanism
     names = mechanism.kinematics.multipliers
     if not names:
@@ -206,7 +200,7 @@ def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
     if resting:
         on = tuple(dict.fromkeys(name for names in resting.values() for name in names))
         text = (
-            f"multipliers {', '.join(resting)} rest on the priors of {_some(on, 6)}"
+            f"multipliers {', '.join(resting)} rest on the priors of {some(on, 6)}"
             ", which no torque determines: a wrong prior moves them, however well torques fit"
         )
         yield Finding("rest on priors", text, where=tuple(resting))
@@ -220,7 +214,8 @@ def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
     if not np.array_equal(estimate.base.independent, free.base.independent):
         return []
     cov = np.zeros((estimate.base.rank,) * 2)
-    both = [rigid_values(problem.mechanism, problem.columns, x, cov) for x in (estimate, free)]
+    values = (ParameterValues(problem.columns, x, cov) for x in (estimate, free))
+    both = [each.rigid(problem.mechanism) for each in values]
     moved = [
         f"{a.name} {100 * (a.value / b.value - 1):+.3g} %"
         for a, b in zip(*both, strict=True)
@@ -229,7 +224,7 @@ def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
     basis = problem.mechanism.multipliers
     text = (
         f"the {basis.basis} basis with knots of {1e3 * basis.spacing:.4g} ms moves parameters from "
-        f"where free multipliers put them: {_some(moved, 6)}"
+        f"where free multipliers put them: {some(moved, 6)}"
     )
     return [Finding("basis", text, "standard errors do not hold this bias")] if moved else []
 
@@ -269,7 +264,6 @@ def _implausible(
     effects: Sequence[EffectValues],
     pi: np.ndarray,
 ) -> Iterator[Finding]:
-    """Report results that cannot be right, or not of a real machine."""
     negative = tuple(
         value.name
         for each in effects
@@ -311,11 +305,6 @@ def bodies_with_unknowns(mechanism: Mechanism) -> list[str]:
     """Return the links of bodies with an unknown parameter, in Γ's order."""
     unknown = {name.rpartition(".")[0] for name in mechanism.unknown}
     return [link for link in mechanism.bodies.links if link in unknown]
-
-
-def _some(names: Sequence[str], most: int) -> str:
-    rest = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + rest
 
 
 def excitation(mechanism: Mechanism) -> Motion:
@@ -370,7 +359,7 @@ def unexcited(problem: Problem, found: Estimate) -> Finding | None:
     """
     mechanism, motion, columns = problem.mechanism, problem.motion, problem.columns
     other = excitation(mechanism)
-    totals = information_of(mechanism, columns, other, initial(mechanism, other)).totals
+    totals = Problem.reduced(mechanism, other, initial(mechanism, other)).information.totals
     ones = np.ones(len(totals))  # unknowns that lead a base parameter if everything moves:
     able = estimate(totals, columns.prior, ones, sigma=ones).base.independent
     lost = tuple(columns.names[i] for i in np.setdiff1d(able, found.base.independent))
@@ -385,6 +374,6 @@ def unexcited(problem: Problem, found: Estimate) -> Finding | None:
         }
         farthest = max(far.values(), default=0.0)
         still += [f"{name} by {x:.2g} {unit}" for name, x in far.items() if x < LITTLE * farthest]
-    why = f" (it moves {_some(still, 3)} only)" if still else ""
-    text = f"this motion does not determine {_some(lost, 5)}{why}"
+    why = f" (it moves {some(still, 3)} only)" if still else ""
+    text = f"this motion does not determine {some(lost, 5)}{why}"
     return Finding("unexcited", text, "ident excite plans one that does", lost)

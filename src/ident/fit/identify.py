@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.display import Progress, part
+from ident.display import Progress, part, quiet
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
 from ident.files import Written
@@ -23,7 +23,7 @@ from ident.fit.problem import Problem, information_of
 from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import beyond_bounds, working_point
-from ident.fit.values import effect_values
+from ident.fit.values import ParameterValues
 from ident.information.blocks import Error
 from ident.information.chance import covariance, held_out, prior_covariance
 from ident.information.estimate import Estimate
@@ -117,7 +117,7 @@ def fit_of(
     consistent: bool | Consistency = False,
     findings: Sequence[Finding] = (),
     likelihood: Likelihood | None = None,
-    on_progress: Progress | None = None,
+    on_progress: Progress = quiet,
 ) -> Fit:
     """Return the fit of an estimate: within limits if asked for, with standard errors and errors.
 
@@ -148,12 +148,12 @@ def fit_of(
     if likelihood is not None:
         cov = likelihood.covariance(cov, free)
     cov += prior_covariance(free, problem.plausible)
-    if on_progress:
-        on_progress("errors", 0.9)
+    on_progress("errors", 0.9)
     names, units = problem.motion.independent, problem.units
     train = problem.information.squares(estimate.x).errors(names, units)
     left_out = {} if outside is None else outside.errors(names, units)
-    effects = effect_values(problem.columns, estimate, cov, problem.point_at(estimate.x))
+    values = ParameterValues(problem.columns, estimate, cov)
+    effects = values.effects(problem.point_at(estimate.x))
     return Fit(
         problem=problem,
         estimate=estimate,

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from ident.display import Displayed, Progress, part
+from ident.display import Displayed, Progress, part, quiet
 from ident.equations.motion_noise import (
     EliminatedRun,
-    Linear,
-    linear,
+    LinearRun,
+    linear_runs,
     motion_noise,
     rows_cutoff,
     torque_noise,
@@ -32,6 +32,7 @@ from ident.information.chance import LOUD, MATTERS
 from ident.information.estimate import Estimate, estimate
 from ident.motion import Motion, State
 from ident.motion.smoothing import along, finer
+from ident.motion.spline import Smooth
 
 FINER = 3  # work: knots of the likelihood for one of smoothing: torques tell more of the motion
 AGREED = 1.2  # numerics: the same, for the noise that a refined fit takes for the torques'
@@ -41,7 +42,7 @@ ROUNDING = 1e-6  # numerics
 CONVERGED = 0.05  # numerics: of a standard error: a smaller step is the last
 
 Weighed = tuple[Problem, Estimate, "Likelihood"]
-Runs = Sequence[Sequence[EliminatedRun]]
+Runs = Sequence[EliminatedRun]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,7 +145,7 @@ def share_of_motion(problem: Problem, found: Estimate) -> np.ndarray:
 
 
 def weighed(
-    problem: Problem, found: Estimate, estimator: str, on_progress: Progress | None = None
+    problem: Problem, found: Estimate, estimator: str, on_progress: Progress = quiet
 ) -> tuple[Problem, Estimate, Likelihood | None, list[Finding]]:
     """Weigh torques and motion together where that is asked for, or where the noise matters.
 
@@ -166,14 +167,12 @@ def weighed(
         return problem, found, None, []
     # one step with the noise that the channels show; where that leaves more than noise, the model
     # lacks something, and a motion bent until torques fit would hide it
-    at = Linearization.at(problem, found.x, problem.motion.experiments, None, on_progress)
+    at = Linearization.at(problem, found.x, problem.motion.experiments, on_progress)
     sigma = at.noise()[0]
     runs, now = at.whitened(found, sigma)
     if _squares_per_row(now) <= LOUD**2:
-        better = at.weighed(
-            runs, now, Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x))
-        )
-        return *better, better[2].findings
+        likelihood = Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x))
+        return replace(at.problem, runs=runs), now, likelihood, likelihood.findings
     text = (
         f"noise of the motion makes up to {100 * largest:.3g} % of the "
         "residual, but noise does not explain all of it, so the motion was taken as it is "
@@ -183,7 +182,7 @@ def weighed(
 
 
 def refined(
-    problem: Problem, found: Estimate, share: np.ndarray, on_progress: Progress | None = None
+    problem: Problem, found: Estimate, share: np.ndarray, on_progress: Progress = quiet
 ) -> Weighed:
     """Make Gauss-Newton steps from a least-squares estimate, until parameters are at rest.
 
@@ -191,12 +190,12 @@ def refined(
     regroups, stay. The problem that is returned has rows whitened by noise of torques and motion.
     """
     here = part(on_progress, 0.0, 1 / STEPS)
-    at = Linearization.at(problem, found.x, problem.motion.experiments, None, here)
+    at = Linearization.at(problem, found.x, problem.motion.experiments, here)
     sigma, runs, now = at.balanced(found)
     step, converged = 1, False
     while step < STEPS and not converged:
         here = part(on_progress, step / STEPS, (step + 1) / STEPS)
-        after = Linearization.at(problem, now.x, at.moved(runs, now.x), at.parts, here)
+        after = Linearization.at(problem, now.x, at.moved(runs, now.x), here, at)
         if after.loss(sigma) > (1 + ROUNDING) * at.loss(sigma):
             break  # no step lowers the loss: friction that jumps, or rounding
         if step == 1:  # the first motion was not yet one that the torques agree with
@@ -208,23 +207,26 @@ def refined(
         step, at = step + 1, after
     raised = float((sigma / at.noise()[0]).max())
     motion = at.motion(runs, now.x)
-    return at.weighed(runs, now, Likelihood(share, sigma, step, converged, raised, motion))
+    likelihood = Likelihood(share, sigma, step, converged, raised, motion)
+    return replace(at.problem, runs=runs), now, likelihood
 
 
 def _squares_per_row(now: Estimate) -> float:
-    """Return the squared residual over the degrees of freedom."""
     rows = max(now.triangle.rows - now.base.rank, 1)
     return now.triangle.residual_norm(now.x) ** 2 / rows
 
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """Parameters x and motions, and the likelihood linear about them."""
+    """Parameters x and motions, and the likelihood linear about them: `fine`, the splines of each
+    experiment with what channels say of them, and all runs that have rows.
+    """
 
     problem: Problem
     x: np.ndarray
     experiments: tuple[State, ...]
-    parts: tuple[Linear, ...]
+    fine: tuple[Smooth, ...]
+    parts: tuple[LinearRun, ...]
 
     @classmethod
     def at(
@@ -232,36 +234,30 @@ class Linearization:
         problem: Problem,
         x: np.ndarray,
         experiments: tuple[State, ...],
-        like: Sequence[Linear] | None,
-        on_progress: Progress | None,
+        on_progress: Progress,
+        like: Linearization | None = None,
     ) -> Linearization:
         """Make rows and gains at parameters and motions; rows inform or not as those of `like`."""
-        point = problem.point_at(x)
-        parts: list[Linear] = []
-        for number, e in enumerate(experiments):
-            if on_progress:
-                on_progress("weighing torques and motion together", number / len(experiments))
-            before = like[number] if like else None
-            fine = before.fine if before else finer(problem.mechanism, e, FINER)
-            parts.append(linear(problem.mechanism, problem.columns, e, fine, point, before))
-        return cls(replace(problem, point=point), x, experiments, tuple(parts))
-
-    def weighed(self, runs: Runs, now: Estimate, likelihood: Likelihood) -> Weighed:
-        """Return the problem with whitened rows, its estimate, and the report."""
-        flat = tuple(run for mine in runs for run in mine)
-        return replace(self.problem, runs=flat), now, likelihood
+        mechanism, point = problem.mechanism, problem.point_at(x)
+        before = like.parts if like else ()
+        fine = like.fine if like else tuple(finer(mechanism, e, FINER) for e in experiments)
+        parts: list[LinearRun] = []
+        for number, (e, smooth) in enumerate(zip(experiments, fine, strict=True)):
+            on_progress("weighing torques and motion together", number / len(experiments))
+            parts += linear_runs(mechanism, problem.columns, (number, e), smooth, point, before)
+        return cls(replace(problem, point=point), x, experiments, fine, tuple(parts))
 
     def noise(self) -> tuple[np.ndarray, np.ndarray]:
         """Return (d,), (d,) [N m | N] of the torques' rows: white noise of the sensors, which is
         the least that they can have, and what is left at x, which is the most.
         """
-        left = [part.residual_squares(self.x) for part in self.parts]
-        squares, counts = (sum(each[i] for each in left) for i in (0, 1))
+        squares = sum((part.residual(self.x) ** 2).sum(axis=0) for part in self.parts)
+        counts = sum(part.rows.informed.sum(axis=0) for part in self.parts)
         largest = np.sqrt(np.maximum(squares, 1e-300) / np.maximum(counts, 1))
         mechanism = self.problem.mechanism
         sensors = [
-            torque_noise(mechanism, e, rows_cutoff(part.fine, e.rate)) ** 2
-            for e, part in zip(self.experiments, self.parts, strict=True)
+            torque_noise(mechanism, e, rows_cutoff(smooth, e.rate)) ** 2
+            for e, smooth in zip(self.experiments, self.fine, strict=True)
         ]
         least = np.maximum(np.sqrt(np.mean(sensors, axis=0)), 1e-3 * largest)
         return least, np.maximum(largest, least)  # a motion that has moved leaves less than noise
@@ -272,10 +268,15 @@ class Linearization:
 
     def moved(self, runs: Runs, x: np.ndarray) -> tuple[State, ...]:
         """Return the experiments on the motions that go with parameters x."""
-        return tuple(
-            along(self.problem.mechanism, e, part.moved(mine, x))
-            for e, part, mine in zip(self.experiments, self.parts, runs, strict=True)
-        )
+        found = []
+        for number, (e, smooth) in enumerate(zip(self.experiments, self.fine, strict=True)):
+            splines = tuple(
+                (p.segment, replace(p.spline, c=p.spline.c + run.elimination.back_substitute(x)))
+                for p, run in zip(self.parts, runs, strict=True)
+                if p.experiment == number
+            )
+            found.append(along(self.problem.mechanism, e, replace(smooth, runs=splines)))
+        return tuple(found)
 
     def motion(self, runs: Runs, x: np.ndarray) -> Callable[[], Motion]:
         """Return the function that makes the motion that goes with parameters x."""
@@ -302,8 +303,8 @@ class Linearization:
         return best
 
     def whitened(self, found: Estimate, sigma: np.ndarray) -> tuple[Runs, Estimate]:
-        """Return runs by experiment, and the estimate from them."""
+        """Return the runs without their motion, and the estimate from them."""
         problem, one = self.problem, np.ones(1)
-        runs = [part.eliminated(i, sigma) for i, part in enumerate(self.parts)]
-        information = stacks_information([run for mine in runs for run in mine], problem.motion)
+        runs = tuple(part.eliminated(sigma) for part in self.parts)
+        information = stacks_information(runs, problem.motion)
         return runs, estimate(information.totals, problem.prior, one, sigma=one, held=found.held)

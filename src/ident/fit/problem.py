@@ -17,14 +17,14 @@ Rows at another point differ in the columns of effects and in nothing else: the 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby, pairwise
 from operator import itemgetter
 
 import numpy as np
 
-from ident.display import Progress, part
+from ident.display import Progress, part, quiet
 from ident.effects import Effect, Signals
 from ident.equations.filter import Decimator, Product, multiplied, products
 from ident.equations.motion_noise import EliminatedRun
@@ -79,7 +79,7 @@ class Problem:
 
     @classmethod
     def of(
-        cls, mechanism: Mechanism, motion: Motion, point: Point, on_progress: Progress | None = None
+        cls, mechanism: Mechanism, motion: Motion, point: Point, on_progress: Progress = quiet
     ) -> Problem:
         """Make all rows at a point.
 
@@ -108,6 +108,13 @@ class Problem:
                 "factor; log a motion that is driven, or give what is known ([parameters] unknown)"
             )
         return cls(mechanism, motion, point, columns, information, tuple(bands))
+
+    @classmethod
+    def reduced(cls, mechanism: Mechanism, motion: Motion, point: Point) -> Problem:
+        """Make the reduced rows alone at a point."""
+        columns = Columns.of(mechanism)
+        information = information_of(mechanism, columns, motion, point)
+        return cls(mechanism, motion, point, columns, information)
 
     @property
     def units(self) -> list[str]:
@@ -172,7 +179,7 @@ def information_of(
     columns: Columns,
     motion: Motion,
     point: Point | None = None,
-    on_progress: Progress | None = None,
+    on_progress: Progress = quiet,
 ) -> Information:
     """Return the information of all experiments; rows are seen once, in pieces, and never kept."""
     blocks: list[Block] = []
@@ -183,9 +190,8 @@ def information_of(
         scene = Scene.of(mechanism, columns, e, point, cutoff)
         for block in triangles(number, rows(scene, cutoff), edges, supports):
             blocks.append(block)
-            if on_progress:
-                done = number + (block.span[1] - e.t[0]) / (e.t[-1] - e.t[0])
-                on_progress(f"equations of {e.name}", float(done / len(motion.experiments)))
+            done = number + (block.span[1] - e.t[0]) / (e.t[-1] - e.t[0])
+            on_progress(f"equations of {e.name}", float(done / len(motion.experiments)))
     if not blocks:
         raise too_short(motion)
     return Information.of(blocks, len(columns), motion.experiments[0].leverage.shape[2])
@@ -244,7 +250,7 @@ def bands_of(
     columns: Columns,
     motion: Motion,
     point: Point | None = None,
-    on_progress: Progress | None = None,
+    on_progress: Progress = quiet,
 ) -> list[EliminatedRun]:
     """Return the stacks of all runs of samples, the multipliers of each eliminated."""
     found = []
@@ -255,9 +261,8 @@ def bands_of(
             if segment.stop - segment.start < 3:
                 continue
             basis = basis_of(mechanism, segment, e)
-            if on_progress:
-                share = number / len(motion.experiments)
-                on_progress(f"eliminating multipliers of {e.name}", share)
+            share = number / len(motion.experiments)
+            on_progress(f"eliminating multipliers of {e.name}", share)
             if chunks := list(stack(scene, cutoff, segment, basis)):
                 found.append(EliminatedRun.of(number, segment, basis, chunks))
     return found
@@ -323,29 +328,21 @@ def body_scales(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
-    """The rows of all experiments; N rows of d independent coordinates, k unknowns.
+class Table(Rows):
+    """The rows of all experiments; `sample` is an index into the row's experiment.
 
     Attributes:
+        experiment: (n,) its number.
         mechanism, columns, motion, point: whose rows.
         scenes: one an experiment.
-        t: (N,) [s]; experiment: (N,); sample: (N,) index into its experiment.
-        A: (N, d, k); b, tau: (N, d); informed, moving: (N, d).
     """
 
+    experiment: np.ndarray
     mechanism: Mechanism
     columns: Columns
     motion: Motion
     point: Point
     scenes: tuple[Scene, ...]
-    t: np.ndarray
-    experiment: np.ndarray
-    sample: np.ndarray
-    A: np.ndarray
-    b: np.ndarray
-    tau: np.ndarray
-    informed: np.ndarray
-    moving: np.ndarray
 
     @classmethod
     def of(cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point) -> Table:
@@ -354,15 +351,16 @@ class Table:
         scenes = tuple(Scene.of(mechanism, columns, e, point, cutoff) for e in motion.experiments)
         expected = sum(len(s.e) // Decimator.of(cutoff, s.e.rate).factor for s in scenes)
         every = max(1, -(-expected // TABLE))
-        parts: list[list[np.ndarray]] = []
-        number: list[np.ndarray] = []
+        parts, number = [], []
         for i, scene in enumerate(scenes):
             for piece in rows(scene, cutoff):
-                parts.append([getattr(piece, each.name)[::every] for each in fields(Rows)])
-                number.append(np.full(len(parts[-1][0]), i))
-        t, *arrays = (np.concatenate(same) for same in zip(*parts, strict=True))
-        experiment = np.concatenate(number)
-        return cls(mechanism, columns, motion, point, scenes, t, experiment, *arrays)
+                parts.append(piece[::every])
+                number.append(np.full(len(parts[-1]), i))
+        r = Rows.joined(parts)
+        return cls(
+            r.t, r.sample, r.A, r.b, r.tau, r.informed, r.moving, np.concatenate(number),
+            mechanism, columns, motion, point, scenes,
+        )  # fmt: skip
 
     @cached_property
     def blocks(self) -> np.ndarray:

@@ -30,10 +30,8 @@ from ident.fit.values import (
     Correlation,
     EffectValues,
     Model,
+    ParameterValues,
     Value,
-    base_values,
-    effect_values,
-    rigid_values,
 )
 from ident.information.blocks import Error, Information, Squares
 from ident.information.estimate import Estimate
@@ -182,16 +180,19 @@ class Fit(Charted):
         known = self.mechanism.covariance
         return known and known.without(self.columns.names)
 
+    def _values(self, cov: np.ndarray) -> ParameterValues:
+        at = self.binding.at_bound if self.binding else ()
+        return ParameterValues(self.columns, self.estimate, cov, at)
+
     @cached_property
     def parameters(self) -> tuple[Value, ...]:
         """Unknown dynamic parameters in Γ's order."""
-        at = self.binding.at_bound if self.binding else ()
-        return rigid_values(self.mechanism, self.columns, self.estimate, self.covariance, at)
+        return self._values(self.covariance).rigid(self.mechanism)
 
     @cached_property
     def base_parameters(self) -> tuple[BaseValue, ...]:
         """The combinations that this motion and this mechanism can identify."""
-        return base_values(self.columns, self.estimate, self.covariance)
+        return self._values(self.covariance).base
 
     def since(self, earlier: Model) -> Fit:
         """Return the fit with its `changes`: what is different from an earlier one.
@@ -211,7 +212,7 @@ class Fit(Charted):
         """What is different from the earlier fit; None where there is none."""
         if self.earlier is None:
             return None
-        return Changes.of(self.earlier, self.columns, self.estimate, self.covariance)
+        return Changes.of(self.earlier, self._values(self.covariance))
 
     @cached_property
     def effects(self) -> tuple[EffectValues, ...]:
@@ -220,14 +221,13 @@ class Fit(Charted):
 
     def effects_with(self, covariance: np.ndarray) -> tuple[EffectValues, ...]:
         """Return the effects with their parameters, of a covariance (n_ind, n_ind)."""
-        at = self.binding.at_bound if self.binding else ()
         prior = self.earlier.point.values if self.earlier else None
-        return effect_values(self.columns, self.estimate, covariance, self.point, at, prior)
+        return self._values(covariance).effects(self.point, prior)
 
     @cached_property
     def correlation(self) -> Correlation:
         """Correlation of the errors of the base parameters."""
-        return Correlation.of(self.columns, self.estimate, self.covariance)
+        return self._values(self.covariance).correlation()
 
     @cached_property
     def unexcited(self) -> Finding | None:

@@ -15,14 +15,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.display import Progress
+from ident.display import Progress, quiet
 from ident.effects import Effect
 from ident.equations.rows import check_needs
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
-from ident.fit.problem import Problem, Table, information_of, plausible_of
+from ident.fit.problem import Problem, Table
 from ident.information import linear
-from ident.information.estimate import Estimate, estimate
+from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
@@ -36,10 +36,7 @@ SAME = 1e-12  # numerics: of the sum of squares of all terms, within which two e
 
 
 def working_point(
-    mechanism: Mechanism,
-    motion: Motion,
-    start: Point | None = None,
-    on_progress: Progress | None = None,
+    mechanism: Mechanism, motion: Motion, start: Point | None = None, on_progress: Progress = quiet
 ) -> Point:
     """Search the working point of a mechanism's equations; the prior where they are linear.
 
@@ -59,7 +56,8 @@ def working_point(
     fewer = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.linear))
     columns = Columns.of(fewer)
     if len(columns):
-        point = point.at(fewer, columns, _estimate(fewer, columns, motion, point).x)
+        found = Problem.reduced(fewer, motion, point).estimate()
+        point = point.at(fewer, columns, found.x)
         if start is not None:
             point = Point(point.pi, {**start.values, **point.values})
     for effect in mechanism.effects:
@@ -114,17 +112,17 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
 
 
 def variable_projection(
-    mechanism: Mechanism, motion: Motion, point: Point, on_progress: Progress | None = None
+    mechanism: Mechanism, motion: Motion, point: Point, on_progress: Progress = quiet
 ) -> Point:
     """Descend to the point of least error from a point whose shapes all have a value."""
-    columns = Columns.of(mechanism)
+    start = Problem.reduced(mechanism, motion, point)
+    columns, bounds = start.columns, shape_bounds(start)
     shapes = np.isin(np.arange(len(columns)), columns.shapes)
     passes = PASSES if any(effect.implicit for effect in mechanism.effects) else 1
 
     def solved(point: Point, first: Estimate, held: np.ndarray) -> Estimate:
-        rows = information_of(mechanism, columns, motion, point)
-        prior, zeros = columns.prior_at(point.values), np.zeros(rows.d)
-        return estimate(rows.totals, prior, zeros, sigma=first.sigma, held=held)
+        problem = Problem.reduced(mechanism, motion, point)
+        return problem.estimate(sigma=first.sigma, held=held)
 
     def trial(point: Point, first: Estimate) -> tuple[Point, float]:
         """Return the point of least error with the shapes where they are, and that error."""
@@ -133,15 +131,12 @@ def variable_projection(
             point = point.at(mechanism, columns, found.x)
         return point, found.triangle.residual_norm(found.x) ** 2
 
-    bounds = shape_bounds(mechanism, columns, motion, point)
-    first = _estimate(mechanism, columns, motion, point)
-    point, _ = trial(point, first)  # a shape without size has no slope
-    first = _estimate(mechanism, columns, motion, point)
+    point, _ = trial(point, start.estimate())  # a shape without size has no slope
+    first = Problem.reduced(mechanism, motion, point).estimate()
     same = SAME * float(np.sum((first.triangle.column_norms() * first.x) ** 2))
     loss = np.inf
     for number in range(STEPS):
-        if on_progress:
-            on_progress("searching shapes", number / STEPS)
+        on_progress("searching shapes", number / STEPS)
         now, before = solved(point, first, first.held), point.unknowns(columns)
         if shapes.any():
             loss = trial(point, first)[1] if np.isinf(loss) else loss
@@ -168,13 +163,6 @@ def variable_projection(
     return point
 
 
-def _estimate(mechanism: Mechanism, columns: Columns, motion: Motion, point: Point) -> Estimate:
-    """Estimate the linear equations at a point, weights and held unknowns included."""
-    information = information_of(mechanism, columns, motion, point)
-    sensible = plausible_of(mechanism, columns, information)
-    return estimate(information.totals, columns.prior, information.rms_torque, sensible)
-
-
 def beyond_bounds(problem: Problem, found: Estimate) -> np.ndarray:
     """Return (k,) shapes that an estimate puts where their columns mean nothing.
 
@@ -182,7 +170,7 @@ def beyond_bounds(problem: Problem, found: Estimate) -> np.ndarray:
     """
     columns = problem.columns
     outside = np.zeros(len(columns), dtype=bool)
-    bounds = shape_bounds(problem.mechanism, columns, problem.motion, problem.point)
+    bounds = shape_bounds(problem)
     for effect, places in columns.effects:
         for at in places[len(effect.unknowns) :]:
             if at >= 0 and effect.unknowns:
@@ -191,21 +179,20 @@ def beyond_bounds(problem: Problem, found: Estimate) -> np.ndarray:
     return outside
 
 
-def shape_bounds(
-    mechanism: Mechanism, columns: Columns, motion: Motion, point: Point
-) -> dict[int, tuple[float, float]]:
+def shape_bounds(problem: Problem) -> dict[int, tuple[float, float]]:
     """Return the bounds of every unknown shape, by its place in x, over all experiments."""
     found: dict[int, tuple[float, float]] = {}
-    for e in motion.experiments:
-        for effect, places in columns.effects:
+    for e in problem.motion.experiments:
+        samples = Samples(problem.mechanism, e, slice(None), problem.point)
+        for effect, places in problem.columns.effects:
             shapes = places[len(effect.unknowns) :]
             if not (shapes >= 0).any():
                 continue
-            signals = Samples(mechanism, e, slice(None), point).signals(effect.joints)
-            own = effect.bounds(replace(signals, shape=point.of(effect)[1]))
-            for shape, place in zip(effect.shapes, shapes, strict=True):
+            shape = problem.point.of(effect)[1]
+            own = effect.bounds(replace(samples.signals(effect.joints), shape=shape))
+            for each, place in zip(effect.shapes, shapes, strict=True):
                 if place >= 0:
-                    low, high = own[shape.name]
+                    low, high = own[each.name]
                     before = found.get(int(place), (low, high))
                     found[int(place)] = min(low, before[0]), max(high, before[1])
     return found

@@ -85,112 +85,108 @@ class EffectValues:
     parameters: tuple[Value, ...]
 
 
-def base_values(columns: Columns, estimate: Estimate, cov: np.ndarray) -> tuple[BaseValue, ...]:
-    """Return base parameters with the unit of their leading unknown."""
-    names, stderr = base_names(columns, estimate.base), np.sqrt(np.diag(cov))
-    return tuple(
-        BaseValue(name, float(estimate.solution.beta[i]), float(stderr[i]), columns.units[own])
-        for i, (name, own) in enumerate(zip(names, estimate.base.independent, strict=True))
-    )
+@dataclass(frozen=True, eq=False)
+class ParameterValues:
+    """The values of an estimate with their standard errors, under the names that users know."""
 
+    columns: Columns
+    estimate: Estimate
+    cov: np.ndarray  # of the base parameters (n, n)
+    bounds: Collection[str] = ()  # names of those at a bound
 
-def _alone(estimate: Estimate, cov: np.ndarray) -> np.ndarray:
-    """Return standard errors (k,) of unknowns that are base parameters themselves, else NaN."""
-    stderr = np.full(len(estimate.solution.x), np.nan)
-    single = ~np.any(estimate.base.K != 0.0, axis=1)
-    stderr[estimate.base.independent[single]] = np.sqrt(np.diag(cov))[single]
-    return stderr
+    @property
+    def base(self) -> tuple[BaseValue, ...]:
+        """Base parameters with the unit of their leading unknown."""
+        base, beta = self.estimate.base, self.estimate.solution.beta
+        names, errors = base_names(self.columns, base), np.sqrt(np.diag(self.cov))
+        return tuple(
+            BaseValue(name, float(value), float(error), self.columns.units[own])
+            for name, value, error, own in zip(names, beta, errors, base.independent, strict=True)
+        )
 
+    @cached_property
+    def _stderr(self) -> np.ndarray:
+        """(k,) of unknowns that are base parameters themselves, else NaN."""
+        base, stderr = self.estimate.base, np.full(len(self.columns), np.nan)
+        single = ~np.any(base.K != 0.0, axis=1)
+        stderr[base.independent[single]] = np.sqrt(np.diag(self.cov))[single]
+        return stderr
 
-def _value(
-    name: str, value: float, error: float, unit: str, prior: float, bounds: Collection[str]
-) -> Value:
-    known = bool(np.isfinite(error))
-    stderr = float(error) if known else None
-    return Value(name, float(value), stderr, unit, known, float(prior), name in bounds)
+    def _value(self, name: str, value: float, error: float, unit: str, prior: float) -> Value:
+        known = bool(np.isfinite(error))
+        stderr = float(error) if known else None
+        return Value(name, float(value), stderr, unit, known, float(prior), name in self.bounds)
 
+    def effects(
+        self, point: Point, prior: Mapping[str, float] | None = None
+    ) -> tuple[EffectValues, ...]:
+        """Return all effects' parameters, a given one at its value in `point`, without error;
+        `prior`: values of an earlier fit, by full name.
+        """
+        found = []
+        for effect, places in self.columns.effects:
+            values = []
+            for name, unit, at in zip(effect.names, effect.units, places, strict=True):
+                if at < 0:
+                    given = point.values[name]
+                    values.append(Value(name, given, 0.0, unit, True, given))
+                else:
+                    before, x = (prior or {}).get(name, 0.0), self.estimate.x[at]
+                    values.append(self._value(name, x, self._stderr[at], unit, before))
+            found.append(EffectValues(effect, tuple(values)))
+        return tuple(found)
 
-def effect_values(
-    columns: Columns,
-    estimate: Estimate,
-    cov: np.ndarray,
-    point: Point,
-    bounds: Collection[str] = (),
-    prior: Mapping[str, float] | None = None,
-) -> tuple[EffectValues, ...]:
-    """Return all effects' parameters, a given one without error; `bounds`: those at a bound;
-    `prior`: values of an earlier fit, by full name.
-    """
-    stderr = _alone(estimate, cov)
-    found = []
-    for effect, places in columns.effects:
-        values = []
-        for name, unit, at in zip(effect.names, effect.units, places, strict=True):
-            if at < 0:
-                given = point.values[name]
-                values.append(Value(name, given, 0.0, unit, True, given))
-            else:
-                before = (prior or {}).get(name, 0.0)
-                values.append(_value(name, estimate.x[at], stderr[at], unit, before, bounds))
-        found.append(EffectValues(effect, tuple(values)))
-    return tuple(found)
+    def rigid(self, mechanism: Mechanism) -> tuple[Value, ...]:
+        """Return unknown dynamic parameters in Γ's order.
 
+        Moments of inertia are about the centre of mass where that is known or identified, and then
+        named `I`, else about the joint frame's origin, `L`.
+        """
+        at = {self.columns.names[i]: i for i in range(len(self.columns.rigid))}
+        pi = self.columns.dynamic_parameters(mechanism, self.estimate.solution.x)
+        found = []
+        for link in mechanism.bodies.links:
+            names = [f"{link}.{word}" for word in DYNAMIC]
+            body = mechanism.bodies.columns(link)
+            mine, prior = pi[body], mechanism.prior[body]
+            places = [at.get(name, -1) for name in names]
+            errors = np.array([self._stderr[i] if i >= 0 else 0.0 for i in places])
+            centred = np.isfinite(errors[:4]).all() and mine[0] != 0.0
+            for k, (word, name) in enumerate(zip(DYNAMIC, names, strict=True)):
+                if places[k] < 0:
+                    continue
+                value, error, before = mine[k], errors[k], prior[k]
+                if word in CENTROIDAL and centred:
+                    value -= beyond_centroidal(mine)[k]
+                    before -= beyond_centroidal(prior)[k]
+                    if np.isfinite(error):
+                        error = self._centroidal_error(mine, places, k)
+                    name = f"{link}.{CENTROIDAL[word]}"
+                found.append(self._value(name, value, error, unit_of(word), before))
+        return tuple(found)
 
-def rigid_values(
-    mechanism: Mechanism,
-    columns: Columns,
-    estimate: Estimate,
-    cov: np.ndarray,
-    bounds: Collection[str] = (),
-) -> tuple[Value, ...]:
-    """Return unknown dynamic parameters in Γ's order.
+    def _centroidal_error(self, pi: np.ndarray, at: Sequence[int], k: int) -> float:
+        """Return the standard error of I_k = L_k − shift(m, moments) of a body pi (10,), whose
+        parameters are at these places in x, −1 if known, to first order (delta method).
+        """
+        place = {int(own): i for i, own in enumerate(self.estimate.base.independent)}
+        gradient = np.zeros(len(self.cov))
+        for j in (0, 1, 2, 3):
+            if at[j] >= 0:
+                step = np.zeros(COUNT)
+                step[j] = 1e-6 * max(abs(pi[j]), abs(pi[0]))
+                rise = beyond_centroidal(pi + step)[k] - beyond_centroidal(pi - step)[k]
+                gradient[place[at[j]]] = -rise / (2 * step[j])
+        gradient[place[at[k]]] = 1.0
+        return float(np.sqrt(gradient @ self.cov @ gradient))
 
-    Moments of inertia are about the centre of mass where that is known or identified, and then
-    named `I`, else about the joint frame's origin, `L`. `bounds`: names of those at a bound.
-    """
-    stderr = _alone(estimate, cov)
-    at = {columns.names[i]: i for i in range(len(columns.rigid))}
-    pi = columns.dynamic_parameters(mechanism, estimate.solution.x)
-    found = []
-    for number, link in enumerate(mechanism.bodies.links):
-        names = [f"{link}.{word}" for word in DYNAMIC]
-        mine = pi[COUNT * number : COUNT * (number + 1)]
-        prior = mechanism.prior[COUNT * number : COUNT * (number + 1)]
-        errors = np.array([stderr[at[name]] if name in at else 0.0 for name in names])
-        centred = np.isfinite(errors[:4]).all() and mine[0] != 0.0
-        for k, (word, name) in enumerate(zip(DYNAMIC, names, strict=True)):
-            if name not in at:
-                continue
-            value, error, before = mine[k], errors[k], prior[k]
-            if word in CENTROIDAL and centred:
-                name = f"{link}.{CENTROIDAL[word]}"
-                value -= beyond_centroidal(mine)[k]
-                before -= beyond_centroidal(prior)[k]
-                if np.isfinite(error):
-                    error = _centroidal_error(estimate, cov, mine, names, at, k)
-            found.append(_value(name, value, error, unit_of(word), before, bounds))
-    return tuple(found)
-
-
-def _centroidal_error(
-    estimate: Estimate,
-    cov: np.ndarray,
-    pi: np.ndarray,
-    names: Sequence[str],
-    at: dict[str, int],
-    k: int,
-) -> float:
-    """Return the standard error of I = L − shift(m, moments), to first order (delta method)."""
-    place = {int(own): i for i, own in enumerate(estimate.base.independent)}
-    gradient = np.zeros(len(cov))
-    for j in (0, 1, 2, 3, k):
-        if names[j] not in at:
-            continue
-        step = np.zeros(COUNT)
-        step[j] = 1e-6 * max(abs(pi[j]), abs(pi[0]))
-        slope = -(beyond_centroidal(pi + step)[k] - beyond_centroidal(pi - step)[k]) / (2 * step[j])
-        gradient[place[at[names[j]]]] = 1.0 if j == k else slope
-    return float(np.sqrt(gradient @ cov @ gradient))
+    def correlation(self) -> Correlation:
+        """Return the correlation of the errors of base parameters."""
+        s = np.sqrt(np.diag(self.cov))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            r = self.cov / np.outer(s, s)
+        names = tuple(self.columns.names[i] for i in self.estimate.base.independent)
+        return Correlation(names, np.clip(r, -1, 1))
 
 
 def base_names(columns: Columns, base: Base) -> list[str]:
@@ -236,14 +232,6 @@ class Correlation(Displayed):
 
     names: tuple[str, ...]
     matrix: np.ndarray
-
-    @classmethod
-    def of(cls, columns: Columns, estimate: Estimate, cov: np.ndarray) -> Correlation:
-        """Return the correlation of a covariance (n, n) of base parameters."""
-        s = np.sqrt(np.diag(cov))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            r = cov / np.outer(s, s)
-        return cls(tuple(columns.names[i] for i in estimate.base.independent), np.clip(r, -1, 1))
 
     def pairs(self, least: float = STRONG) -> list[tuple[str, str, float]]:
         """Return pairs with |r| ≥ least, the strongest first."""
@@ -333,14 +321,10 @@ class Changes(Displayed):
     apart: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, earlier: Model, columns: Columns, estimate: Estimate, cov: np.ndarray) -> Changes:
-        """Compare base parameters and their covariance (n, n) with those of an earlier fit.
-
-        Args:
-            earlier: with its base parameters.
-            columns, estimate, cov: of the present one.
-        """
-        base, compared, apart = estimate.base, list[Change](), list[str]()
+    def of(cls, earlier: Model, now: ParameterValues) -> Changes:
+        """Compare base parameters with those of an earlier fit."""
+        columns, base = now.columns, now.estimate.base
+        compared, apart = list[Change](), list[str]()
         effects = {name: effect for effect in earlier.mechanism.effects for name in effect.names}
         for before in earlier.base_parameters:
             c, known = np.zeros(len(columns)), True
@@ -351,7 +335,8 @@ class Changes(Displayed):
             ours, theirs = base.K.T @ c[base.independent], c[base.dependent]
             size = np.abs(base.K).T @ np.abs(c[base.independent]) + np.abs(theirs)
             g = c[base.independent]
-            value, stderr = float(g @ estimate.solution.beta), float(np.sqrt(g @ cov @ g))
+            value = float(g @ now.estimate.solution.beta)
+            stderr = float(np.sqrt(g @ now.cov @ g))
             other = not known or (np.abs(ours - theirs) > SAME * size).any()
             if other or not np.isfinite(stderr):
                 apart.append(before.name)

@@ -23,7 +23,7 @@ from ident.information import linear
 from ident.mechanism.kinematics import ConstraintRows
 from ident.mechanism.mechanism import Mechanism
 
-STRIDE = 32  # work: samples between the anchors that are solved one after the other
+STRIDE = 64  # work: samples between the anchors that are solved one after the other
 CLOSED = 1e-11  # numerics: [m | rad] largest equation that Newton leaves
 OPEN = 1e-10  # numerics: [m | rad] largest equation at which a configuration counts as closed
 STEPS = 12  # work
@@ -157,7 +157,8 @@ class LoopSolver:
             path[1:] = q
         t = np.concatenate([t[:1], t])
         known = np.array([*range(0, n, STRIDE), n])
-        self._march(path, target, t, list(known))
+        for a, b in pairwise(known):
+            self._bridge(path, target, t, int(a), int(b))
         while len(known) <= n:  # halve the distances; each level is one call for all samples
             left, right = known[:-1], known[1:]
             wide = right - left > 1
@@ -171,23 +172,6 @@ class LoopSolver:
                 self._bridge(path, target, t, int(left[bad]), int(middle[bad]))
             known = np.union1d(known, middle)
         return path[1:]
-
-    def _march(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, stops: list[int]) -> None:
-        """Set q at the stops, from each to the next; it is known at the first.
-
-        All steps are judged together; from the first bad one on, each is made with care.
-        """
-        done = stops[:1]
-        for a, b in pairwise(stops):
-            near, gap = self.newton(q[a : a + 1], target[b : b + 1])
-            if not gap[0] < OPEN:
-                break
-            q[b] = near[0]
-            done.append(b)
-        fine = self._straight(q[done], np.diff(target[done], axis=0))
-        good = int(np.append(fine, False).argmin())
-        for a, b in pairwise(stops[good:]):
-            self._bridge(q, target, t, a, b)
 
     def _bridge(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, a: int, b: int) -> None:
         """Set q[b] from q[a], over the samples between them where that is too far."""

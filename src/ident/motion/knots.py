@@ -181,7 +181,6 @@ def usual_run(signals: LogSignals) -> float:
 def _scene(
     mechanism: Mechanism, signals: LogSignals, names: tuple[str, ...], derived: Derived
 ) -> tuple[np.ndarray, State]:
-    """The clock of a log, and its state at some samples."""
     at = np.flatnonzero(signals.usable)
     most = min(SAMPLES, EQUATIONS // mechanism.model.nv)
     at = at[:: max(1, len(at) // most)]

@@ -151,14 +151,11 @@ def complete(
     smoothing = checked_spacing(smoothing, measured)
     given_cutoff = None if cutoff in (None, AUTO) else checked_cutoff(cutoff, measured)
 
-    def smoothed() -> tuple[Band, list[Derived]]:
-        band = band_of(mechanism, measured, names)
-        if cutoff != "auto":
-            finest = NEAREST / given_cutoff if given_cutoff else 0.0
-            band = replace(band, cutoff=given_cutoff, knots=(finest, np.inf))
-        return band, [derive(signals, names, band, smoothing) for signals in measured]
-
-    band, derived = smoothed()
+    band = band_of(mechanism, measured, names)
+    if cutoff != "auto":
+        finest = NEAREST / given_cutoff if given_cutoff else 0.0
+        band = replace(band, cutoff=given_cutoff, knots=(finest, np.inf))
+    derived = [derive(signals, names, band, smoothing) for signals in measured]
     free = names if mechanism.degrees_of_freedom > 1 else ()  # of one, motion looks the same
     moved = [without_time_errors(*both, free) for both in zip(measured, derived, strict=True)]
     for i, found in enumerate(moved):
@@ -286,7 +283,6 @@ def _unmapped_joints(mechanism: Mechanism, columns: Iterable[str]) -> dict[str, 
 
 
 def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) -> list[str]:
-    """The note on driven joints without torques, if they are not needed."""
     columns, log = signals.columns, signals.log.name
     missing = [name for name in mechanism.driven if f"tau.{name}" not in columns]
     moved = any(f"q.{joint.name}" in columns for joint in mechanism.joints)
@@ -417,7 +413,6 @@ def state_of(
 
 
 def _in_steps(mechanism: Mechanism, signals: LogSignals, channels: Sequence[Smoothed]) -> list[str]:
-    """The notes on positions whose noise is that of their steps, one for all of one step."""
     found: dict[str, list[tuple[str, float]]] = {}
     for each in channels:
         if not each.spacing or not each.column.startswith("q."):
@@ -441,7 +436,6 @@ def _in_steps(mechanism: Mechanism, signals: LogSignals, channels: Sequence[Smoo
 def _disagreements(
     mechanism: Mechanism, experiment: State, names: tuple[str, ...], logged: np.ndarray
 ) -> list[str]:
-    """Notes on how far logged joints are from what the closures and the others give."""
     notes = []
     for i, name in enumerate(names):
         joint = mechanism.joint(name)

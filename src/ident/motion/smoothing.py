@@ -89,7 +89,6 @@ def resolution(channels: Sequence[Channel], t: np.ndarray, band: Band) -> float:
 
 
 def _criterion(basis: Basis, channels: Sequence[Channel]) -> float:
-    """AICc of one joint's channels."""
     n, m, names = sum(len(each.x) for each in channels), basis.count, (channels[0].joint,)
     if n - m <= 1:
         return np.inf
@@ -190,7 +189,6 @@ def smoothed(
 
 
 def _as_logged(channels: Sequence[Channel], band: Band, exact: bool) -> bool:
-    """Whether a joint's channels are clean, and enough to be taken as they are."""
     worst = max(channel.noise for channel in channels)
     if all(channel.spread == 0 for channel in channels):  # it stands still
         return True

@@ -251,7 +251,7 @@ def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
     motion identifies.
     """
     found = identifiable(mechanism, motion)
-    wrong = [] if motion is None else log_findings(mechanism, motion)
+    wrong = [] if motion is None else [*log_findings(mechanism, motion)]
     first = "\n".join(check_card(mechanism, motion, found, wrong).text())
     column = ["assembled", *(f"{x:.4g}" for x in _assembled(mechanism))]
     joints = zip(joint_rows(mechanism, motion), column, strict=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.display import Displayed, render
+from ident.display import Displayed, quiet, render
 from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.files import check_writable
@@ -182,7 +182,7 @@ def gather(
     logged, prior = some.experiments[0].logged, Point.prior(mechanism)
     common = Plan(mechanism, logged, some.independent, some.band, smoothing, (), prior)
     plan = with_logs(common, looked_at, samples, workers.between(0.3, 0.4))
-    on_shapes = workers.between(0.4, 0.45).on_progress
+    on_shapes = workers.between(0.4, 0.45).on_progress or quiet
     plan = replace(plan, point=working_point(mechanism, some, None, on_shapes))
     saved = None if checkpoint is None else Checkpoint(Path(checkpoint), plan)
     blocks, notes, findings, worked, resumed = _summed(plan, workers.between(0.45, 0.9), saved)
@@ -295,7 +295,7 @@ def _fit_of(
             f"the table of multipliers show {shown} of them"
         )
     findings = [*findings, *map(note, notes)]
-    return fit_of(r, fitted, consistent, findings, on_progress=workers.on_progress)
+    return fit_of(r, fitted, consistent, findings, on_progress=workers.on_progress or quiet)
 
 
 def _copied(plan: Plan, parts: Sequence[LogOnDisk], harm: str, remedy: str) -> list[Finding]:

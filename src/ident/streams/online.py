@@ -31,7 +31,7 @@ from ident.fit.findings import Finding
 from ident.fit.prediction import identifiable_multipliers
 from ident.fit.problem import plausible_of
 from ident.fit.shapes import working_point
-from ident.fit.values import BaseValue, Value, base_values, effect_values, rigid_values
+from ident.fit.values import BaseValue, ParameterValues, Value
 from ident.information.blocks import Error, Squares
 from ident.information.chance import covariance, prior_covariance
 from ident.information.estimate import Estimate, estimate
@@ -400,10 +400,11 @@ class Online:
             moved = fitted.base.combined(self._bias)
             cov = cov + np.outer(moved, moved)
         after = self._point.at(self._known_mechanism, columns, fitted.x)
-        values = [*rigid_values(self._known_mechanism, columns, fitted, cov)]
-        for each in effect_values(columns, fitted, cov, after):
+        known = ParameterValues(columns, fitted, cov)
+        values = [*known.rigid(self._known_mechanism)]
+        for each in known.effects(after):
             values += [value for value in each.parameters if value.name in columns.index]
-        base = base_values(columns, fitted, cov)
+        base = known.base
         self._solved = _Solved(fitted, cov, total.squares(fitted.x), tuple(values), base)
         return self._solved, True
 
