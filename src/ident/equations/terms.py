@@ -29,6 +29,7 @@ from ident.mechanism.parameters import regressor, rigid_forces
 from ident.motion.state import State
 
 STEP = 1e-3  # numerics: of the range of a shape parameter, for differences
+WHOLE = 48_000_000  # work: bytes of Γ at all samples of a state, up to which it is kept unfiltered
 CHUNK = 4096  # work: samples whose regressor is in memory at once
 UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
@@ -72,9 +73,15 @@ class Samples:
 
     @cached_property
     def gamma(self) -> np.ndarray:
-        """Γ (n, r, 10 · bodies)."""
-        e, part = self.e, self.part
-        return self.reduce(regressor(self.mechanism.model, e.q[part], e.v[part], e.a[part]))
+        """Γ (n, r, 10 · bodies); that of a state of few samples is made once and kept with it."""
+        e, part, model = self.e, self.part, self.mechanism.model
+        if isinstance(part, np.ndarray) or 80 * len(e) * model.nv * (model.njoints - 1) > WHOLE:
+            return self.reduce(regressor(model, e.q[part], e.v[part], e.a[part]))
+        kept = e.store.get("Γ", model)
+        if kept is None:
+            kept = [regressor(model, e.q, e.v, e.a)]
+            e.store.put("Γ", model, kept)
+        return self.reduce(kept[0][part])
 
     def rigid(self, pi: np.ndarray) -> np.ndarray:
         """Γ π (n, r) of dynamic parameters π (10 · bodies,)."""

@@ -22,7 +22,7 @@ from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion, State
 from ident.motion.noise import grain, noise_level, noise_share
 from ident.motion.recipe import CLEAN, ROWS_OVER_MOTION
-from ident.motion.signals import CLIPPED, LARGEST, absurd_samples, at_limit, runs
+from ident.motion.signals import CLIPPED, LARGEST, REGULAR, absurd_samples, at_limit, runs
 from ident.text import significant
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
@@ -31,7 +31,6 @@ NOISE = 0.5**0.5  # level: noise over rms: from half of its squares on a torque 
 ZERO = 0.2  # tuned: share of the samples at which a joint moves, where its torque is exactly zero
 HELD = 2  # range: samples for which most values stay: a staircase of a slower controller
 ALWAYS = 0.98  # tuned: share of pairs from which rows are repeated: a slow channel repeats some
-REGULAR = 0.9  # tuned: share of the times that a channel is held, which are of one length
 SHORTEST = 20  # work: samples of a channel that can be judged
 FROZEN = 0.25  # tuned: s for which a channel stays at a value while its joint moves
 # tuned: times the largest other step, by which a position that was frozen goes on; one that rested

@@ -22,7 +22,13 @@ from ident.fit.faults import exact_factor, log_entry
 from ident.fit.findings import FEW, Finding
 from ident.fit.problem import Problem, Table
 from ident.fit.residual_maps import ALIKE
-from ident.fit.small_errors import WORSE, common_delay, misfit_at_reversals, moved_by_reversals
+from ident.fit.small_errors import (
+    WORSE,
+    common_delay,
+    delay_shows,
+    misfit_at_reversals,
+    moved_by_reversals,
+)
 from ident.information.chance import BEYOND, LEAVES, MINE
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
@@ -146,6 +152,8 @@ class DataChecks(FaultSearch):
         that a diagnosis found explain more, or another cause leaves most of the error of a bad fit.
         """
         good = max(self.errors.values(), default=0.0) < DOUBT
+        if good and not delay_shows(self.estimate, self.table, self.use):
+            return
         late = common_delay(self.estimate, self.table, self.use, self.common)
         if late is None or (not good and late.after > HALF * late.before):
             return

@@ -131,6 +131,30 @@ class CommonDelay:
     after: float
 
 
+def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
+    """Return whether the residual of a good fit may contain a delay of all torques (score test).
+
+    The column of the delay is projected off the model's columns. Its products with the residual
+    must be no chance from block to block, and its coefficient must make HALF of SMALL of some
+    torque. Rows `use` (N, d) of the table count.
+    """
+    x, rigid, free = estimate.solution.x, len(table.columns.rigid), ~estimate.held
+    squares = (np.where(use, table.tau, 0.0) ** 2).sum(axis=0)
+    residual = np.where(use, table.b - table.A @ x, 0.0)
+    late = np.where(use, -_rates(table, table.A[:, :, :rigid] @ x[:rigid] + table.tau - table.b), 0)
+    weight = 1 / np.sqrt((residual**2).sum(axis=0) + ROUNDING * squares + 1e-300)
+    X = (table.A[:, :, free] * np.where(use, weight, 0.0)[:, :, None]).reshape(use.size, -1)
+    y = np.stack([(late * weight).ravel(), (residual * weight).ravel()], axis=1)
+    column, left = (y - X @ np.linalg.lstsq(X, y, rcond=None)[0]).T
+    products = np.zeros(int(table.blocks.max(initial=0)) + 1)
+    np.add.at(products, table.blocks, (column * left).reshape(use.shape).sum(axis=1))
+    products = products[np.unique(table.blocks[use.any(axis=1)])]
+    delay = abs(products.sum()) / max(float(column @ column), 1e-300)
+    shares = delay * np.sqrt((late**2).sum(axis=0) / np.maximum(squares, 1e-300))
+    chance = credible_t(1, len(products)) if len(products) > 1 else np.inf
+    return bool(shares.max() > HALF * SMALL and abs(zscore(products)) > chance)
+
+
 def common_delay(
     estimate: Estimate, table: Table, use: np.ndarray, effects: Sequence[Effect]
 ) -> CommonDelay | None:

@@ -35,7 +35,7 @@ WINDOW = 0.01  # range: s; increments over it are compared, in which noise is sm
 CLIPPED = 0.005  # tuned: share of a torque's samples at an extreme, in runs of 3 or more
 PILED = 5.0  # level: times as many at the extreme as one step below it; 2.4 where a sine turns
 SLOW = 0.03  # tuned: share of a joint's top speed below which it is at rest, or about to reverse
-REGULAR = 0.9  # tuned: share of the runs of equal rows that have one length, of a log with repeats
+REGULAR = 0.9  # tuned: share of the times that rows or a channel are held, which have one length
 SWITCHED = 0.5  # level: share of all samples that are too many to be left out
 FACTORS = {
     180 / np.pi: "the first in degrees",

@@ -264,7 +264,7 @@ def absorbed(
     own = (piece[(piece.t >= portion.since) & (piece.t < portion.until)] for piece in made)
     blocks = summed({}, triangles(portion.log, own, edges, supports))
     motion = Motion((e,), plan.independent, plan.band, 0.0, (), (log,), plan.mechanism)
-    return [*blocks.values()], notes, log_findings(plan.mechanism, motion)
+    return [*blocks.values()], notes, tuple(log_findings(plan.mechanism, motion))
 
 
 def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray]:
