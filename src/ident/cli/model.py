@@ -17,26 +17,21 @@ from ident.cli.app import notes, progress, result, wrote
 from ident.cli.options import (
     CHARTS,
     LOGS,
-    Absolute,
     AllowCode,
     Jobs,
-    Lock,
     MechanismPath,
-    MeshPath,
     ModelOptions,
+    MotionOptions,
     Paths,
     Plot,
     Scheduler,
     Seed,
-    Smoothing,
     Texts,
     argument,
     finite,
     flag,
     interval,
     kinds_beginning,
-    mechanism_of,
-    motion_of,
     named,
     output_file,
     output_folder,
@@ -44,7 +39,6 @@ from ident.cli.options import (
     share,
     value,
     with_effect,
-    with_packages,
 )
 from ident.display import part, running
 from ident.errors import IdentError, one_of
@@ -65,9 +59,10 @@ def add(
 
     A bare URDF gets a mechanism.toml beside it.
     """
+    from ident.mechanism import load
     from ident.mechanism.write import add_effects
 
-    before = mechanism_of(mechanism, allow_code=allow_code)
+    before = load(mechanism, allow_code=allow_code)
     after = before
     for each in effect:
         after = with_effect(after, each, allow_code=allow_code)
@@ -101,16 +96,11 @@ def effects(
 
 
 def view(
-    mechanism: MechanismPath,
+    model: MotionOptions,
     logs: Paths = argument("Without one the mechanism stands still.", "LOG", default=None),
     fit: Path | None = setting("Fit whose reactions and residuals are shown.", "FIT.json"),
     port: int = setting("Port of the page, on 127.0.0.1; 0: a free one.", "N", default=0),
     out: Path | None = setting("Write the page, and no server.", "FILE.html"),
-    mesh_path: MeshPath = None,
-    smoothing: Smoothing = "auto",
-    lock: Lock = None,
-    absolute: Absolute = False,
-    allow_code: AllowCode = False,
 ) -> None:
     """Show the moving mechanism in 3-D, in a browser.
 
@@ -127,19 +117,18 @@ def view(
     output_file(out, SUFFIXES, logs or ())
     if fit is not None and not logs:
         raise IdentError(f"--fit {fit}: a fit can be shown with a motion only; give a LOG too")
-    with_packages(mesh_path)
-    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock, logs=logs)
-    saved = None if fit is None else read_fit(fit, model, allow_code=allow_code)
-    model = model if saved is None else saved.mechanism
+    mechanism = model.load(logs)
+    saved = None if fit is None else read_fit(fit, mechanism, allow_code=model.allow_code)
+    mechanism = mechanism if saved is None else saved.mechanism
     with progress() as on_progress:
         if logs:
             # torques are needed only where a residual is shown
-            motion = motion_of(model, logs, "auto", on_progress, saved is not None, smoothing)
+            motion = model.motion(mechanism, logs, on_progress, torques=saved is not None)
         if saved is not None:
             residual = residual_of(saved, motion)
-            shown = render(residual, "view", predict(model, motion, saved.point))
+            shown = render(residual, "view", predict(mechanism, motion, saved.point))
         else:
-            shown = render(model, "view", motion.experiments if logs else ())
+            shown = render(mechanism, "view", motion.experiments if logs else ())
         if out is not None:
             shown.write(out)
     notes(shown.notes)
