@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ident.cli.app import can_resume, close_pipe, notes, progress, result, result_json, wrote
+from ident.cli.app import can_resume, close_pipe, conclude, notes, progress, result, wrote
 from ident.cli.options import (
     CHARTS,
     DIAGNOSIS_FILES,
@@ -77,10 +77,7 @@ def check(
     with progress() as on_progress:
         if logs:
             motion = model.motion(mechanism, logs, on_progress, torques=False)
-        if json:
-            result_json(check_json(mechanism, motion))
-        else:
-            result(check_text(mechanism, motion))
+        conclude((check_json if json else check_text)(mechanism, motion))
 
 
 def identify(
@@ -184,7 +181,7 @@ def _alike(
 
 def _judge(sets: Mapping[str, Judged], percent: float) -> None:
     """End with status 3 where an error is above a threshold of one's own and above noise."""
-    from ident.show.html import too_large
+    from ident.show.card import too_large
 
     found = {of: too_large(*each, percent / 100) for of, each in sets.items()}
     if loud := [f"{', '.join(joints)}{of}" for of, joints in found.items() if joints]:
@@ -195,7 +192,6 @@ def _judge(sets: Mapping[str, Judged], percent: float) -> None:
 def _show(
     fit: Fit, gathered: Gathered | None, reactions: Path | None, json: bool, out: Path | None
 ) -> None:
-    """Write a fit into files and to the terminal."""
     from ident.fit.files import fit_json, write_fit
     from ident.log import read_log
     from ident.show.fit import summary
@@ -204,18 +200,13 @@ def _show(
     written: list[Path] = []
     if out is not None:
         written = gathered.write(out, known) if gathered else write_fit(fit, out, known)
-    if json:
-        result_json(fit_json(fit))
-    else:
-        result(gathered.summary if gathered else summary(fit))
-        if known is not None:
-            result(f"\n{known}")
-    wrote(written)
-    notes(gathered.notes if gathered else fit.warnings)
-    try:
+    found: object = fit_json(fit)
+    if not json:
+        found = gathered.summary if gathered else summary(fit)
+        found = f"{found}\n\n{known}" if known else found
+    conclude(found, written, gathered.notes if gathered else fit.warnings)
+    with suppress(IdentError):
         notes([str(fit.unexcited)] if fit.unexcited else [])
-    except IdentError:
-        return
 
 
 @dataclass(frozen=True)
@@ -247,7 +238,8 @@ def compare(
     from ident.fit.files import read_fit
     from ident.fit.identify import compare as compare_
     from ident.fit.residual import floor_of
-    from ident.show.comparison import comparison_files, comparison_json, judged
+    from ident.show.comparison import comparison_files, comparison_json
+    from ident.show.residual import judged
 
     acceptable.set(None if good_enough is None else good_enough / 100)
     if window is not None and not simulated:
@@ -279,16 +271,14 @@ def compare(
         written.append(plot)
     if out is not None:
         written += write_all(out, comparison_files(comparison, replayed))
-    if json:
-        result_json(comparison_json(comparison, replayed))
-    else:
-        result("\n\n".join(map(str, filter(None, (comparison, replayed)))))
-    wrote(written)
-    notes(motion.notes)
+    found: object = comparison_json(comparison, replayed)
+    if not json:
+        found = "\n\n".join(map(str, filter(None, (comparison, replayed))))
+    conclude(found, written, motion.notes)
     if good_enough is not None:
         residual = [*comparison.residuals.values()][-1]
         floor = floor_of(residual.model, residual.motion)
-        _judge({"": (judged(comparison, residual), floor)}, good_enough)
+        _judge({"": (judged(comparison, residual.name)[1], floor)}, good_enough)
 
 
 def _go_on_with(given: Mechanism, fitted: Mechanism, fits: Sequence[Path]) -> None:
@@ -359,11 +349,8 @@ def diagnose(
                     from ident.streams.logs import log_paths
 
                     text, how_on = partly(done, log_paths(logs, scheduler)[len(done) :])
-                    if json:
-                        result_json({"each": table_of(done).to_dicts()})
-                    else:
-                        result(text)
-                    notes([how_on])
+                    rows = table_of(done).to_dicts()
+                    conclude({"each": rows} if json else text, remarks=[how_on])
                 raise
             remarks = found.notes
         else:
@@ -389,20 +376,15 @@ def diagnose(
             except KeyboardInterrupt:  # the fit is done
                 if out is not None:
                     from ident.fit.files import write_fit
-                    from ident.show.html import next_command
+                    from ident.show.card import next_command
 
                     wrote(write_fit(fit, out))
                     look = next_command("compare").replace("OTHER.csv", shlex.join(map(str, logs)))
                     notes([f"{out} has the fit that was diagnosed; where it fails: {look}"])
                 raise
         written = [] if out is None else found.write(out)
-        text = "" if json else str(found) if verbose else found.short
-    if json:
-        result_json(found.json())
-    else:
-        result(text)
-    wrote(written)
-    notes(remarks)
+        shown = found.json() if json else str(found) if verbose else found.short
+    conclude(shown, written, remarks)
     lost = [f"the laws of {', '.join(left)}"] if (left := getattr(found, "unsearched", ())) else []
     advice = getattr(found, "advice", None)  # none of many logs
     lost += ["the next experiment"] * (advice is not None and advice.interrupted)
@@ -475,12 +457,8 @@ def grow(
             raise
         text = str(history.diagnosis) if verbose else history.short
     can_resume(False)
-    if json:
-        result_json(history.json())
-    else:
-        result(f"{noise_rung(history)}\n\n{text}")
-    wrote(written)
-    notes(history.fit.warnings)
+    shown = history.json() if json else f"{noise_rung(history)}\n\n{text}"
+    conclude(shown, written, history.fit.warnings)
 
 
 def explore(

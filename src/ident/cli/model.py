@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ident.cli.app import notes, progress, result, wrote
+from ident.cli.app import conclude, notes, progress, result, wrote
 from ident.cli.options import (
     CHARTS,
     LOGS,
@@ -109,8 +109,7 @@ def view(
     """
     from ident.display import render
     from ident.fit.files import read_fit
-    from ident.fit.prediction import predict
-    from ident.fit.residual import residual_of
+    from ident.fit.identify import compare
     from ident.show.local import wait
     from ident.show.view import SUFFIXES
 
@@ -125,8 +124,7 @@ def view(
             # torques are needed only where a residual is shown
             motion = model.motion(mechanism, logs, on_progress, torques=saved is not None)
         if saved is not None:
-            residual = residual_of(saved, motion)
-            shown = render(residual, "view", predict(mechanism, motion, saved.point))
+            shown = render(compare(saved, motion=motion), "view")
         else:
             shown = render(mechanism, "view", motion.experiments if logs else ())
         if out is not None:
@@ -189,9 +187,9 @@ def simulate(
 
     if not forward:
         own = {"--control": control, "--gains": gains, "--start": start, "--duration": duration}
-        for option, given in {**own, "--rate": rate, "--tolerance": tolerance}.items():
-            if given:
-                raise IdentError(f"{option}: is of an integration; add --forward")
+        own |= {"--rate": rate, "--tolerance": tolerance}
+        if given := [option for option, value in own.items() if value]:
+            raise IdentError(f"{given[0]}: is of an integration; add --forward")
         if motion is None:
             raise typer.BadParameter(
                 "Missing argument 'MOTION', whose torques are computed; or add --forward."
@@ -252,11 +250,7 @@ def _list(text: str) -> list[str]:
 def _drive(
     mechanism: Mechanism, motion: Path | None, control: str | None, gains: Texts
 ) -> Drive | None:
-    """Return what drives the mechanism forward.
-
-    Raises:
-        IdentError: for a control that is not there, or lacks the motion or goes without one.
-    """
+    """Return what drives the mechanism forward; a control that lacks the motion is an error."""
     from ident.log import read_log
     from ident.simulate import PD, ComputedTorque, Torques
 
@@ -319,7 +313,7 @@ def excite(
     from ident.excite import excite as excite_
     from ident.excite.trajectory import moved_joints
     from ident.fit.files import read_fit, unfiltered_errors
-    from ident.show.html import place_of
+    from ident.show.card import place_of
 
     mechanism = model.load(logs=[])  # a motion of the arm: hands are held
     output_file(out, LOGS)
@@ -347,9 +341,8 @@ def excite(
         if not written:
             written.append(out)
             wrote([out])
-            notes(
-                ["it keeps all limits; better motions replace it until the search ends, or Ctrl-C"]
-            )
+            until = "until the search ends, or Ctrl-C"
+            notes([f"it keeps all limits; better motions replace it {until}"])
 
     with progress() as on_progress:
         found = excite_(
@@ -375,13 +368,12 @@ def excite(
     for path, write in files:
         if path is not None:
             write(path)
-    result(found)
-    wrote(path for path, _ in files if path is not None)
     look = f"look at it: ident view {place_of(mechanism)} {out}" if out else (
         "no file was written: repeat the command with --out next.csv"
     )  # fmt: skip
     of = "values and friction of the fit" if fitted else "masses of the file"
-    notes([f"planned with the {of}; collisions are not checked; {look}"])
+    remarks = [f"planned with the {of}; collisions are not checked; {look}"]
+    conclude(found, [path for path, _ in files if path is not None], remarks)
     if not found.finished:
         notes([f"interrupted: {out} has the best motion so far"])
         sys.exit(130)
@@ -458,9 +450,7 @@ def montecarlo(
                 raise
             broken.append(f"{each.name}: left out: {error}")
             continue
-        written = [] if out is None else found.write(out / each.name if several else out)
-        result(found)
-        wrote(written)
+        conclude(found, [] if out is None else found.write(out / each.name if several else out))
         if found.runs < runs:
             text = f"interrupted: {found.runs} of {runs} runs are done"
             text += " and kept" if out is not None else ""
@@ -473,6 +463,5 @@ def montecarlo(
     notes(broken)
     for found in studies:
         if found.samples.is_empty():
-            raise IdentError(
-                f"every run ended in an error, the first: {found.failures['error'][0]}"
-            )
+            first = found.failures["error"][0]
+            raise IdentError(f"every run ended in an error, the first: {first}")

@@ -70,12 +70,9 @@ def monitor(
             silent = f"alarms are not possible: {error}"
             notes([silent])
         if watch is not None and len(like) == 1:
-            notes(
-                [
-                    f"alarms rest on {like[0].name} alone: other motions than this one will raise "
-                    "more false alarms than stated; give several logs (--like A --like B)"
-                ]
-            )
+            alone = f"alarms rest on {like[0].name} alone: other motions than this one will raise "
+            alone += "more false alarms than stated; give several logs (--like A --like B)"
+            notes([alone])
     online = Online(mechanism, like=fit, forget=forget, **model.treatment)
     history = None
     with contextlib.ExitStack() as ends:
