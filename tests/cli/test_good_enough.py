@@ -8,7 +8,7 @@ import numpy as np
 import ident
 from helpers import ROBOTS
 from ident.information.blocks import Error
-from ident.show.html import good_enough
+from ident.show.card import good_enough
 
 ARM, RUN = ROBOTS / "arm", ROBOTS / "arm" / "run.csv"
 

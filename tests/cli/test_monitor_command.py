@@ -320,8 +320,7 @@ def test_charts_begin_where_a_value_is_known_and_mark_alarms():
     for line in (*band, value):
         assert np.flatnonzero(np.isfinite(line.y)).tolist() == [*range(3, 10)]
     assert alarm.label == "alarm: coulomb:elbow"
-    assert set(alarm.x) == {6.0}
-    assert (alarm.y.min(), alarm.y.max()) == (band[0].y[-1], band[1].y[-1])
+    assert (alarm.value, alarm.upright) == (6.0, True)
 
 
 def test_what_was_never_determined_has_no_chart():

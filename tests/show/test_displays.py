@@ -16,12 +16,13 @@ from ident.fit.files import fit_json
 from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
+from ident.show.card import Bar, Card, enough, good_enough
 from ident.show.charts import Line
 from ident.show.comparison import comparison_card, comparison_json, plot_forces
 from ident.show.diagnosis import LINES, short
 from ident.show.diagnosis import card as diagnosis_card
 from ident.show.fit import card as fit_card
-from ident.show.html import Bar, Card, Page, enough, good_enough, paragraph, table
+from ident.show.html import paragraph, report_page, table
 from ident.show.laws import numbers
 from ident.show.residual import plot_maps
 from identification import motion_log, plant, robot
@@ -191,7 +192,7 @@ def test_an_error_that_rises_is_marked():
     assert "error: █ stays, ░ goes, ▒ comes" in card.text()
     assert (line.count("█"), line.count("▒"), line.count("░")) == (21, 11, 0)
     assert line.endswith("20 % → 30 % (larger)")
-    assert 'class="comes"' in Page("x", card, ()).html().decode()
+    assert 'class="comes"' in report_page("x", card, ()).decode()
 
 
 def test_noise_is_one_number_in_every_result(nouns):

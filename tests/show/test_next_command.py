@@ -8,8 +8,8 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident.display import Inputs, folder, inputs
+from ident.show.card import add_command, next_command
 from ident.show.fit import card
-from ident.show.html import add_command, next_command
 
 
 @pytest.fixture

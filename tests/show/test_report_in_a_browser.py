@@ -14,8 +14,9 @@ from PIL import Image
 import ident
 from helpers import ROBOTS
 from ident.cli.app import main
+from ident.show.card import Card
 from ident.show.charts import MEASURED, Chart, Level, Line, Panel
-from ident.show.html import Card, Page, Section, code
+from ident.show.html import Section, code, report_page
 from identification import motion_log, plant, robot
 from pages import DRAWN, PAINTED, WRITTEN, assert_legible, overlapping, titles
 
@@ -225,7 +226,7 @@ def test_commands_are_broken_between_words(opened, tmp_path):
     )
     path = tmp_path / "report.html"
     top = Card("x", f"Beside it: `{words}`.", command=words)
-    path.write_bytes(Page("x", top, (Section("y", (code(words),)),)).html())
+    path.write_bytes(report_page("x", top, (Section("y", (code(words),)),)))
     page, _ = opened(path, width=320)
     lines = """(e) => [...e.querySelectorAll("span")].map((x) => x.getClientRects().length &&
         x.getBoundingClientRect().height < 1.9 * parseFloat(getComputedStyle(x).fontSize))"""
@@ -324,7 +325,7 @@ def test_a_hundred_thousand_samples_keep_every_peak(opened, tmp_path):
         rows.append((Panel(lines, "t [s]", f"joint {joint} [N m]"),))
     chart = Chart("Seven joints", tuple(rows), shared_x=True, clock="long")
     path = tmp_path / "long.html"
-    path.write_bytes(Page("Long", "100,000 samples", (Section("Time", (chart,)),)).html())
+    path.write_bytes(report_page("Long", "100,000 samples", (Section("Time", (chart,)),)))
     page, wrong = opened(path)
     page.wait_for_function("() => ranges.size === 1")
     seen = """() => { const d = documents[0]; return [...d._all_models.values()]
@@ -349,7 +350,7 @@ def test_words_beside_a_mark_at_the_edge_are_whole(opened, tmp_path):
     marks = (Line(x, x, "formulas", 0), Level(8.0, upright=True, label="chosen"))
     path = tmp_path / "report.html"
     path.write_bytes(
-        Page("front", "", (Section("x", (Chart("a front", ((Panel(marks),),)),)),)).html()
+        report_page("front", "", (Section("x", (Chart("a front", ((Panel(marks),),)),)),))
     )
     page, _ = opened(path, width=400)
     page.wait_for_function(DRAWN)
@@ -363,7 +364,7 @@ def test_long_names_leave_room_for_a_chart(opened, tmp_path):
     x = np.arange(5.0)
     panel = Panel((Line(x, x, "error", 0),), "held-out error [%]", y_names=names)
     path = tmp_path / "report.html"
-    path.write_bytes(Page("names", "", (Section("x", (Chart("bars", ((panel,),)),)),)).html())
+    path.write_bytes(report_page("names", "", (Section("x", (Chart("bars", ((panel,),)),)),)))
     page, _ = opened(path, width=400)
     page.wait_for_function(DRAWN)
     for wide, _, texts in page.evaluate(PAINTED):

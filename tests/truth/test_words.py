@@ -17,10 +17,10 @@ from ident.fit.files import Saved
 from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
+from ident.show.card import Bar, Card
 from ident.show.diagnosis import beside, certainty
 from ident.show.diagnosis import words as text_of
 from ident.show.experiment import remedy_of
-from ident.show.html import Bar, Card
 from ident.show.ladder import head, history_card, rung
 from ident.show.laws import numbers
 from ident.show.verdict import verdict_line

@@ -93,11 +93,6 @@ def styled(text: str, style: str) -> None:
     Piped(highlight=False, soft_wrap=True).print(Text(text, style))
 
 
-def result_json(content: Mapping[str, Any]) -> None:
-    """Write a result as one line of JSON."""
-    result(json_line(content))
-
-
 def close_pipe() -> None:
     """Let output lead nowhere, since its reader, `head` perhaps, has closed it."""
     for stream in (sys.stdout, sys.stderr):
@@ -126,6 +121,13 @@ def wrote(paths: Iterable[Path]) -> None:
     for path in paths:
         _written.append(path)
         remark(f"note: wrote {path}")
+
+
+def conclude(found: object, written: Iterable[Path] = (), remarks: Iterable[str] = ()) -> None:
+    """Write a result, a mapping as one line of JSON, then what files were written, and notes."""
+    result(json_line(found) if isinstance(found, Mapping) else found)
+    wrote(written)
+    notes(remarks)
 
 
 def fail(why: object) -> NoReturn:
@@ -230,18 +232,17 @@ def flat(function: Callable[..., None]) -> Callable[..., None]:
     groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
     parameters = []
     for own in inspect.signature(function).parameters.values():
-        group = groups.get(own.name)
         inner = [(own.name, own.default, hints[own.name])]
-        if group is not None:
+        if group := groups.get(own.name):
             annotations = get_type_hints(group, include_extras=True)
-            defaults = {
-                f.name: own.empty if f.default is MISSING else f.default for f in fields(group)
-            }
-            inner = [(name, default, annotations[name]) for name, default in defaults.items()]
+            inner = [(f.name, f.default, annotations[f.name]) for f in fields(group)]
         parameters += [
-            inspect.Parameter(name, own.KEYWORD_ONLY, default=default, annotation=hint)
+            inspect.Parameter(
+                name, own.KEYWORD_ONLY, annotation=hint,
+                default=own.empty if default is MISSING else default,
+            )
             for name, default, hint in inner
-        ]
+        ]  # fmt: skip
 
     def command(**values: Any) -> None:
         for name, group in groups.items():

@@ -80,29 +80,19 @@ class Puzzle:
     @property
     def truth(self) -> dict[str, float]:
         """The answer's parameters by full name."""
-        names = (each.name for each in self.answer.parameters)
-        return {
-            full: self.answer.values[name]
-            for full, name in zip(self.answer.names, names, strict=True)
-        }
+        return {full: self.answer.values[full.rpartition(".")[2]] for full in self.answer.names}
 
     @property
     def hidden(self) -> str:
         """The answer in one line."""
-        units = dict(zip(self.answer.names, self.answer.units, strict=True))
-        values = (f"{n} = {v:.4g} {units[n]}".removesuffix(" 1") for n, v in self.truth.items())
+        each = zip(self.truth.items(), self.answer.units, strict=True)
+        values = (f"{name} = {x:.4g} {unit}".removesuffix(" 1") for (name, x), unit in each)
         return f"{self.answer.label} ({self.answer.summary()}): {listed(values)}"
 
 
 def make_puzzle(folder: str | Path, *, seed: int) -> Puzzle:
-    """A machine's folder with a log, into a folder that has neither.
-
-    Args:
-        folder: made where there is none.
-        seed: chooses the hidden effect, its size, the true inertias, the motion and the noise.
-
-    Raises:
-        IdentError: if the folder has a mechanism or a log already, or cannot be written.
+    """Make a machine's folder with a log, where there is neither; the seed chooses the hidden
+    effect, its size, the true inertias, the motion and the noise.
     """
     from ident.mechanism import load
     from ident.show.simulate import csv_text
@@ -209,7 +199,6 @@ def demo(
 
 
 def _story(made: Puzzle) -> None:
-    """Run the commands, and say how near they came."""
 
     folder = made.folder
     for step in BEFORE:
@@ -226,7 +215,6 @@ def _story(made: Puzzle) -> None:
 
 
 def _step(title: str, command: str, *names: object) -> None:
-    """Show and run a command."""
     words = [word.format(*names) for word in command.split()]
     styled(f"\n{title}", "bold")
     styled(f"   $ ident {shlex.join(words)}", "cyan")

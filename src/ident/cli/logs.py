@@ -5,54 +5,43 @@ from __future__ import annotations
 import shlex
 import sys
 import webbrowser
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ident.cli.app import can_resume, close_pipe, notes, progress, result, result_json, wrote
+from ident.cli.app import can_resume, close_pipe, conclude, notes, progress, result, wrote
 from ident.cli.options import (
     CHARTS,
     DIAGNOSIS_FILES,
     FIT_FILES,
-    Absolute,
-    AllowCode,
     Cutoff,
     DecisionOptions,
     FitOptions,
     GoodEnough,
     Jobs,
     Json,
-    Lock,
     LogPaths,
-    MechanismPath,
-    MeshPath,
+    MotionOptions,
     Paths,
     Plot,
     Scheduler,
-    Smoothing,
     Texts,
     argument,
-    cutoff_of,
     flag,
-    go_on_with,
     interval,
-    knots_of,
     many,
-    mechanism_of,
-    motion_of,
     named,
     option,
     output_file,
     output_folder,
     read_logs,
     setting,
-    with_packages,
 )
-from ident.display import Progress, acceptable, part
+from ident.display import Progress, acceptable, inputs, part
 from ident.errors import FitError, IdentError, one_of
 
 if TYPE_CHECKING:
@@ -60,6 +49,8 @@ if TYPE_CHECKING:
     from ident.diagnosis.grow import Step
     from ident.fit import Fit
     from ident.information.blocks import Error
+    from ident.mechanism import Mechanism
+    from ident.motion import Motion
     from ident.streams.gather import Gathered
     from ident.streams.many_logs import Verdicts
 
@@ -86,10 +77,7 @@ def check(
     with progress() as on_progress:
         if logs:
             motion = model.motion(mechanism, logs, on_progress, torques=False)
-        if json:
-            result_json(check_json(mechanism, motion))
-        else:
-            result(check_text(mechanism, motion))
+        conclude((check_json if json else check_text)(mechanism, motion))
 
 
 def identify(
@@ -132,9 +120,9 @@ def identify(
     limits = Consistency(bounds, total_mass) if bound or total_mass is not None else consistent
     since = model.earlier(model.mechanism, mechanism)
     if since is not None and model.cutoff == "auto" != since.cutoff:  # both are filtered alike
-        model = replace(model, cutoff="none" if since.cutoff is None else f"{since.cutoff!r}")
-    inputs = [model.mechanism, *logs, *(validate or ()), reactions]
-    output_folder(out, [*FIT_FILES, "logs.csv"], inputs)
+        model = model.filtered_at(since.cutoff)
+    used = [model.mechanism, *logs, *(validate or ()), reactions]
+    output_folder(out, [*FIT_FILES, "logs.csv"], used)
     long = sum(map(likely_rows, logs)) > MOST_IN_MEMORY
     gathered: Gathered | None = None
     if stream or long or many(logs, jobs, scheduler):
@@ -151,8 +139,7 @@ def identify(
             gathered = gather(
                 mechanism,
                 logs,
-                cutoff=cutoff_of(model.cutoff),
-                smoothing=knots_of(model.smoothing),
+                **model.treatment,
                 validate=validate or (),
                 consistent=limits,
                 checkpoint=out,
@@ -168,14 +155,11 @@ def identify(
 
         with progress() as on_progress:
             motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.2))
-            second = part(on_progress, 0.2, 0.3)
             fit = identify_(
                 mechanism,
                 motion,
                 consistent=limits,
-                validate=model.motion(mechanism, validate, second, like=motion)
-                if validate
-                else None,
+                validate=_alike(model, mechanism, validate, motion, part(on_progress, 0.2, 0.3)),
                 estimator="likelihood" if refine else "auto",
                 progress=part(on_progress, 0.3, 1.0),
             )
@@ -187,9 +171,17 @@ def identify(
         _judge(sets, good_enough)
 
 
+def _alike(
+    model: FitOptions, mechanism: Mechanism, logs: Paths, fitted: Motion, on_progress: Progress
+) -> Motion | None:
+    """Return the motion of logs for validation, filtered as the fitted one; None of none."""
+    alike = model.filtered_at(fitted.band.cutoff)
+    return alike.motion(mechanism, logs, on_progress) if logs else None
+
+
 def _judge(sets: Mapping[str, Judged], percent: float) -> None:
     """End with status 3 where an error is above a threshold of one's own and above noise."""
-    from ident.show.html import too_large
+    from ident.show.card import too_large
 
     found = {of: too_large(*each, percent / 100) for of, each in sets.items()}
     if loud := [f"{', '.join(joints)}{of}" for of, joints in found.items() if joints]:
@@ -200,7 +192,6 @@ def _judge(sets: Mapping[str, Judged], percent: float) -> None:
 def _show(
     fit: Fit, gathered: Gathered | None, reactions: Path | None, json: bool, out: Path | None
 ) -> None:
-    """Write a fit into files and to the terminal."""
     from ident.fit.files import fit_json, write_fit
     from ident.log import read_log
     from ident.show.fit import summary
@@ -209,30 +200,26 @@ def _show(
     written: list[Path] = []
     if out is not None:
         written = gathered.write(out, known) if gathered else write_fit(fit, out, known)
-    if json:
-        result_json(fit_json(fit))
-    else:
-        result(gathered.summary if gathered else summary(fit))
-        if known is not None:
-            result(f"\n{known}")
-    wrote(written)
-    notes(gathered.notes if gathered else fit.warnings)
-    try:
+    found: object = fit_json(fit)
+    if not json:
+        found = gathered.summary if gathered else summary(fit)
+        found = f"{found}\n\n{known}" if known else found
+    conclude(found, written, gathered.notes if gathered else fit.warnings)
+    with suppress(IdentError):
         notes([str(fit.unexcited)] if fit.unexcited else [])
-    except IdentError:
-        return
+
+
+@dataclass(frozen=True)
+class ComparedOptions(MotionOptions):
+    """The mechanism, and the treatment of logs, by default that of the fit."""
+
+    cutoff: Cutoff = "fit"
 
 
 def compare(
-    mechanism: MechanismPath,
+    model: ComparedOptions,
     logs: LogPaths,
     fit: list[Path] = setting("A fit; give several to compare them.", "FIT.json", default=...),
-    cutoff: Cutoff = "fit",
-    smoothing: Smoothing = "auto",
-    absolute: Absolute = False,
-    allow_code: AllowCode = False,
-    lock: Lock = None,
-    mesh_path: MeshPath = None,
     plot: Plot = None,
     good_enough: GoodEnough = None,
     json: Json = False,
@@ -247,41 +234,27 @@ def compare(
     Errors, the parts of the sum, and where each model fails: in which joint, when, and on
     which signals what is left depends.
     """
-    from ident.effects import KINDS
     from ident.files import write_all
     from ident.fit.files import read_fit
     from ident.fit.identify import compare as compare_
     from ident.fit.residual import floor_of
-    from ident.mechanism.load import has_identified
-    from ident.show.comparison import comparison_files, comparison_json, judged
+    from ident.show.comparison import comparison_files, comparison_json
+    from ident.show.residual import judged
 
     acceptable.set(None if good_enough is None else good_enough / 100)
-    with_packages(mesh_path)
-    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock, logs=logs)
     if window is not None and not simulated:
         raise IdentError("--window: applies to --simulate only; add that")
-    saved = [read_fit(path, model, allow_code=allow_code) for path in fit]
-    own, last = {effect.label for effect in model.effects}, saved[-1].mechanism
-    extra = [effect for effect in last.effects if effect.label not in own]
-    if last.locked == model.locked and all(effect.kind in KINDS for effect in extra):
-        labels = {effect.label: effect.kind for effect in extra}
-        whole = {k for k in labels.values() if all(f"{k}:{j}" in labels for j in last.driven)}
-        drives = {f"{kind}:{joint}" for kind in whole for joint in last.driven}  # a kind alone
-        names = dict.fromkeys(k if label in drives else label for label, k in labels.items())
-        words = [word for name in names for word in ("--with", name)]
-        words += ["--absolute"] * absolute + ["--allow-code"] * allow_code
-        words += [word for text in lock or () for word in ("--lock", text)]
-        home = fit[0] if fit[0].is_dir() else fit[0].parent
-        known = str(home) * (len(fit) == 1 and has_identified(home))
-        go_on_with(mechanism, logs, words, fit=known)
-    inputs = [*logs, *fit]
-    output_file(plot, CHARTS, inputs)
-    output_folder(out, ("report.html", "compare.json"), inputs)
+    mechanism = model.load(logs)
+    saved = [read_fit(path, mechanism, allow_code=model.allow_code) for path in fit]
+    _go_on_with(mechanism, saved[-1].mechanism, fit)
+    output_file(plot, CHARTS, [*logs, *fit])
+    output_folder(out, ("report.html", "compare.json"), [*logs, *fit])
     replayed = None
     with progress() as on_progress:
-        band = saved[0].cutoff if cutoff == "fit" else cutoff_of(cutoff)
+        if model.cutoff == "fit":
+            model = model.filtered_at(saved[0].cutoff)
         end = 0.4 if simulated else 1.0
-        motion = motion_of(model, logs, band, part(on_progress, 0.0, 0.2), smoothing=smoothing)
+        motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.2))
         comparison = compare_(*saved, motion=motion, progress=part(on_progress, 0.2, end))
         if simulated:
             from ident.simulate.replay import WINDOW, replay
@@ -298,16 +271,36 @@ def compare(
         written.append(plot)
     if out is not None:
         written += write_all(out, comparison_files(comparison, replayed))
-    if json:
-        result_json(comparison_json(comparison, replayed))
-    else:
-        result("\n\n".join(map(str, filter(None, (comparison, replayed)))))
-    wrote(written)
-    notes(motion.notes)
+    found: object = comparison_json(comparison, replayed)
+    if not json:
+        found = "\n\n".join(map(str, filter(None, (comparison, replayed))))
+    conclude(found, written, motion.notes)
     if good_enough is not None:
         residual = [*comparison.residuals.values()][-1]
         floor = floor_of(residual.model, residual.motion)
-        _judge({"": (judged(comparison, residual), floor)}, good_enough)
+        _judge({"": (judged(comparison, residual.name)[1], floor)}, good_enough)
+
+
+def _go_on_with(given: Mechanism, fitted: Mechanism, fits: Sequence[Path]) -> None:
+    """Add the effects of a fit to what a command that goes on is given; a kind of all drives by its
+    name alone. Nothing is offered where options cannot describe the model.
+    """
+    from ident.effects import KINDS
+    from ident.mechanism.load import has_identified
+
+    before = inputs.get()
+    own = {effect.label for effect in given.effects}
+    extra = {each.label: each.kind for each in fitted.effects if each.label not in own}
+    if before is None or fitted.locked != given.locked or not KINDS.keys() >= {*extra.values()}:
+        inputs.set(None)
+        return
+    whole = {k for k in extra.values() if all(f"{k}:{j}" in extra for j in fitted.driven)}
+    drives = {f"{kind}:{joint}" for kind in whole for joint in fitted.driven}
+    names = dict.fromkeys(kind if label in drives else label for label, kind in extra.items())
+    words = [word for name in names for word in ("--with", name)]
+    home = fits[0] if fits[0].is_dir() else fits[0].parent
+    known = str(home) * (len(fits) == 1 and has_identified(home))
+    inputs.set(replace(before, options=(*words, *before.options), fit=known))
 
 
 def diagnose(
@@ -343,13 +336,11 @@ def diagnose(
             from ident.streams.many_logs import Verdict, diagnose_each, table_of
 
             done: list[Verdict] = []
-            how: dict[str, Any] = {
-                "cutoff": cutoff_of(model.cutoff),
-                "smoothing": knots_of(model.smoothing),
-            }
-            how |= {"jobs": jobs, "scheduler": scheduler, "done": done, "progress": on_progress}
             try:
-                found = diagnose_each(mechanism, logs, **how, **decision)
+                found = diagnose_each(
+                    mechanism, logs, jobs=jobs, scheduler=scheduler, done=done,
+                    progress=on_progress, **model.treatment, **decision,
+                )  # fmt: skip
             except KeyboardInterrupt:
                 if out is not None and done:
                     wrote(write_all(out, {"logs.csv": table_of(done).write_csv().encode()}))
@@ -358,11 +349,8 @@ def diagnose(
                     from ident.streams.logs import log_paths
 
                     text, how_on = partly(done, log_paths(logs, scheduler)[len(done) :])
-                    if json:
-                        result_json({"each": table_of(done).to_dicts()})
-                    else:
-                        result(text)
-                    notes([how_on])
+                    rows = table_of(done).to_dicts()
+                    conclude({"each": rows} if json else text, remarks=[how_on])
                 raise
             remarks = found.notes
         else:
@@ -388,20 +376,15 @@ def diagnose(
             except KeyboardInterrupt:  # the fit is done
                 if out is not None:
                     from ident.fit.files import write_fit
-                    from ident.show.html import next_command
+                    from ident.show.card import next_command
 
                     wrote(write_fit(fit, out))
                     look = next_command("compare").replace("OTHER.csv", shlex.join(map(str, logs)))
                     notes([f"{out} has the fit that was diagnosed; where it fails: {look}"])
                 raise
         written = [] if out is None else found.write(out)
-        text = "" if json else str(found) if verbose else found.short
-    if json:
-        result_json(found.json())
-    else:
-        result(text)
-    wrote(written)
-    notes(remarks)
+        shown = found.json() if json else str(found) if verbose else found.short
+    conclude(shown, written, remarks)
     lost = [f"the laws of {', '.join(left)}"] if (left := getattr(found, "unsearched", ())) else []
     advice = getattr(found, "advice", None)  # none of many logs
     lost += ["the next experiment"] * (advice is not None and advice.interrupted)
@@ -441,7 +424,6 @@ def grow(
     output_folder(out, [*FIT_FILES, *DIAGNOSIS_FILES], [*logs, *(validate or ())])
     with progress() as on_progress:
         motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.04))
-        second = part(on_progress, 0.04, 0.05)
 
         def reached(step: Step) -> None:
             first = not step.added and not step.removed
@@ -463,10 +445,8 @@ def grow(
                 step=reached,
                 checkpoint=out,
                 resume=resume,
+                validate=_alike(model, mechanism, validate, motion, part(on_progress, 0.04, 0.05)),
                 **decision,
-                validate=None
-                if not validate
-                else model.motion(mechanism, validate, second, like=motion),
             )
             written = [] if out is None else history.write(out)
         except KeyboardInterrupt:
@@ -477,12 +457,8 @@ def grow(
             raise
         text = str(history.diagnosis) if verbose else history.short
     can_resume(False)
-    if json:
-        result_json(history.json())
-    else:
-        result(f"{noise_rung(history)}\n\n{text}")
-    wrote(written)
-    notes(history.fit.warnings)
+    shown = history.json() if json else f"{noise_rung(history)}\n\n{text}"
+    conclude(shown, written, history.fit.warnings)
 
 
 def explore(

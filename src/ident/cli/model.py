@@ -13,30 +13,25 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ident.cli.app import notes, progress, result, wrote
+from ident.cli.app import conclude, notes, progress, result, wrote
 from ident.cli.options import (
     CHARTS,
     LOGS,
-    Absolute,
     AllowCode,
     Jobs,
-    Lock,
     MechanismPath,
-    MeshPath,
     ModelOptions,
+    MotionOptions,
     Paths,
     Plot,
     Scheduler,
     Seed,
-    Smoothing,
     Texts,
     argument,
     finite,
     flag,
     interval,
     kinds_beginning,
-    mechanism_of,
-    motion_of,
     named,
     output_file,
     output_folder,
@@ -44,7 +39,6 @@ from ident.cli.options import (
     share,
     value,
     with_effect,
-    with_packages,
 )
 from ident.display import part, running
 from ident.errors import IdentError, one_of
@@ -65,9 +59,10 @@ def add(
 
     A bare URDF gets a mechanism.toml beside it.
     """
+    from ident.mechanism import load
     from ident.mechanism.write import add_effects
 
-    before = mechanism_of(mechanism, allow_code=allow_code)
+    before = load(mechanism, allow_code=allow_code)
     after = before
     for each in effect:
         after = with_effect(after, each, allow_code=allow_code)
@@ -101,16 +96,11 @@ def effects(
 
 
 def view(
-    mechanism: MechanismPath,
+    model: MotionOptions,
     logs: Paths = argument("Without one the mechanism stands still.", "LOG", default=None),
     fit: Path | None = setting("Fit whose reactions and residuals are shown.", "FIT.json"),
     port: int = setting("Port of the page, on 127.0.0.1; 0: a free one.", "N", default=0),
     out: Path | None = setting("Write the page, and no server.", "FILE.html"),
-    mesh_path: MeshPath = None,
-    smoothing: Smoothing = "auto",
-    lock: Lock = None,
-    absolute: Absolute = False,
-    allow_code: AllowCode = False,
 ) -> None:
     """Show the moving mechanism in 3-D, in a browser.
 
@@ -119,27 +109,24 @@ def view(
     """
     from ident.display import render
     from ident.fit.files import read_fit
-    from ident.fit.prediction import predict
-    from ident.fit.residual import residual_of
+    from ident.fit.identify import compare
     from ident.show.local import wait
     from ident.show.view import SUFFIXES
 
     output_file(out, SUFFIXES, logs or ())
     if fit is not None and not logs:
         raise IdentError(f"--fit {fit}: a fit can be shown with a motion only; give a LOG too")
-    with_packages(mesh_path)
-    model = mechanism_of(mechanism, allow_code=allow_code, absolute=absolute, lock=lock, logs=logs)
-    saved = None if fit is None else read_fit(fit, model, allow_code=allow_code)
-    model = model if saved is None else saved.mechanism
+    mechanism = model.load(logs)
+    saved = None if fit is None else read_fit(fit, mechanism, allow_code=model.allow_code)
+    mechanism = mechanism if saved is None else saved.mechanism
     with progress() as on_progress:
         if logs:
             # torques are needed only where a residual is shown
-            motion = motion_of(model, logs, "auto", on_progress, saved is not None, smoothing)
+            motion = model.motion(mechanism, logs, on_progress, torques=saved is not None)
         if saved is not None:
-            residual = residual_of(saved, motion)
-            shown = render(residual, "view", predict(model, motion, saved.point))
+            shown = render(compare(saved, motion=motion), "view")
         else:
-            shown = render(model, "view", motion.experiments if logs else ())
+            shown = render(mechanism, "view", motion.experiments if logs else ())
         if out is not None:
             shown.write(out)
     notes(shown.notes)
@@ -200,9 +187,9 @@ def simulate(
 
     if not forward:
         own = {"--control": control, "--gains": gains, "--start": start, "--duration": duration}
-        for option, given in {**own, "--rate": rate, "--tolerance": tolerance}.items():
-            if given:
-                raise IdentError(f"{option}: is of an integration; add --forward")
+        own |= {"--rate": rate, "--tolerance": tolerance}
+        if given := [option for option, value in own.items() if value]:
+            raise IdentError(f"{given[0]}: is of an integration; add --forward")
         if motion is None:
             raise typer.BadParameter(
                 "Missing argument 'MOTION', whose torques are computed; or add --forward."
@@ -263,11 +250,7 @@ def _list(text: str) -> list[str]:
 def _drive(
     mechanism: Mechanism, motion: Path | None, control: str | None, gains: Texts
 ) -> Drive | None:
-    """Return what drives the mechanism forward.
-
-    Raises:
-        IdentError: for a control that is not there, or lacks the motion or goes without one.
-    """
+    """Return what drives the mechanism forward; a control that lacks the motion is an error."""
     from ident.log import read_log
     from ident.simulate import PD, ComputedTorque, Torques
 
@@ -330,7 +313,7 @@ def excite(
     from ident.excite import excite as excite_
     from ident.excite.trajectory import moved_joints
     from ident.fit.files import read_fit, unfiltered_errors
-    from ident.show.html import place_of
+    from ident.show.card import place_of
 
     mechanism = model.load(logs=[])  # a motion of the arm: hands are held
     output_file(out, LOGS)
@@ -358,9 +341,8 @@ def excite(
         if not written:
             written.append(out)
             wrote([out])
-            notes(
-                ["it keeps all limits; better motions replace it until the search ends, or Ctrl-C"]
-            )
+            until = "until the search ends, or Ctrl-C"
+            notes([f"it keeps all limits; better motions replace it {until}"])
 
     with progress() as on_progress:
         found = excite_(
@@ -386,13 +368,12 @@ def excite(
     for path, write in files:
         if path is not None:
             write(path)
-    result(found)
-    wrote(path for path, _ in files if path is not None)
     look = f"look at it: ident view {place_of(mechanism)} {out}" if out else (
         "no file was written: repeat the command with --out next.csv"
     )  # fmt: skip
     of = "values and friction of the fit" if fitted else "masses of the file"
-    notes([f"planned with the {of}; collisions are not checked; {look}"])
+    remarks = [f"planned with the {of}; collisions are not checked; {look}"]
+    conclude(found, [path for path, _ in files if path is not None], remarks)
     if not found.finished:
         notes([f"interrupted: {out} has the best motion so far"])
         sys.exit(130)
@@ -469,9 +450,7 @@ def montecarlo(
                 raise
             broken.append(f"{each.name}: left out: {error}")
             continue
-        written = [] if out is None else found.write(out / each.name if several else out)
-        result(found)
-        wrote(written)
+        conclude(found, [] if out is None else found.write(out / each.name if several else out))
         if found.runs < runs:
             text = f"interrupted: {found.runs} of {runs} runs are done"
             text += " and kept" if out is not None else ""
@@ -484,6 +463,5 @@ def montecarlo(
     notes(broken)
     for found in studies:
         if found.samples.is_empty():
-            raise IdentError(
-                f"every run ended in an error, the first: {found.failures['error'][0]}"
-            )
+            first = found.failures["error"][0]
+            raise IdentError(f"every run ended in an error, the first: {first}")

@@ -14,25 +14,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import numpy as np
 
 from ident.cli.app import notes, progress, result, wrote
-from ident.cli.options import (
-    Absolute,
-    AllowCode,
-    Cutoff,
-    Lock,
-    MechanismPath,
-    Paths,
-    Smoothing,
-    With,
-    argument,
-    cutoff_of,
-    flag,
-    go_on_with,
-    knots_of,
-    mechanism_of,
-    motion_of,
-    output_folder,
-    setting,
-)
+from ident.cli.options import Paths, RunOptions, argument, flag, output_folder, setting
 from ident.display import part
 from ident.errors import FitError, IdentError, LogError, missing_file
 from ident.files import write_all
@@ -50,18 +32,12 @@ ALARMS = ("onset", "detected", "named", "verdict", "suspects", "evidence", "text
 
 
 def monitor(
-    mechanism: MechanismPath,
+    model: RunOptions,
     log: str = argument("A .csv file, or - for standard input.", "LOG", default=...),
-    with_: With = None,
-    lock: Lock = None,
     like: Paths = setting("Logs of normal running; what differs raises an alarm.", "LOG"),
     forget: float | None = setting("An equation counts e times less after that.", "S"),
     every: float = setting("Seconds between two lines.", "S", default=1.0, min=0.0),
     follow_: bool = flag("Wait for more at the end of the file.", "--follow"),
-    cutoff: Cutoff = "auto",
-    smoothing: Smoothing = "auto",
-    absolute: Absolute = False,
-    allow_code: AllowCode = False,
     page: bool = flag("Show it in a browser too, until Ctrl-C.", "--page"),
     port: int = setting("Port of the page; 0 is a free one.", "N", default=0, min=0, max=65535),
     out: Path | None = setting("Append to .csv files there; write report.html.", "DIR"),
@@ -76,15 +52,7 @@ def monitor(
     from ident.streams.online import Online
 
     output_folder(out)
-    first = like or (None if log == "-" else [Path(log)])
-    model = mechanism_of(
-        mechanism, with_, allow_code=allow_code, absolute=absolute, lock=lock, logs=first
-    )
-    words = [word for effect in with_ or () for word in ("--with", effect)]
-    words += [word for joint in lock or () for word in ("--lock", joint)]
-    words += ["--absolute"] * absolute + ["--allow-code"] * allow_code
-    go_on_with(mechanism, None if log == "-" else [Path(log)], words, like)
-    cut, knots = cutoff_of(cutoff), knots_of(smoothing)
+    mechanism = model.load(None if log == "-" else [Path(log)], like)
     fit, watch, silent = None, None, "alarms need logs of normal running (--like)"
     if log != "-" and not Path(log).is_file():
         why = "is a folder" if Path(log).is_dir() else missing_file(Path(log))
@@ -92,8 +60,8 @@ def monitor(
     if like:
         with progress() as on_progress:
             begin, rest = part(on_progress, 0.0, 0.3), part(on_progress, 0.3, 1.0)
-            motion = motion_of(model, like, cut, begin, smoothing=smoothing)
-            fit = identify(model, motion, progress=rest)
+            motion = model.motion(mechanism, like, begin)
+            fit = identify(mechanism, motion, progress=rest)
         notes(fit.warnings)
         try:
             watch, silent = Watch(fit), ""
@@ -102,22 +70,20 @@ def monitor(
             silent = f"alarms are not possible: {error}"
             notes([silent])
         if watch is not None and len(like) == 1:
-            notes(
-                [
-                    f"alarms rest on {like[0].name} alone: other motions than this one will raise "
-                    "more false alarms than stated; give several logs (--like A --like B)"
-                ]
-            )
-    online = Online(model, like=fit, forget=forget, cutoff=cut, smoothing=knots)
+            alone = f"alarms rest on {like[0].name} alone: other motions than this one will raise "
+            alone += "more false alarms than stated; give several logs (--like A --like B)"
+            notes([alone])
+    online = Online(mechanism, like=fit, forget=forget, **model.treatment)
     history = None
     with contextlib.ExitStack() as ends:
         if page or out is not None:
             from ident.show.local import live_page
             from ident.show.streams import MonitorHistory
 
-            history = MonitorHistory(model, silent)
+            history = MonitorHistory(mechanism, silent)
         if page and history is not None:
-            result(ends.enter_context(live_page(f"{model.name}: monitor", port, history.live)))
+            title = f"{mechanism.name}: monitor"
+            result(ends.enter_context(live_page(title, port, history.live)))
         session = ends.enter_context(Session(online, watch, out, every, history))
         interrupted = ends.enter_context(_until_interrupted())
         for lines in follow(None if log == "-" else Path(log), grow=follow_, stop=interrupted):

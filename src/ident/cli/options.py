@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from contextlib import contextmanager, suppress
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
@@ -116,61 +116,46 @@ LOCK = (
 
 # Groups of options: a command has a parameter of the class, the command line all of its fields.
 @dataclass(frozen=True)
-class ModelOptions:
-    """The mechanism with further effects."""
+class MechanismOptions:
+    """The mechanism of a path."""
 
     mechanism: MechanismPath
-    with_: With = None
     lock: Lock = None
     mesh_path: MeshPath = None
     allow_code: AllowCode = False
 
-    def load(self, logs: Paths = None) -> Mechanism:
-        """Return the mechanism that the options describe, without hands that `logs` do not have."""
-        given = {each.name: getattr(self, each.name) for each in fields(self)[1:]}
-        words = [
-            (f"--{name.rstrip('_').replace('_', '-')}", *([] if one is True else [str(one)]))
-            for name, value in given.items()
-            if value != type(self).__dataclass_fields__[name].default
-            for one in (value if isinstance(value, list) else [value])
-        ]
-        go_on_with(self.mechanism, logs, [word for pair in words for word in pair])
+    def load(self, logs: Paths = None, like: Paths = None) -> Mechanism:
+        """Return the mechanism that the options describe, and remember them for what goes on.
+
+        Args:
+            logs: of the command; hands and fingers of which the first has no column are held.
+            like: logs of normal running, before these.
+        """
+        from ident.mechanism import load
+
+        files, normal = map(str, logs or [Path("LOG.csv")]), map(str, like or ())
+        inputs.set(Inputs(str(self.mechanism), tuple(files), self._words, tuple(normal)))
         with_packages(self.mesh_path)
-        return mechanism_of(
-            self.mechanism, self.with_, allow_code=self.allow_code, lock=self.lock, logs=logs
-        )
+        locked = locked_joints(self.lock)
+        mechanism = load(self.mechanism, allow_code=self.allow_code, locked=locked)
+        if hands := _unlogged_hands(mechanism, like or logs):
+            locked |= dict.fromkeys(hands, None)
+            mechanism = load(self.mechanism, allow_code=self.allow_code, locked=locked)
+            notes_later([f"{', '.join(hands)}: not logged, and parts of a hand; held at the start"])
+        return mechanism
 
-
-@dataclass(frozen=True)
-class FitOptions(ModelOptions):
-    """The mechanism, its multipliers, and the treatment of logs."""
-
-    basis: Basis = None
-    spacing: Spacing = None
-    cutoff: Cutoff = "auto"
-    smoothing: Smoothing = "auto"
-    absolute: Absolute = False
-
-    def load(self, logs: Paths = None) -> Mechanism:
-        """Return the mechanism that the options describe, without hands that `logs` do not have."""
-        from ident.mechanism.load import absolute
-
-        mechanism = super().load(logs)
-        mechanism = absolute(mechanism) if self.absolute else mechanism
-        return with_basis(mechanism, self.basis, self.spacing)
-
-    def motion(
-        self,
-        mechanism: Mechanism,
-        logs: Sequence[Path | Log],
-        on_progress: Progress | None = None,
-        *,
-        like: Motion | None = None,
-        torques: bool = True,
-    ) -> Motion:
-        """Return the completed motion of logs, with the cut-off of the motion `like` if given."""
-        cutoff = cutoff_of(self.cutoff) if like is None else like.band.cutoff
-        return motion_of(mechanism, logs, cutoff, on_progress, torques, self.smoothing)
+    @property
+    def _words(self) -> tuple[str, ...]:
+        """The options that are given, as words of a command line."""
+        words: list[str] = []
+        for each in fields(self):
+            given = getattr(self, each.name)
+            if each.default is MISSING or given == each.default:
+                continue
+            name = f"--{each.name.rstrip('_').replace('_', '-')}"
+            for one in given if isinstance(given, list) else [given]:
+                words += [name] if one is True else [name, str(one)]
+        return tuple(words)
 
     def earlier(self, folder: Path, mechanism: Mechanism) -> Saved | None:
         """Return the fit in a folder, of the same mechanism, if there is one."""
@@ -178,6 +163,85 @@ class FitOptions(ModelOptions):
 
         file = folder / "fit.json"
         return read_fit(file, mechanism, allow_code=self.allow_code) if file.is_file() else None
+
+
+@dataclass(frozen=True)
+class ModelOptions(MechanismOptions):
+    """The mechanism with further effects."""
+
+    with_: With = None
+
+    def load(self, logs: Paths = None, like: Paths = None) -> Mechanism:
+        """Return the mechanism with the effects."""
+        mechanism = super().load(logs, like)
+        for effect in self.with_ or ():
+            mechanism = with_effect(mechanism, effect, allow_code=self.allow_code)
+        return mechanism
+
+
+@dataclass(frozen=True)
+class MotionOptions(MechanismOptions):
+    """The mechanism and the treatment of logs."""
+
+    cutoff: Cutoff = "auto"
+    smoothing: Smoothing = "auto"
+    absolute: Absolute = False
+
+    def load(self, logs: Paths = None, like: Paths = None) -> Mechanism:
+        """Return the mechanism, in absolute coordinates if wanted."""
+        from ident.mechanism.load import absolute
+
+        mechanism = super().load(logs, like)
+        return absolute(mechanism) if self.absolute else mechanism
+
+    @property
+    def treatment(self) -> dict[str, Any]:
+        """The cut-off, `auto`, None or a frequency [Hz], and the smoothing, as the library's."""
+        cutoff: float | str | None = None if self.cutoff == "none" else self.cutoff
+        if cutoff not in (None, "auto"):
+            valid = "is no frequency; valid: a number of Hz, auto or none"
+            cutoff = value(self.cutoff, "--cutoff", valid)
+        smoothing = None if self.smoothing.lower() == "none" else self.smoothing
+        return {"cutoff": cutoff, "smoothing": smoothing}
+
+    def filtered_at(self, cutoff: float | str | None) -> Self:
+        """Return the options with another cut-off [Hz], None for no filter."""
+        return replace(self, cutoff="none" if cutoff is None else str(cutoff))
+
+    def motion(
+        self,
+        mechanism: Mechanism,
+        logs: Sequence[Path | Log],
+        on_progress: Progress | None = None,
+        *,
+        torques: bool = True,
+    ) -> Motion:
+        """Return the completed motion of logs, those in folders among them."""
+        from ident.motion import complete
+
+        read = [each for each in logs if not isinstance(each, Path)]
+        read += read_logs(mechanism, [each for each in logs if isinstance(each, Path)])
+        with naming_unused(mechanism):
+            return complete(
+                mechanism, read, torques=torques, progress=on_progress, **self.treatment
+            )
+
+
+@dataclass(frozen=True)
+class RunOptions(MotionOptions, ModelOptions):
+    """The mechanism with further effects, and the treatment of logs."""
+
+
+@dataclass(frozen=True)
+class FitOptions(RunOptions):
+    """The mechanism with further effects, its multipliers, and the treatment of logs."""
+
+    basis: Basis = None
+    spacing: Spacing = None
+
+    def load(self, logs: Paths = None, like: Paths = None) -> Mechanism:
+        """Return the mechanism with the time basis of its multipliers."""
+        return with_basis(super().load(logs, like), self.basis, self.spacing)
 
 
 @dataclass(frozen=True)
@@ -204,46 +268,16 @@ class DecisionOptions:
         return vars(self)
 
 
-def go_on_with(
-    mechanism: Path, logs: Paths, options: Sequence[str], like: Paths = None, fit: str = ""
-) -> None:
-    """Remember what the command that goes on from this one is given."""
-    files, normal = map(str, logs or [Path("LOG.csv")]), map(str, like or ())
-    inputs.set(Inputs(str(mechanism), tuple(files), tuple(options), tuple(normal), fit))
-
-
-def mechanism_of(
-    path: Path,
-    effects: Sequence[str] | None = None,
-    *,
-    allow_code: bool = False,
-    absolute: bool = False,
-    lock: Texts = None,
-    logs: Paths = None,
-) -> Mechanism:
-    """Return the mechanism of a path with further effects, in absolute coordinates if wanted.
-
-    Hands and fingers of which `logs` have no column are held.
-    """
-    from ident.mechanism import load
-    from ident.mechanism.load import absolute as in_absolute
-
-    bare: dict[str, float | None] = {text: None for text in lock or () if "=" not in text}
-    locked = bare | named([text for text in lock or () if "=" in text], "--lock", LOCK, finite)
-    if both := [name for name in bare if locked[name] is not None]:
+def locked_joints(texts: Texts) -> dict[str, float | None]:
+    """Return the values of --lock by joint, None for that at the start."""
+    bare: dict[str, float | None] = {text: None for text in texts or () if "=" not in text}
+    valued = named([text for text in texts or () if "=" in text], "--lock", LOCK, finite)
+    if both := [name for name in bare if name in valued]:
         raise IdentError(
-            f"--lock {both[0]} and --lock {both[0]}={locked[both[0]]:g}: are two places for one "
+            f"--lock {both[0]} and --lock {both[0]}={valued[both[0]]:g}: are two places for one "
             "joint, its start and a value; give one of them"
         )
-    mechanism = load(path, allow_code=allow_code, locked=locked)
-    if hands := _unlogged_hands(mechanism, logs):
-        locked |= dict.fromkeys(hands, None)
-        mechanism = load(path, allow_code=allow_code, locked=locked)
-        held = f"{', '.join(hands)}: not logged, and parts of a hand; held at the start"
-        notes_later([held])
-    for effect in effects or ():
-        mechanism = with_effect(mechanism, effect, allow_code=allow_code)
-    return in_absolute(mechanism) if absolute else mechanism
+    return bare | valued
 
 
 def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
@@ -258,15 +292,10 @@ def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
     if not logs:
         mapped = [each.column for each in mechanism.columns.values() if not each.group]
         return unlogged_hands(mechanism, mapped) if mapped else ()
-    first = next(iter(expanded(logs)), None)
-    try:
-        return (
-            ()
-            if first is None
-            else unlogged_hands(mechanism, log_file(first, None).table().columns)
-        )
-    except IdentError:  # reading the log reports what is wrong with it
-        return ()
+    with suppress(IdentError):  # reading the log reports what is wrong with it
+        for first in expanded(logs)[:1]:
+            return unlogged_hands(mechanism, log_file(first, None).table().columns)
+    return ()
 
 
 def with_packages(places: Paths) -> None:
@@ -304,31 +333,6 @@ def with_basis(mechanism: Mechanism, basis: str | None, spacing: float | None) -
     if spacing is None:
         spacing = 0.0 if basis == "free" else mechanism.multipliers.spacing
     return mechanism.with_multipliers(multipliers(basis, spacing, "--basis, --spacing"))
-
-
-def motion_of(
-    mechanism: Mechanism,
-    logs: Sequence[Path | Log],
-    cutoff: float | str | None,
-    on_progress: Progress | None = None,
-    torques: bool = True,
-    smoothing: str = "auto",
-) -> Motion:
-    """Return the completed motion of some logs, those in folders among them."""
-    from ident.motion import complete
-
-    paths = [each for each in logs if isinstance(each, Path)]
-    read = [each for each in logs if not isinstance(each, Path)]
-    every = [*read, *read_logs(mechanism, paths)]
-    with naming_unused(mechanism):
-        return complete(
-            mechanism,
-            every,
-            cutoff=cutoff,
-            torques=torques,
-            smoothing=knots_of(smoothing),
-            progress=on_progress,
-        )
 
 
 def read_logs(mechanism: Mechanism, paths: Sequence[Path]) -> list[Log]:
@@ -411,18 +415,6 @@ def _refuse_input(target: Path, inputs: Iterable[Path | None]) -> None:
 
 
 # --- values of options ---------------------------------------------------------------------------
-
-
-def knots_of(text: str) -> str | None:
-    """Return --smoothing as `complete` takes it."""
-    return None if text.lower() == "none" else text
-
-
-def cutoff_of(text: str) -> float | str | None:
-    """Return `auto`, None for `none`, or a frequency [Hz]."""
-    if text in ("auto", "none"):
-        return text if text == "auto" else None
-    return value(text, "--cutoff", "is no frequency; valid: a number of Hz, auto or none")
 
 
 def value(text: str, given: str, remedy: str, read: Callable[[str], Any] = float) -> Any:

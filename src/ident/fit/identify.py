@@ -196,7 +196,9 @@ class Comparison(Charted, Written):
     def predictions(self) -> dict[str, list[Prediction]]:
         """Predictions of each model, one an experiment, at full rate and unfiltered."""
         return {
-            name: predict(r.model.mechanism, r.motion, r.model.point)
+            name: r.model.predictions
+            if isinstance(r.model, Fit) and r.motion is r.model.motion
+            else predict(r.model.mechanism, r.motion, r.model.point)
             for name, r in self.residuals.items()
         }
 

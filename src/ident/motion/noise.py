@@ -11,8 +11,8 @@ from ident.information.chance import LOUD
 ORDER = 6  # numerics: of the difference that leaves little but noise
 POWER = 0.999  # range: share of the velocities' power that is the motion's
 VISIBLE = 200.0  # tuned: times the mean power of noise; real noise (steps, jitter) is not white
-# numerics: neighbouring frequencies over which that is the mean, twice the width of a line under the
-# window: a lone one is a vibration or the mains; a motion's lines are thousands of times as large
+# numerics: neighbouring frequencies over which that is the mean, twice the width of a line under
+# the window: a lone one is a vibration or the mains; a motion's lines are thousands of times larger
 NEIGHBOURS = 9
 GRAINS = 20  # work: changes of a signal from which its quantisation can be known
 MOST = 1000.0  # numerics: steps between two samples beyond which multiples are no sign of anything

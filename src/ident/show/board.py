@@ -28,19 +28,20 @@ from ident.effects.formula import Formula
 from ident.effects.library import named, plain
 from ident.errors import IdentError, MechanismError
 from ident.files import json_line
-from ident.fit import Fit
+from ident.fit.identify import Comparison
 from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
+from ident.show.card import Bar, Card, bars_of, next_command
 from ident.show.charts import Chart, pieces_of, scripts
 from ident.show.diagnosis import card, sheet
 from ident.show.diagnosis_report import plot_before_after
 from ident.show.exploration import Exploration, PredictedGain, fit_of
 from ident.show.fit import value_tables
-from ident.show.html import Bar, Card, items, next_command, paragraph, table
+from ident.show.html import items, paragraph, table
 from ident.show.ladder import changed, plot_rungs
 from ident.show.laws import law_words
-from ident.show.local import Place, send
+from ident.show.local import Place, Readers
 from ident.show.residual import failure_text, judged_of, plot_maps, plot_predictions
 from ident.show.template import piece
 from ident.show.verdict import noise_errors
@@ -66,16 +67,14 @@ def top(e: Exploration) -> Card:
     """Return the card of the present model: its verdict, or what is known before it is judged."""
     if e.diagnosis is not None:
         return card(e.diagnosis, _added(e))
-    errors, logs = e.now.errors, ", ".join(x.name for x in e.fit.motion.experiments)
+    errors, logs = e.now.errors, ", ".join(e.fit.motion.names)
     before = e.rungs[-2].errors if e.rungs[1:] else {}
-    bars = [
-        Bar(j, before.get(j, x), x if before else None, e.fit.noise[j]) for j, x in errors.items()
-    ]
+    bars = bars_of(before, errors, e.fit.noise)
     worst = max(bars, key=lambda bar: bar.sizes[1])
     line = f"{e.mechanism.name} on {logs}: not judged yet; the error is largest in {worst.joint}, "
     line += Bar("", worst.after or worst.before).words
     known = "What each effect would change is being computed."
-    first = next((x for x in e.candidates if x.sure and not x.present), None)
+    first = e.first
     if first is not None and first.before and first.after:
         change = Bar("", first.before, first.after).words.replace(" → ", " to ")
         known = f"The first candidate is {named([first.effect])}, which would bring the error of "
@@ -84,7 +83,7 @@ def top(e: Exploration) -> Card:
         known = "No candidate lowers the error clearly."
     change = "before the last change → now" * bool(before)
     command = next_command("diagnose", _added(e))
-    return Card(line, f"{known} {UNJUDGED}", tuple(bars), command, change=change)
+    return Card(line, f"{known} {UNJUDGED}", bars, command, change=change)
 
 
 def _added(e: Exploration) -> list[Effect]:
@@ -152,13 +151,7 @@ def _effect_row(x: PredictedGain, marks: dict[str, str]) -> dict[str, Any]:
 
 
 def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
-    """Return the charts and HTML of one view, from above.
-
-    Args:
-        e: what has been tried.
-        view: one of `VIEWS`.
-        joint: an independent one, for the view of it.
-    """
+    """Return the charts and HTML of one of `VIEWS`, that of an independent joint among them."""
     if view == "Joint":
         return _joint(e, joint)
     if view == "Ladder":
@@ -171,13 +164,10 @@ def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
 
 def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
     """Return torque of one joint with the last two models, and its residual against signals."""
-    last = [fit_of(rung) for rung in e.rungs[-2:]]
-    models: dict[str, Fit] = dict(zip(("before", "now")[-len(last) :], last, strict=True))
+    last = [fit_of(rung).residual for rung in e.rungs[-2:]]
+    models = Comparison(dict(zip(("before", "now")[-len(last) :], last, strict=True)), {})
     u = e.fit.motion.independent.index(joint)
-    whole = plot_predictions(
-        {name: fit.predict() for name, fit in models.items()},
-        {name: fit.residual for name, fit in models.items()},
-    )
+    whole = plot_predictions(models)
     words = f"Measured and predicted torque of {joint} over time"
     torque = replace(whole, words=words, rows=whole.rows[2 * u : 2 * u + 2])
     text = paragraph(failure_text(e.fit.residual.failure(joint), judged=judged_of(e.fit)))
@@ -203,12 +193,7 @@ class Board:
     """
 
     def __init__(self, title: str, folder: File) -> None:
-        """Begin with an empty page.
-
-        Args:
-            title: at the top of the page.
-            folder: the page writes here and below, nowhere else.
-        """
+        """Begin with an empty page, which writes into `folder` and below, nowhere else."""
         self.exploration: Exploration | None = None
         self.folder = Path(folder).expanduser().resolve()
         self.state: dict[str, Any] = {
@@ -218,8 +203,8 @@ class Board:
             "ladder": [], "views": VIEWS, "view": VIEWS[0], "joints": [], "joint": "", "shown": [],
             "folder": str(self.folder), "open": GROUPS[:2],
         }  # fmt: skip
-        self._lock = threading.RLock()
-        self._sockets: set[Any] = set()
+        self._readers = Readers(lambda: json_line(self.state), self._hear)
+        self._lock = self._readers.lock
         self._over = ""  # the effect that is previewed
         self._context = copy_context()
         self._turn = 0  # number of changes, by which work for an earlier one knows that it is late
@@ -228,16 +213,11 @@ class Board:
     def begin(self, make: Callable[[Progress], Exploration], progress: Progress) -> None:
         """Fit the first model, show it, and announce what every effect would do.
 
-        Args:
-            make: makes the first exploration.
-            progress: called beside the page with (what is being done, share done).
-
-        Raises:
-            IdentError: what `make` raises, which the page shows too.
+        What `make` raises is shown on the page too.
         """
         try:
             e = make(self._progress("reading", 0, part(progress, 0.0, 0.4)))
-            logs = ", ".join(experiment.name for experiment in e.fit.motion.experiments)
+            logs = ", ".join(e.fit.motion.names)
             joints, worst = list(e.fit.motion.independent), e.fit.residual.where[0].joint
             self._tell(title=f"{e.mechanism.name} on {logs}", joints=joints, joint=worst)
             self._show(e)
@@ -320,21 +300,15 @@ class Board:
 
     @contextlib.contextmanager
     def serve(self, port: int | Place = 0) -> Iterator[str]:
-        """Serve the page on 127.0.0.1 inside this context, which gives its address.
-
-        Args:
-            port: 0 takes a free one; or the place that is taken already.
-
-        Raises:
-            IdentError: if the port cannot be opened.
+        """Serve the page inside this context, which gives its address, at a port of 127.0.0.1, 0
+        for a free one, or at a place that is taken already.
         """
         place = port if isinstance(port, Place) else Place(port)
         try:
-            with place.serve(str(piece("explore", scripts())), self._talk):
+            with place.serve(str(piece("explore", scripts())), self._readers.listen):
                 yield place.address
         finally:
-            for socket in list(self._sockets):
-                socket.close()
+            self._readers.close()
 
     def _repr_html_(self) -> str:
         """Serve the page as long as Python runs, and show it in a frame."""
@@ -343,25 +317,17 @@ class Board:
             self._address = self._served.__enter__()
         return str(piece("document", None, self.state["title"], HEIGHT, self._address))
 
-    def _talk(self, socket: Any) -> None:
-        """Send the state to one page, and do what it asks for, until it is closed."""
-        with self._lock:
-            self._sockets.add(socket)
-            socket.send(json_line(self.state))
-        try:
-            for text in socket:
-                message = json.loads(text)
-                of_command = self._context.copy().run  # commands to be copied are like this one
-                threading.Thread(target=of_command, args=(self.act, message), daemon=True).start()
-        finally:
-            self._sockets.discard(socket)
+    def _hear(self, text: str) -> None:
+        """Do what a page asks for, in a thread of its own."""
+        of_command = self._context.copy().run  # commands to be copied are like this one
+        threading.Thread(target=of_command, args=(self.act, json.loads(text)), daemon=True).start()
 
     def _tell(self, **changes: Any) -> None:
         """Change the state here and on all pages; what is no JSON raises and changes nothing."""
         text = json_line(changes)
         with self._lock:
             self.state |= changes
-            send(text, self._sockets)
+            self._readers.tell(text)
 
     def _say(self, text: str, kind: str = "done", share: float = 0.0) -> None:
         """Show a line: `done`, `busy` with a share of the work done, or `bad`."""
@@ -396,13 +362,10 @@ class Board:
     def _draw(self) -> None:
         """Draw the view that is looked at, unless another one is asked for meanwhile."""
 
-        def wanted() -> tuple[Any, str, str]:
-            return self.exploration, self.state["view"], self.state["joint"]
-
-        e, view, joint = drawn = wanted()
+        e, view, joint = self.exploration, self.state["view"], self.state["joint"]
         if e is not None:
             shown = pieces_of(contents(e, view, joint))
-            if drawn == wanted():
+            if (e, view, joint) == (self.exploration, self.state["view"], self.state["joint"]):
                 self._tell(shown=shown)
 
     def _preview(self, e: Exploration, label: str, turn: int) -> None:
@@ -439,10 +402,9 @@ class Board:
     def _joint_of(self, e: Exploration, effect: Effect | str) -> str:
         """Return the joint to look at: the effect's own, or the one whose error it lowers most."""
         own = () if isinstance(effect, str) else effect.joints
-        mends = next(
-            (x.joints for x in e.candidates if x.effect is effect), e.fit.motion.independent
-        )
-        return next((j for j in own if j in mends), (*mends, self.state["joint"])[0])
+        mends = [x.joints for x in e.candidates if x.effect is effect]
+        best = mends[0] if mends else e.fit.motion.independent
+        return next((j for j in own if j in best), (*best, self.state["joint"])[0])
 
     def _save(self, name: str) -> str:
         """Write the present model into the folder, or one below it; return where."""
@@ -485,7 +447,6 @@ def explore(mechanism: Mechanism, log: Motion | Logs, *, progress: Progress | No
 
 
 def _shown(card: Card) -> str:
-    """Return the HTML of a card."""
     return str(piece("card", card))
 
 

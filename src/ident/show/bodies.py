@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import ParseResult, unquote, urlparse
@@ -39,7 +39,6 @@ GROUND: Colour = (150, 150, 150)
 ENDS: tuple[Colour, Colour] = ((200, 30, 60), (30, 80, 200))  # of a closure's a and b
 UNKNOWN: Colour = (90, 90, 96)  # a joint of which no residual is known
 MESHES = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".off")
-SIZES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
 LARGEST = 100_000_000  # bytes of a mesh; a larger one would take long to be read
 SIDES = 12  # of a circle
 HULL = 150  # directions in which the outermost points of a mesh are its hull
@@ -81,12 +80,10 @@ def shapes_of(mechanism: Mechanism, q: np.ndarray) -> tuple[list[Shape], float, 
 
     drawn, notes = urdf_shapes(mechanism.urdf)
     for link, place, cloud, colour in drawn:
-        joint = 0
+        joint = names.index(link) if link in names[1:] else 0
         if model.existBodyName(link):
             frame = model.frames[model.getBodyId(link)]
             joint, place = frame.parentJoint, frame.placement * place
-        elif link in mechanism.bodies.links:
-            joint = 1 + mechanism.bodies.links.index(link)
         add("body", link, joint, place, cloud, colour or colours[joint])
     points, impossible = sites(mechanism), list[str]()
     size = _size(mechanism, q, [*((x.joint, x.corners) for x in shapes), *enumerate(points)])
@@ -246,6 +243,11 @@ def _half_edges(inertia: pin.Inertia) -> np.ndarray | None:
 
 # --- shapes of a URDF -----------------------------------------------------------------------------
 
+SIZES: dict[str, tuple[Callable[..., np.ndarray], dict[str, int]]] = {
+    "box": (box, {"size": 3}),
+    "cylinder": (cylinder, {"radius": 1, "length": 1}),
+    "sphere": (sphere, {"radius": 1}),
+}
 Drawn = tuple[str, pin.SE3, np.ndarray, Colour | None]  # link, place in it, points, own colour
 
 
@@ -259,21 +261,18 @@ def urdf_shapes(urdf: Path) -> tuple[list[Drawn], list[str]]:
     shapes: list[Drawn] = []
     left_out: list[str] = []
     for link in robot.findall("link"):
+        name = link.get("name")
         for visual in link.findall("visual"):
             own = visual.findall("material")
             known = [*_colours(own).values(), *(colours.get(each.get("name")) for each in own)]
             try:
-                place, cloud = _shape(visual, urdf)
+                shapes.append((name, *_shape(visual, urdf), next(filter(None, known), None)))
             except MechanismError as error:
-                left_out.append(f"a shape of link '{link.get('name')}' is left out: {error}")
-            else:
-                shapes.append((link.get("name"), place, cloud, next(filter(None, known), None)))
-    if len(left_out) > 1:
-        first = left_out[0].replace("a shape of", "one of").replace(" is left out", "")
-        left_out = [
-            f"{len(left_out)} shapes are left out, {first}; --mesh-path DIR says where packages are"
-        ]
-    return shapes, left_out
+                left_out.append(f"link '{name}': {error}")
+    if len(left_out) < 2:
+        return shapes, [f"a shape of {each.replace(':', ' is left out:', 1)}" for each in left_out]
+    note = f"{len(left_out)} shapes are left out, one of {left_out[0]}"
+    return shapes, [f"{note}; --mesh-path DIR says where packages are"]
 
 
 def _shape(visual: etree._Element, urdf: Path) -> tuple[pin.SE3, np.ndarray]:
@@ -284,10 +283,9 @@ def _shape(visual: etree._Element, urdf: Path) -> tuple[pin.SE3, np.ndarray]:
         place = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
     for element in [] if geometry is None else geometry:
         if element.tag in SIZES:
-            sizes = [_positive(element, key, n, where) for key, n in SIZES[element.tag].items()]
-            if element.tag == "box":
-                return place, box(np.array(sizes[0]))
-            return place, (cylinder if element.tag == "cylinder" else sphere)(*np.ravel(sizes))
+            points, sizes = SIZES[element.tag]
+            values = [_positive(element, key, n, where) for key, n in sizes.items()]
+            return place, points(*map(np.squeeze, values))
         if element.tag == "mesh":
             scale = np.array(numbers(element, "scale", "1 1 1", 3, where))
             path = _mesh_file(element.get("filename") or "", urdf)

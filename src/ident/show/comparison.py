@@ -4,7 +4,6 @@ earlier fit; forces of one or several models.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,41 +20,28 @@ from ident.fit.residual import Residual, floor_of, zero_of
 from ident.fit.result import Fit
 from ident.fit.values import Change, Changes
 from ident.information.blocks import Error
+from ident.show.card import OTHER, SAME, Card, bars_of, enough, good_enough, next_command
 from ident.show.charts import BELOW, MEASURED, Chart, Line, Panel
-from ident.show.html import (
-    OTHER,
-    SAME,
-    Bar,
-    Block,
-    Card,
-    Page,
-    Section,
-    by_log,
-    enough,
-    good_enough,
-    next_command,
-    table,
-)
+from ident.show.html import Block, Section, Sheet, by_log, report_page, table
 from ident.show.motion import made_of, understood
 from ident.show.residual import (
-    Judged,
     Models,
     all_parts,
     below,
     error_rows,
     errors_section,
+    failure_text,
+    fitted,
+    judged,
     residual_sections,
     short,
     time_label,
     told_apart,
-    where_lines,
 )
-from ident.show.sheet import Sheet
 from ident.text import WIDTH, listed, places, rounded, shortened, significant, two_digits
 
 SCHEMA = "ident.compare/1"
 COEFFICIENT = re.compile(r"(?<= )[\d.]+(?:e[+-]\d+)?(?= )")
-OWN = 0.02  # of an error: in the rows of its own log a fit may be weighed otherwise
 OTHERWISE = 0.1  # of the torque of every joint, from which a log may be of another machine
 
 
@@ -70,8 +56,9 @@ def comparison_sheet(c: Comparison) -> Sheet:
         tables[title if not tables else ", ".join(names)] = error_rows(names)
     lines = ["where it fails"]
     for name, residual in c.residuals.items():
-        before = "" if len(shown) == 1 else f"{shown[name]}, "
-        lines += [before + line for line in where_lines(residual, _judged(c, residual))]
+        before, several = f"{shown[name]}, " * (len(shown) > 1), len(residual.traces) > 1
+        texts = (failure_text(each, several, judged(c, name)) for each in residual.where)
+        lines += [before + text for text in texts]
     return Sheet(comparison_card(c), tables=tables | all_parts(c.residuals), lines=lines)
 
 
@@ -81,13 +68,11 @@ def comparison_card(c: Comparison) -> Card:
     """
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
     shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
-    alone, errors = first is last, judged(c, last)
+    alone, (_, errors) = first is last, judged(c, last.name)
     good = good_enough(errors, floor, last.away)
-    before = _fitted(c, first.name) if alone else judged(c, first)
+    before = fitted(c, first.name) if alone else judged(c, first.name)[1]
     changed = first.risen(before) if alone else []
-    bars = tuple(
-        Bar(j, before.get(j, e), e if j in before else None, floor[j]) for j, e in errors.items()
-    )
+    bars = bars_of(before, errors, floor)
     models = shown[first.name] if alone else f"{shown[first.name]} → {shown[last.name]}"
     line = f"{models} on {', '.join(trace.name for trace in first.traces)}"
     larger = [bar.joint for bar in bars if bar.rises and bar.joint not in changed and before]
@@ -122,35 +107,14 @@ def comparison_card(c: Comparison) -> Card:
     return Card(line, good, bars, next_command(verb, known=differs), "", change, first=worst)
 
 
-def judged(c: Comparison, residual: Residual) -> Mapping[str, Error]:
-    """Return the errors that count: on the data of its own fit those that were held out of it."""
-    errors, train = residual.errors, c.fitted[residual.name].get("train", {})
-    same = train.keys() == errors.keys() and all(
-        math.isclose(train[j].rms, e.rms, rel_tol=OWN) for j, e in errors.items()
-    )
-    return _fitted(c, residual.name) if same else errors
-
-
-def _judged(c: Comparison, residual: Residual) -> Judged:
-    """Return what the errors that count are, and these."""
-    errors = judged(c, residual)
-    own = "held-out error" if c.fitted[residual.name].get("held out") else "error in the fit"
-    return "error" if errors is residual.errors else own, errors
-
-
 def _error_columns(c: Comparison) -> dict[str, Mapping[str, Error]]:
     """Return the errors of every model, by its name and what they are."""
     columns = dict[str, Mapping[str, Error]]()
     for name, shown in told_apart(c.residuals).items():
-        what, errors = _judged(c, c.residuals[name])
+        what, errors = judged(c, name)
         how = {"held-out error": ", held out", "error in the fit": ", in the fit"}.get(what, "")
         columns[shown + how] = errors
     return columns
-
-
-def _fitted(c: Comparison, name: str) -> Mapping[str, Error]:
-    """Return a model's errors when it was fitted, held out in time where that is known."""
-    return c.fitted[name].get("held out") or c.fitted[name].get("train") or {}
 
 
 def _changed(first: Residual, last: Residual) -> list[str]:
@@ -169,18 +133,17 @@ def comparison_files(c: Comparison, replay: Plotted | None = None) -> dict[str, 
     first, last = (list(residuals.values())[i] for i in (0, -1))
     mechanism, motion = first.model.mechanism, first.motion
     changed = "" if first is last else _changed(first, last)[0]
-    counted = {name: _judged(c, residual) for name, residual in residuals.items()}
     sections = (
         errors_section(error_rows(_error_columns(c))),
         Section("Parameters", _parameters(residuals)),
-        *residual_sections(c.predictions, residuals, counted, changed),
+        *residual_sections(c, changed),
         *([render(replay, "section")] if replay else []),
         Section("Multipliers", _multipliers(c)),
         understood(mechanism, motion),
         made_of(mechanism, motion, [Path(name) for name in residuals if Path(name).is_file()]),
     )
     title = f"{mechanism.name}: model against measurement"
-    report = Page(title, comparison_card(c), sections).html()
+    report = report_page(title, comparison_card(c), sections)
     return {"report.html": report, "compare.json": json_bytes(comparison_json(c, replay))}
 
 
@@ -224,7 +187,6 @@ def rounded_name(name: str) -> str:
 
 
 def _multipliers(c: Comparison) -> tuple[Block, ...]:
-    """Draw λ of every model, log by log."""
     first = next(iter(c.residuals.values()))
     mechanism, shown = first.model.mechanism, told_apart(c.predictions)
     known = identifiable_multipliers(mechanism, first.motion)
@@ -248,9 +210,8 @@ def comparison_json(c: Comparison, replay: Plotted | None = None) -> dict[str, A
     first = next(iter(c.residuals.values()))
     models = {
         name: {
-            "error": residual.errors,
-            "fitted": c.fitted[name],
-            "changed": residual.risen(_fitted(c, name)),
+            "error": residual.errors, "fitted": c.fitted[name],
+            "changed": residual.risen(fitted(c, name)),
             "noise": floor_of(residual.model, residual.motion),
             "parts": {
                 part: dict(zip(residual.joints, values, strict=True))
@@ -259,26 +220,20 @@ def comparison_json(c: Comparison, replay: Plotted | None = None) -> dict[str, A
             "where": [failure.json for failure in residual.where],
         }
         for name, residual in c.residuals.items()
-    }
+    }  # fmt: skip
     return {
-        "schema": SCHEMA,
-        "logs": [trace.name for trace in first.traces],
-        "cutoff": first.motion.band.cutoff,
-        "rows": first.rows,
-        "models": models,
+        "schema": SCHEMA, "logs": [trace.name for trace in first.traces],
+        "cutoff": first.motion.band.cutoff, "rows": first.rows, "models": models,
         **({"replay": render(replay, "json")} if replay else {}),
-    }
+    }  # fmt: skip
 
 
 # --- since an earlier fit ------------------------------------------------------------------------
 
 
 def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
-    """Return which parameters differ from those of an earlier fit, or that none does.
-
-    Args:
-        x: the comparison.
-        worse: joints in which the model does worse than then, though it was fitted again.
+    """Return which parameters differ from those of an earlier fit, or that none does; `worse` are
+    the joints in which the model does worse than then, though it was fitted again.
     """
     since, n = short(x.since), len(x.compared)
     beside = f"the model does not explain what is new in {listed(worse)}"

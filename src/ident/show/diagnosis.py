@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +16,10 @@ from ident.effects.library import by_kind, named
 from ident.fit.findings import IN_PROPORTION
 from ident.information.blocks import Error
 from ident.information.chance import odds_ratio
-from ident.show.html import NOISY, Bar, Card, add_command, good_enough, next_command
+from ident.show.card import NOISY, Bar, Card, add_command, good_enough, next_command
+from ident.show.html import Sheet
 from ident.show.laws import curve_name, curves, expression, laws, numbers
 from ident.show.residual import failure_text, judged_of
-from ident.show.sheet import Sheet
 from ident.show.verdict import (
     RAREST,
     certainty,
@@ -51,7 +51,7 @@ def errors_with(d: Diagnosis) -> Mapping[str, Error]:
 
 def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     """Return the verdict, how sure it is, the error by joint, and the command to copy."""
-    logs = ", ".join(e.name for e in d.fit.motion.experiments)
+    logs = ", ".join(d.fit.motion.names)
     errors, after, planned = errors_of(d.fit), errors_with(d), ""
     if d.verdict == "nothing":  # of a model without unknowns nothing is to be identified
         command = next_command("identify" if len(d.fit.columns) else "monitor", added)
@@ -73,22 +73,20 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     good = good_enough(errors, d.floor, d.fit.residual.away, searched, doubts=doubts)
     known = "The earlier model lacked it too: its own log shows as much. "
     sure = known * bool(d.best and left_before(d)) + certainty(d)
-    parts = [*_health(d), good, sure, *beside(d)]
+    parts = [*health_words(d), good, sure, *beside(d)]
     if spoilt(d):
         remedies = "; ".join(each.remedy for each in d.health.findings if each.remedy)
         parts = [f"Put this right, then diagnose again: {remedies}.", good]
     sentences = " ".join(parts).strip()
-    line, command = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}", planned or command
-    then = "" if left_before(d) and not d.best else first_motion(d, bool(planned))
-    command *= d.health.good
-    return Card(line, sentences, bars, command, then, first=felt_in(d))
-
-
-def felt_in(d: Diagnosis) -> str:
-    """Return the joint whose error what is named, or else the first law, lowers most."""
-    if d.best is not None:
-        return d.candidates[0].joint
-    return d.laws[0].felt if d.laws else ""
+    line = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}"
+    felt = d.candidates[0].joint if d.best else d.laws[0].felt if d.laws else ""
+    if not d.health.good:
+        return Card(line, sentences, bars, first=felt)
+    way = ", planned for all drives by this command; by hand" * bool(planned)
+    then = (
+        "" if left_before(d) and not d.best else _next(experiment_steps(d.next_experiment)[0], way)
+    )
+    return Card(line, sentences, bars, planned or command, then, first=felt)
 
 
 def planning(d: Diagnosis, added: Sequence[Effect] = ()) -> str:
@@ -99,27 +97,10 @@ def planning(d: Diagnosis, added: Sequence[Effect] = ()) -> str:
     return next_command("excite", added, pair) if d.health.good and pair else ""
 
 
-def first_motion(d: Diagnosis, planned: bool) -> str:
-    """Return the first sentence of the next experiment, `planned` by the card's command or not;
-    nothing where the data look wrong.
-    """
-    if not d.health.good:
-        return ""
-    way = ", planned for all drives by this command; by hand" if planned else ""
-    first, *_ = experiment_steps(d.next_experiment)
-    return _next(first, way)
-
-
 def _next(step: str, way: str = "") -> str:
     """Return the first step under its title: adding an effect is no experiment."""
     title = "Next" if step.startswith("Add ") else f"Next experiment{way}"
     return f"{title}: {step}" if step else ""
-
-
-def without_reason(step: str) -> str:
-    """Return a step under its title without what follows its second colon, the reason for it."""
-    title, *parts = step.split(": ")
-    return f"{title}: {parts[0]}." if parts[1:] else step
 
 
 def experiment_steps(advice: str) -> list[str]:
@@ -145,21 +126,19 @@ def short(d: Diagnosis, top: Card | None = None) -> str:
     hidden = f", {count} effect{'s' * (count > 1)} this log hides" if count else ""
     formula *= bool(words)
     more = "more about the next experiment, " * (len(steps) > 1 and d.health.good)
-    step = without_reason(shown.then)
+    title, *parts = shown.then.split(": ")
+    step = f"{title}: {parts[0]}." if parts[1:] else shown.then  # without the reason for it
     reason = formula + ("more about the next experiment, " if step != shown.then else more)
 
-    def forms() -> Iterator[tuple[Card, list[str], str]]:
-        yield shown, words, more
-        yield shown, [], formula + more
-        for most in range(min(shown.most, len(shown.bars)), 0, -1):
-            yield replace(shown, then=step, most=most), [], reason
-        sentences = SENTENCE_END.split(shown.sure)
-        for n in range(len(sentences) - 1, 0, -1):
-            least = replace(shown, then=step, most=1, sure=" ".join(sentences[:n]))
-            yield least, [], f"the whole verdict, {reason}"
-
+    forms = [(shown, words, more), (shown, [], formula + more)]
+    for most in range(min(shown.most, len(shown.bars)), 0, -1):
+        forms.append((replace(shown, then=step, most=most), [], reason))
+    sentences = SENTENCE_END.split(shown.sure)
+    for n in range(len(sentences) - 1, 0, -1):
+        least = replace(shown, then=step, most=1, sure=" ".join(sentences[:n]))
+        forms.append((least, [], f"the whole verdict, {reason}"))
     found = ""
-    for form, own, left_out in forms():
+    for form, own, left_out in forms:
         rest = f"--verbose: {left_out}all candidates{hidden}; {d.decision}"
         found = Sheet(form, paragraphs=[*own, rest], indent="  ").text()
         if lines_of(found) <= LINES:
@@ -227,12 +206,18 @@ def alike(d: Diagnosis, shown: Iterable[Explanation]) -> list[list[Explanation]]
     return list(groups.values())
 
 
+def bar_of(d: Diagnosis, each: Explanation) -> Bar:
+    """Return the error of the joint that a candidate mends most, without it and with it."""
+    joint = each.joint
+    return Bar(joint, each.before[joint], each.after[joint], d.floor[joint])
+
+
 def _cells(d: Diagnosis, each: Explanation) -> list[str]:
-    joint, e = each.joint, each.evidence
-    change = Bar(joint, each.before[joint], each.after[joint], d.floor[joint]).words
+    e = each.evidence
     visible = f"{100 * e.refit.visible:.0f} %"
     chance = f"< {100 * RAREST:g} %" if e.p < RAREST else f"{two_digits(100 * e.p)} %"
-    return [joint, change, "–" if np.isnan(e.p) else chance, visible, numbers(each.parameters)]
+    chance = "–" if np.isnan(e.p) else chance
+    return [each.joint, bar_of(d, each).words, chance, visible, numbers(each.parameters)]
 
 
 def mark(d: Diagnosis, each: Explanation) -> str:
@@ -245,40 +230,30 @@ def mark(d: Diagnosis, each: Explanation) -> str:
 
 # --- in words -------------------------------------------------------------------------------------
 
-CLAIMS = {  # title of what each verdict says
-    "missing": "What is missing",
-    "nothing": "What adding an effect would do",
-    "unexplained": "What comes nearest",
-    "undecided": "What comes nearest",
-}
-
-
-def story(d: Diagnosis, experiment: str | None = None) -> dict[str, list[str]]:
-    """Return all of a diagnosis in words: paragraphs by title, as the report has them."""
-    form = [*curves(d), *laws(d)] if d.best is not None else []
-    if d.verdict == "unexplained":
-        form = [*curves(d), *expression(d)]
-    first, *more = experiment_steps(d.next_experiment if experiment is None else experiment)
-    several = len(d.fit.motion.experiments) > 1
-    return {
-        "Health of the data": _health(d),
-        "Where it fails": [failure_text(f, several, judged_of(d.fit)) for f in failing(d)[:MOST]],
-        CLAIMS[d.verdict]: _claim(d),
-        "Curve and formula": form,
-        "Invisible in this data": _invisible(d),
-        # beside what is missing the effects of the model have wrong values
-        "In the model, but not supported": _unsupported(d) if d.verdict == "nothing" else [],
-        "What to log next": [_next(first), *more] if first else [],
-    }
-
 
 @renders(Diagnosis, "words")
 def words(d: Diagnosis, experiment: str | None = None) -> str:
     """Return all of a diagnosis in short paragraphs, parted by empty lines."""
-    return "\n\n".join(each for own in story(d, experiment).values() for each in own)
+    several = len(d.fit.motion.experiments) > 1
+    form = [*curves(d), *laws(d)] if d.best is not None else []
+    if d.verdict == "unexplained":
+        form = [*curves(d), *expression(d)]
+    first, *more = experiment_steps(d.next_experiment if experiment is None else experiment)
+    paragraphs = [
+        *health_words(d),
+        *(failure_text(f, several, judged_of(d.fit)) for f in failing(d)[:MOST]),
+        *claim_words(d),
+        *form,
+        *_invisible(d),
+        # beside what is missing the effects of the model have wrong values
+        *(unsupported_words(d) if d.verdict == "nothing" else []),
+        *([_next(first), *more] if first else []),
+    ]
+    return "\n\n".join(paragraphs)
 
 
-def _health(d: Diagnosis) -> list[str]:
+def health_words(d: Diagnosis) -> list[str]:
+    """Return what is wrong with the data, if anything is."""
     if d.health.good:
         return []
     findings = ". ".join(map(str, d.health.findings))
@@ -288,7 +263,7 @@ def _health(d: Diagnosis) -> list[str]:
     ]
 
 
-def _claim(d: Diagnosis) -> list[str]:
+def claim_words(d: Diagnosis) -> list[str]:
     """Return the verdict, how sure it is, and what speaks for it."""
     line = verdict_line(d)
     first = f"{line[:1].upper()}{line[1:]}. {certainty(d)}"
@@ -317,13 +292,11 @@ def _claim(d: Diagnosis) -> list[str]:
 
 
 def _relative(found: FittedFormula) -> str:
-    """Return the name of a law of the literature in words."""
     name = found.formula.terms[0].known_as.replace("_", " ")
     return f"an {name}" if name[0] in "aeiou" else f"a {name}"
 
 
 def _apart(d: Diagnosis, effect: Effect, rivals: tuple[Effect, ...]) -> str:
-    """Return why this data cannot tell rivals apart."""
     text = (
         f"The held-out errors of {named([effect, *rivals])} differ by less than "
         f"{d.decision.rival_se:g} standard errors."
@@ -361,7 +334,6 @@ def beside(d: Diagnosis) -> list[str]:
 
 
 def _rejected(d: Diagnosis) -> list[str]:
-    """Return why effects that explain a part are not named."""
     found = []
     for m in d.selection.members:
         name = named([m.effect])
@@ -395,7 +367,8 @@ def _invisible(d: Diagnosis) -> list[str]:
     return [f"This data cannot show, whatever their size: {names}."] if d.invisible else []
 
 
-def _unsupported(d: Diagnosis) -> list[str]:
+def unsupported_words(d: Diagnosis) -> list[str]:
+    """Return which effects of the model the data do not support, and how to leave them out."""
     names = [each.effect.label for each in d.unsupported]
     found = [
         f"In the model, {named([x.effect])} {'cannot be as it is' if x.absurd else 'is idle'}: "

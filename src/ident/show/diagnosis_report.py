@@ -19,43 +19,48 @@ from ident.files import json_bytes, plain, regular, write_all
 from ident.fit.data_checks import Health
 from ident.fit.prediction import predict
 from ident.fit.residual import Failure, Residual, residual_of
+from ident.show.card import Bar
 from ident.show.charts import FAINT, RAW, RESIDUAL, Chart, Dots, Level, Line, Panel
 from ident.show.diagnosis import (
-    CLAIMS,
     alike,
+    bar_of,
     beside,
     candidate_rows,
     card,
+    claim_words,
     errors_with,
     experiment_steps,
+    health_words,
     mark,
     planning,
-    story,
+    unsupported_words,
     where_rows,
 )
 from ident.show.fit import fit_sections
 from ident.show.html import (
-    Bar,
     Block,
     Choice,
-    Option,
-    Page,
     Section,
+    Sheet,
     code,
     headed,
     items,
     paragraph,
+    report_page,
     table,
 )
 from ident.show.laws import curve_json, labels, law_blocks, numbers
 from ident.show.residual import plot_maps, time_label, view_of_fit
-from ident.show.sheet import Sheet
 from ident.show.verdict import spoilt
 
 SCHEMA = "ident.diagnosis/1"
+CLAIMS = {  # title of what each verdict says
+    "missing": "What is missing",
+    "nothing": "What adding an effect would do",
+    "unexplained": "What comes nearest",
+    "undecided": "What comes nearest",
+}
 BARS = 12
-FAILS = "Where it fails"
-LAST = ("Invisible in this data", "In the model, but not supported")  # sections that need no action
 LOGS = 4  # whose residuals are drawn below each other
 MARKS = "* named; = this data cannot tell it from the one named."
 FALLS = (
@@ -78,33 +83,25 @@ def plot_candidates(d: Diagnosis) -> Chart:
     named = [each for each in d.every if mark(d, each) != " "]
     others = [each for each in d.every if each not in named][: max(BARS - len(named), 0)]
     shown = [each for group in alike(d, [*named, *others]) for each in group]
-
-    def bar(x: Explanation) -> Bar:
-        return Bar(x.joint, x.before[x.joint], x.after[x.joint], d.floor[x.joint])
-
     before, after, noise = (
         100 * np.array([size or 0.0 for size in sizes])
-        for sizes in zip(*(bar(x).sizes for x in shown), strict=True)
+        for sizes in zip(*(bar_of(d, x).sizes for x in shown), strict=True)
     )
     at, none = np.arange(len(shown), dtype=float), np.zeros(len(shown))
     alone = len(d.floor) == 1  # joint, whose error is meant
     marks = [Dots(at, before, none, "as it is", FAINT)]
     labels = "with it: named, or not distinguishable from that", "with it: others"
-    for i, (label, own) in enumerate(zip(labels, (named, others), strict=True)):
-        of = np.array([each in own for each in shown], dtype=bool)
-        if own:
+    for i, (label, part) in enumerate(zip(labels, (named, others), strict=True)):
+        of = np.array([each in part for each in shown], dtype=bool)
+        if part:
             marks.append(Dots(at[of], after[of], none[of], label, i))
+    marks.append(Dots(at, noise, none, "noise alone", RESIDUAL, upright=True))
+    own = (x.joint in x.effect.joints or alone for x in shown)
+    names = [x.effect.label + f" in {x.joint}" * (not y) for x, y in zip(shown, own, strict=True)]
     panel = Panel(
-        (*marks, Dots(at, noise, none, "noise alone", RESIDUAL, upright=True)),
-        "held-out error of the joint [%]",
-        y_names=tuple(
-            x.effect.label
-            if x.joint in x.effect.joints or alone
-            else f"{x.effect.label} in {x.joint}"
-            for x in shown
-        ),
+        tuple(marks), "held-out error of the joint [%]", y_names=tuple(names),
         height=0.5 + 0.32 * max(len(shown), 1),
-    )
+    )  # fmt: skip
     return Chart("The error of its joint, as it is and with each candidate", ((panel,),))
 
 
@@ -145,39 +142,42 @@ def health_sheet(h: Health) -> Sheet:
 
 def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
     """Return the words with tables and charts to them, and the fit that was diagnosed."""
-    sections = []
-    last = (*LAST, CLAIMS[d.verdict]) if d.laws and d.best is None else LAST
-    for title, words in sorted(story(d).items(), key=lambda pair: pair[0] in last):
-        blocks: list[Block] = [paragraph(each) for each in words]
-        if title == FAILS:  # the maps have the words
-            caption = "Joint by joint: held-out error, and what noise would leave"
-            blocks = [table(where_rows(d), caption)]
-        elif title == "Curve and formula":
-            blocks = list(law_blocks(d))
-        elif title == CLAIMS[d.verdict]:
-            if d.verdict != "nothing":  # the card has the first and what is missing beside it
-                first = 0 if spoilt(d) else 1
-                blocks = blocks[first : len(blocks) - len(beside(d))]
-            blocks += _candidates(d)
-        elif title == "Invisible in this data" and words:
-            blocks = [table(invisible_rows(d), "This data cannot show", tied=False)]
-        elif title == "What to log next" and words:
-            steps = [each.partition(": ")[::2] for each in experiment_steps(d.next_experiment)]
-            blocks = [table([["step", "why"], *steps], "The most urgent first", tied=False)]
-            blocks += [code(each) for each in [planning(d)] if each]
-        title = "Joint by joint" if title == FAILS and d.verdict == "nothing" else title
-        sections.append(Section(title, tuple(blocks)))
-    return (*sections, *fit_sections(d.fit, first=d.candidates[0].joint if d.best else ""))
+    claim = [paragraph(each) for each in claim_words(d)]
+    if d.verdict != "nothing":  # the card has the first and what is missing beside it
+        claim = claim[0 if spoilt(d) else 1 : len(claim) - len(beside(d))]
+    what = Section(CLAIMS[d.verdict], [*claim, *_candidates(d)])
+    steps = [each.partition(": ")[::2] for each in experiment_steps(d.next_experiment)]
+    following: list[Block] = []
+    if d.next_experiment:
+        following.append(table([["step", "why"], *steps], "The most urgent first", tied=False))
+        following += [code(each) for each in [planning(d)] if each]
+    caption = "Joint by joint: held-out error, and what noise would leave"
+    by_laws = bool(d.laws) and d.best is None  # what comes nearest matters less
+    idle = unsupported_words(d) if d.verdict == "nothing" else []
+    return (
+        Section("Health of the data", [paragraph(each) for each in health_words(d)]),
+        Section(
+            "Joint by joint" if d.verdict == "nothing" else "Where it fails",
+            [table(where_rows(d), caption)],  # the maps have the words
+        ),
+        *([] if by_laws else [what]),
+        Section("Curve and formula", law_blocks(d)),
+        Section("What to log next", following),
+        *([what] if by_laws else []),
+        Section("Invisible in this data", _invisible(d)),
+        Section("In the model, but not supported", [paragraph(each) for each in idle]),
+        *fit_sections(d.fit, first=d.candidates[0].joint if d.best else ""),
+    )
 
 
-def invisible_rows(d: Diagnosis) -> list[list[str]]:
+def _invisible(d: Diagnosis) -> list[Block]:
     """Return a row a kind of what this data cannot show, and why."""
     rows = [["effect", "why"]]
     for group in by_kind(each.effect for each in d.invisible):
         why = list(dict.fromkeys(each.why for each in d.invisible if each.effect in group))
         more = f"; {len(why) - 1} more alike in diagnosis.json" * (len(why) > 1)
         rows.append([named(group), f"{why[0]}{more}"])
-    return rows
+    return [table(rows, "This data cannot show", tied=False)] if rows[1:] else []
 
 
 def _candidates(d: Diagnosis) -> list[Block]:
@@ -187,7 +187,8 @@ def _candidates(d: Diagnosis) -> list[Block]:
     blocks: list[Block] = [paragraph(MARKS)] if d.best else []
     blocks += [plot_candidates(d), paragraph(FALLS), table(candidate_rows(d), "Candidates")]
     refitted = [each for each in d.candidates if each.fit is not None and d.verdict != "nothing"]
-    if options := tuple(_option(d, each) for each in refitted):
+    options = {f"{mark(d, x)} {x.effect.label}".strip(): _option(d, x) for x in refitted}
+    if options:
         tree, best = d.fit.mechanism.joint_index, d.candidates[: d.best is not None]
         links = zip(d.fit.mechanism.bodies.links, [*d.fit.mechanism.model.names][1:], strict=True)
         moved = dict(links)  # by its joint
@@ -200,27 +201,22 @@ def _candidates(d: Diagnosis) -> list[Block]:
     return blocks
 
 
-def _option(d: Diagnosis, each: Explanation) -> Option:
-    """Return what one candidate that was refitted would do."""
+def _option(d: Diagnosis, each: Explanation) -> list[Block]:
     assert each.fit is not None
     before, after = d.fit.residual, residual_of(each.fit)
     label, joint = each.effect.label, each.joint
-    change = Bar(joint, each.before[joint], each.after[joint], d.floor[joint]).words
-    lines = [
-        type(each.effect).summary(),
-        f"held-out error of {joint}: {change}",
-        numbers(each.parameters),
-    ]
+    change = f"held-out error of {joint}: {bar_of(d, each).words}"
+    lines = [type(each.effect).summary(), change, numbers(each.parameters)]
     if each.rivals:
         lines.append(f"not distinguishable from it in this data: {labels(each.rivals, 'or')}")
     blocks: list[Block] = [headed(f"With {label}"), items(lines)]
-    blocks += [plot_before_after(before, after, joint, label)]
+    blocks.append(plot_before_after(before, after, joint, label))
     if each.effect.corrects:  # it has no torque of its own, which could be drawn
-        blocks += [plot_maps({"as it is": before, "with it": after}, joint)]
+        blocks.append(plot_maps({"as it is": before, "with it": after}, joint))
     else:
         models = {"without it": after.without(label), "with it": after}
         blocks += [paragraph(EFFECT), plot_maps(models, joint, effect=label)]
-    return Option(f"{mark(d, each)} {label}".strip(), tuple(blocks))
+    return blocks
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -233,20 +229,12 @@ def write_diagnosis(
     more: Mapping[str, bytes] | None = None,
     sections: Sequence[Section] = (),
 ) -> list[Path]:
-    """Write diagnosis.json, report.html, and a file for each curve and law.
-
-    Args:
-        d: what to write.
-        folder: made if it is not there.
-        more: further files by name.
-        sections: at the beginning of the report.
-
-    Raises:
-        IdentError: if the folder cannot be written.
+    """Write diagnosis.json, report.html, and a file for each curve and law; `more` files by name,
+    and further sections at the beginning of the report.
     """
     title = f"{d.fit.mechanism.name}: diagnosis"
     with writing(folder):
-        report = Page(title, card(d), (*sections, *diagnosis_sections(d))).html()
+        report = report_page(title, card(d), (*sections, *diagnosis_sections(d)))
     files = {**diagnosis_files(d), **(more or {}), "report.html": report}
     return write_instead(d, Path(folder), files)
 
@@ -323,7 +311,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
         {
             "schema": SCHEMA,
             "mechanism": d.fit.mechanism.name,
-            "logs": [e.name for e in d.fit.motion.experiments],
+            "logs": list(d.fit.motion.names),
             "effects": [name_of(effect) for effect in d.fit.mechanism.effects],
             "verdict": d.verdict,
             "decision": decision,

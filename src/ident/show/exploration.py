@@ -87,13 +87,8 @@ def rows_of(
     fit: Fit, effects: Sequence[Effect] = (), progress: Progress | None = None,
     earlier: Contest | None = None,
 ) -> Contest:  # fmt: skip
-    """Return the rows of a fit away from reversals, with the columns of some effects.
-
-    Args:
-        fit: of the present model.
-        effects: whose columns.
-        progress: called with (what is being done, share done); what it raises stops the work.
-        earlier: of another model, from which columns are taken that are the same there.
+    """Return the rows of a fit away from reversals, with the columns of some effects; those that
+    are the same in an `earlier` model's are taken from there.
     """
     return Contest.of(fit, effects, progress or quiet, curved=False, earlier=earlier)
 
@@ -188,12 +183,7 @@ class Exploration(Displayed):
     def of(
         cls, mechanism: Mechanism, motion: Motion, progress: Progress | None = None
     ) -> Exploration:
-        """The first rung: the model as it is given.
-
-        Args:
-            mechanism: the model.
-            motion: what it is fitted to.
-            progress: called with (what is being done, share done).
+        """The first rung: the mechanism as it is given, fitted to a motion; progress is reported.
 
         Raises:
             FitError: if there are no equations to identify with.
@@ -228,18 +218,19 @@ class Exploration(Displayed):
         """What is offered or announced first, in a sentence, and what to do about it."""
         if self.offered:
             return "What no effect explains has a law or a curve: accept it or refuse it."
-        best = next((x for x in self.candidates if x.sure and not x.present), None)
+        best, judged = self.first, self.diagnosis is not None
         if best is None:
-            sure = (
-                "the verdict is under Verdict"
-                if self.diagnosis is not None
-                else "judge it to be sure"
-            )
+            sure = "the verdict is under Verdict" if judged else "judge it to be sure"
             return f"No effect lowers the error by more than chance would; {sure}."
-        first = f"The first candidate is {named([best.effect])}"
-        if self.diagnosis is not None:
-            return f"{first}; the verdict on it is under Verdict."
-        return f"{first}. A falling error is no proof: judge it."
+        rest = "; the verdict on it is under Verdict" if judged else (
+            ". A falling error is no proof: judge it"
+        )  # fmt: skip
+        return f"The first candidate is {named([best.effect])}{rest}."
+
+    @property
+    def first(self) -> PredictedGain | None:
+        """The effect that surely lowers the error most; None where there is none."""
+        return next((x for x in self.candidates if x.sure and not x.present), None)
 
     def effect(self, label: str) -> Effect | str:
         """Return the effect with a label among what is announced or offered; else the label."""
@@ -247,10 +238,7 @@ class Exploration(Displayed):
         return next((effect for effect in every if effect.label == label), label)
 
     def refuse(self, label: str) -> Exploration:
-        """Leave out the offer of a law or a curve.
-
-        Args:
-            label: of the offer.
+        """Leave out the offer of a law or a curve with a label.
 
         Raises:
             FitError: if it is not offered.
@@ -261,11 +249,7 @@ class Exploration(Displayed):
         return replace(self, refused=self.refused | {label}, before=self._past)
 
     def screened(self, progress: Progress | None = None) -> Exploration:
-        """With the fall of error announced for every effect of the library.
-
-        Args:
-            progress: called with (what is being done, share done); what it raises stops the work.
-        """
+        """With the fall of error announced for every effect of the library; reports progress."""
         if self.candidates:
             return self
         contest = rows_of(self.fit, candidates_of(self.fit), progress, self.contest)
@@ -278,7 +262,8 @@ class Exploration(Displayed):
 
         Args:
             effect: `kind:joint[,joint]`, `kind` alone for all its joints, or an effect; or several.
-            progress: called with (what is being done, share done).
+            progress: called with (what is being done, share done), as by the other verbs; what it
+                raises stops the work.
 
         Raises:
             IdentError: for one that the mechanism cannot have, or has already.
@@ -287,23 +272,17 @@ class Exploration(Displayed):
         for each in [effect] if isinstance(effect, str | Effect) else effect:
             mechanism = mechanism.with_effect(each) if isinstance(each, str) else mechanism + each
         new = tuple(e for e in mechanism.effects if not any(e is own for own in old.effects))
-        gains = {x.label: x for x in self.candidates if not x.present}
-        shapes = {
-            full: gain.shape[s.name]
-            for each in new
-            if (gain := gains.get(each.label)) is not None
-            for full, s in zip(each.names[len(each.unknowns) :], each.shapes, strict=True)
-            if s.name in gain.shape
-        }
-        start = Point(self.fit.point.pi, {**self.fit.point.values, **shapes})
+        searched = {x.label: x.shape for x in self.candidates if not x.present}
+        values = dict(self.fit.point.values)
+        for each in new:
+            shape = searched.get(each.label, {})
+            names = zip(each.names[len(each.unknowns) :], each.shapes, strict=True)
+            values |= {full: shape[s.name] for full, s in names if s.name in shape}
+        start = Point(self.fit.point.pi, values)
         return self._extended(mechanism, start, progress, added=new)
 
     def without(self, label: str, progress: Progress | None = None) -> Exploration:
-        """With one effect less, everything refitted.
-
-        Args:
-            label: of the effect, as `coulomb:elbow`.
-            progress: called with (what is being done, share done).
+        """With the effect of a label less, everything refitted; progress is reported.
 
         Raises:
             MechanismError: if the model has no such effect.
@@ -333,11 +312,7 @@ class Exploration(Displayed):
         return self if self.before is None else replace(self.before, contest=self.contest)
 
     def judged(self, progress: Progress | None = None) -> Exploration:
-        """With the diagnosis of the present model: whether a fall means anything.
-
-        Args:
-            progress: called with (what is being done, share done).
-        """
+        """With the diagnosis of the present model: whether a fall counts. Reports progress."""
         if self.diagnosis is not None:
             return self
         return replace(self, diagnosis=diagnose(self.fit, progress=progress))
@@ -373,8 +348,9 @@ class Exploration(Displayed):
             mechanism, self.fit.motion, start=start, estimator="least-squares", progress=progress
         )
         step = Step(added, removed, (), fit, errors_of(fit))
-        past, kept = self._past, self.refused
-        return Exploration((*self.rungs, step), before=past, refused=kept, contest=self.contest)
+        return Exploration(
+            (*self.rungs, step), before=self._past, refused=self.refused, contest=self.contest
+        )
 
     def __str__(self) -> str:
         return "\n".join(table(self.table(), ""))

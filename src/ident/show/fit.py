@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 
-from ident.display import render, renders
+from ident.display import renders
 from ident.errors import FitError
 from ident.fit.consistency import Binding
 from ident.fit.files import Saved, write_fit, write_urdf
@@ -19,30 +18,22 @@ from ident.fit.result import Fit
 from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Correlation, Value
 from ident.information.blocks import Error
-from ident.mechanism.mechanism import Mechanism
-from ident.show.charts import PRIOR, Chart, Dots, Panel
-from ident.show.comparison import change_tables, changes_line, plot_forces
-from ident.show.html import (
-    Bar,
-    Block,
+from ident.show.card import (
     Card,
-    Page,
-    Section,
-    by_log,
+    bars_of,
     enough,
-    folded,
     good_enough,
-    items,
     next_command,
-    paragraph,
     scale_doubts,
     wrong_unit,
 )
+from ident.show.charts import PRIOR, Chart, Dots, Panel
+from ident.show.comparison import change_tables, changes_line, plot_forces
+from ident.show.html import Block, Section, Sheet, by_log, folded, items, paragraph, report_page
 from ident.show.html import table as html_table
 from ident.show.laws import body_words
 from ident.show.motion import made_of, understood
-from ident.show.residual import error_rows, errors_section, judged_of, residual_sections, short
-from ident.show.sheet import Sheet
+from ident.show.residual import compared, error_rows, errors_section, residual_sections, short
 from ident.text import listed, percent, rounded, shortened, significant, some, two_digits
 
 MOST = 60  # parameters in one chart
@@ -83,37 +74,26 @@ def binding(x: Binding) -> str:
 @renders(Correlation, "text")
 def correlation(x: Correlation) -> str:
     """Return the pairs of base parameters that are known only together."""
-    lines = [f"  {pair}" for pair in _pairs(x)] or [f"  none (|r| < {STRONG})"]
-    return "\n".join(["base parameters that are known only together:", *lines])
+    lines = _pairs(x) or [f"none (|r| < {STRONG})"]
+    return "\n  ".join(["base parameters that are known only together:", *lines])
 
 
 def _pairs(x: Correlation) -> list[str]:
     return [f"{first} and {second} ({r:+.3f})" for first, second, r in x.pairs(STRONG)]
 
 
-def _reaction_rows(x: Reactions) -> Rows:
-    kinematics = x.mechanism.kinematics
-    rows = [["multiplier", "rms of it", "rms error", "largest error"]]
-    for i, (name, unit) in enumerate(zip(kinematics.multipliers, kinematics.units, strict=True)):
-        if not np.isfinite(x.off[:, i]).any():
-            continue
-        size, rms = (float(np.sqrt(np.nanmean(y[:, i] ** 2))) for y in (x.known, x.off))
-        worst = float(np.nanmax(np.abs(x.off[:, i])))
-        rows.append(
-            [
-                name,
-                f"{significant(size, 4)} {unit}",
-                f"{significant(rms)} {unit}",
-                f"{significant(worst)} {unit}",
-            ]
-        )
-    return rows
-
-
 @renders(Reactions, "sheet")
 def reactions(x: Reactions) -> Sheet:
     """Return what identified multipliers miss known reactions by."""
-    return Sheet("", tables={"multipliers against known reactions": _reaction_rows(x)})
+    kinematics = x.mechanism.kinematics
+    rows = [["multiplier", "rms of it", "rms error", "largest error"]]
+    for i, (name, unit) in enumerate(zip(kinematics.multipliers, kinematics.units, strict=True)):
+        if np.isfinite(x.off[:, i]).any():
+            size, rms = (float(np.sqrt(np.nanmean(y[:, i] ** 2))) for y in (x.known, x.off))
+            worst = float(np.nanmax(np.abs(x.off[:, i])))
+            sizes = significant(size, 4), significant(rms), significant(worst)
+            rows.append([name, *(f"{each} {unit}" for each in sizes)])
+    return Sheet("", tables={"multipliers against known reactions": rows})
 
 
 @renders(Reactions, "plot")
@@ -191,12 +171,8 @@ def _multiplier_rows(fit: Fit) -> Rows:
     kinematics = fit.mechanism.kinematics
     for name, unit, y in zip(kinematics.multipliers, kinematics.units, values.T, strict=True):
         x = y[np.isfinite(y)]
-        size = (
-            [significant(np.sqrt(np.mean(x**2)), 4), significant(np.abs(x).max(), 4)]
-            if len(x)
-            else ["–", "–"]
-        )
-        rows.append([name, *size, unit])
+        sizes = (np.sqrt(np.mean(x**2)), np.abs(x).max()) if len(x) else ()
+        rows.append([name, *([significant(size, 4) for size in sizes] or ["–", "–"]), unit])
     return rows
 
 
@@ -254,11 +230,11 @@ def card(fit: Fit) -> Card:
         before, change = {}, ""
     else:
         before = residual_of(earlier or urdf_of(fit), fit.motion).errors
-        change = f"of {short(earlier.name)}" if earlier else f"of {_own(fit.mechanism)} numbers"
+        # the URDF's numbers, or those of the fit that wrote the mechanism
+        own = "the URDF's own" if fit.mechanism.covariance is None else "the earlier"
+        change = f"of {short(earlier.name)}" if earlier else f"of {own} numbers"
         change += " → of the identified ones" + ", held out" * bool(fit.held_out)
-    bars = tuple(
-        Bar(j, before.get(j, e), e if before else None, floor[j]) for j, e in judged.items()
-    )
+    bars = bars_of(before, judged, floor)
     larger = [] if earlier or fit.validation else [bar.joint for bar in bars if bar.rises]
     words = ""
     if worse := [j for j in larger if fit.train[j].rms > before[j].rms]:
@@ -285,11 +261,6 @@ def card(fit: Fit) -> Card:
     worse = fit.residual.risen(then.get("held out") or then.get("train") or {})
     line = changes_line(fit.changes, worse)
     return Card(line, f"{headline(fit)} {trust}", bars, command, change=change)
-
-
-def _own(mechanism: Mechanism) -> str:
-    """Return whose a mechanism's numbers are: the URDF's, or those of the fit that wrote it."""
-    return "the URDF's own" if mechanism.covariance is None else "the earlier"
 
 
 def _farthest(fit: Fit) -> tuple[dict[str, Error], dict[str, float]]:
@@ -350,12 +321,6 @@ def plot_multipliers(fit: Fit, experiment: int = 0) -> Chart:
     return plot_forces(kinematics.multipliers, kinematics.units, series, log)
 
 
-@renders(Fit, "view")
-def view(fit: Fit) -> Any:
-    """Return the mechanism in 3-D: reaction forces as arrows, joints coloured by residual."""
-    return render(fit.residual, "view", fit.predictions)
-
-
 renders(Fit, "folder")(write_fit)
 renders(Fit, "urdf")(write_urdf)
 
@@ -367,7 +332,7 @@ renders(Fit, "urdf")(write_urdf)
 def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = ()) -> bytes:
     """Return the report of a fit, with further sections after those of its residual."""
     sections = fit_sections(fit, known, more)
-    return Page(f"{fit.mechanism.name}: identification", card(fit), sections).html()
+    return report_page(f"{fit.mechanism.name}: identification", card(fit), sections)
 
 
 def urdf_of(fit: Fit) -> Saved:
@@ -380,21 +345,14 @@ def fit_sections(
 ) -> tuple[Section, ...]:
     """Return warnings, parameters, errors, where it fails, multipliers, and what went in."""
     notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
+    prior = predict(fit.mechanism, fit.motion, urdf_of(fit).point)
+    changed = [html_table(*each[::-1]) for each in change_tables(fit.changes, 120).items()]
     return (
-        *(
-            Section("What has changed", (html_table(rows, title),))
-            for title, rows in change_tables(fit.changes, 120).items()
-        ),
-        Section("Warnings", (items(notes),) if notes else ()),
+        Section("What has changed", changed),
+        Section("Warnings", [items(notes)] if notes else []),
         Section("Parameters", _parameters(fit) if len(fit.columns) else ()),
         errors_section(error_table(fit)[1]),
-        *residual_sections(
-            {fit.name: fit.predictions},
-            {fit.name: fit.residual},
-            {fit.name: judged_of(fit)},
-            first,
-            predict(fit.mechanism, fit.motion, urdf_of(fit).point),
-        ),
+        *residual_sections(compared(fit), first, prior),
         *more,
         Section("Multipliers", _multipliers(fit, known)),
         understood(fit.mechanism, fit.motion),
@@ -402,28 +360,26 @@ def fit_sections(
     )
 
 
-def _parameters(fit: Fit) -> tuple[Block, ...]:
+def _parameters(fit: Fit) -> list[Block]:
     blocks: list[Block] = []
     with suppress(FitError):  # nothing was identified by itself
         blocks.append(plot_parameters(fit))
+    blocks += [paragraph(each) for each in body_lines(fit)]
     tables = value_tables(fit, 120)
     tables.pop("Multipliers", None)
-    blocks += [paragraph(each) for each in body_lines(fit)]
     together = tables.pop(TOGETHER, None)
     blocks += [html_table(rows, title) for title, rows in tables.items()]
     blocks += [folded(TOGETHER, html_table(together, ""))] if together else []
-    if fit.binding is not None:
-        blocks.append(paragraph(binding(fit.binding)))
-    return tuple(blocks)
+    return blocks + ([paragraph(binding(fit.binding))] if fit.binding else [])
 
 
-def _multipliers(fit: Fit, known: Reactions | None) -> tuple[Block, ...]:
+def _multipliers(fit: Fit, known: Reactions | None) -> list[Block]:
     if not fit.mechanism.kinematics.multipliers:
-        return ()
+        return []
     blocks: list[Block] = [paragraph(LAMBDA)]
     if known is not None:
         blocks += [*reactions(known).blocks(), plot_reactions(known)]
     names = [e.name for e in fit.motion.experiments]
     if known is None or len(names) > 1:
         blocks += by_log(names, fit.plot_multipliers)
-    return tuple(blocks)
+    return blocks

@@ -24,11 +24,11 @@ from ident.fit.files import fit_json, identified_files, identified_urdf, multipl
 from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
+from ident.show.card import Card, bars_of, next_command
 from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import card, errors_with, short
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
-from ident.show.html import Bar, Card, Page, Section, next_command, table
-from ident.show.sheet import Sheet
+from ident.show.html import Section, Sheet, report_page, table
 from ident.show.verdict import noise_errors, verdict_line
 from ident.text import percent, rounded, significant, width, wrapped
 
@@ -52,7 +52,6 @@ def head(joints: Sequence[str]) -> str:
 
 
 def _columns(joints: Sequence[str]) -> list[str]:
-    """Return the names of the columns."""
     wide = NAME + sum(2 + max(CELL, len(joint)) for joint in joints)
     return list(joints) if wide <= width() else [f"[{i + 1}]" for i in range(len(joints))]
 
@@ -73,17 +72,12 @@ def _row(first: str, cells: Sequence[str], joints: Sequence[str], last: str = ""
 def rung(step: Step, joints: Sequence[str]) -> str:
     """Return one rung: what was added, and errors; ≈ marks those that are announced, not fitted."""
     room = _room(joints)
-    tied = changed(step).replace("+ ", "+\u00a0").replace("− ", "−\u00a0")  # sign and label
-    name, *rest = (
-        line.replace("\u00a0", " ")
-        for line in textwrap.wrap(
-            tied, room, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-        )
+    name, *rest = textwrap.wrap(
+        changed(step), room, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
     )
-    own_line = [name] * (len(name) > room)
-    name = "" if own_line else name
-    row = _row(name, cells(step.errors, joints), joints, "" if step.fit else "≈")
-    lines = [*own_line, row, *rest]
+    lines = [name] * (len(name) > room)  # a line of its own
+    name *= not lines
+    lines += [_row(name, cells(step.errors, joints), joints, "" if step.fit else "≈"), *rest]
     for log, errors in step.fit.validation.items() if step.fit else ():
         lines.append(_row(f"  on {log[-(NAME - 5) :]}", cells(errors, joints), joints))
     if step.rivals:
@@ -141,12 +135,6 @@ def sheet(history: History) -> Sheet:
     return Sheet(verdict_line(history.diagnosis), tables={CAPTION: history.table()})
 
 
-@renders(History, "plot")
-def plot(history: History) -> Chart:
-    """Draw the held-out error of every joint against the rungs."""
-    return plot_rungs(history.steps, noise_errors(history.fit))
-
-
 def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
     """Draw the held-out error of every joint against models one after the other; dashed: noise."""
     names = [_code_name(step) for step in steps]
@@ -166,6 +154,9 @@ def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
     return Chart(f"Held-out error of every joint, rung by rung{dashed}", ((panel,),))
 
 
+renders(History, "plot")(lambda history: plot_rungs(history.steps, noise_errors(history.fit)))
+
+
 def _code_name(step: Step) -> str:
     """Return what a rung changes by code names, which fit below a chart."""
     if len(step.added) > 1:
@@ -183,15 +174,14 @@ def history_card(history: History) -> Card:
     top = card(d, history.added)
     errors = {**errors_of(history.fit), **errors_with(d)}
     last = next((s.added for s in history.steps[::-1] if s.added), ())
-    own = [joint for effect in last for joint in effect.joints]
-    bars = tuple(Bar(j, first[j], e, d.floor[j]) for j, e in errors.items())
+    own = [top.first, *(joint for effect in last for joint in effect.joints)]
+    bars = bars_of(first, errors, d.floor)
     if d.verdict == "nothing":
         top = replace(top, command=next_command("compare", history.added))
     sure = f"Added: {_added(history)}{_sizes(history)}. {top.sure}"
-    shown = top.first or "".join(own[:1])
-    return replace(
-        top, sure=sure, bars=bars, change="as given → with all that is named", first=shown
-    )
+    change = "as given → with all that is named"
+    first_bar = next(filter(None, own), "")
+    return replace(top, sure=sure, bars=bars, change=change, first=first_bar)
 
 
 def _added(history: History) -> str:
@@ -215,10 +205,8 @@ def _sizes(history: History) -> str:
     return f" ({', '.join(sizes)})" if 0 < len(sizes) <= SIZES else ""
 
 
-@renders(History, "short")
-def brief(history: History) -> str:
-    """Return the first lines: as of a diagnosis, with the error before and after."""
-    return short(history.diagnosis, history_card(history))
+# the first lines of a diagnosis, with the error before and after
+renders(History, "short")(lambda history: short(history.diagnosis, history_card(history)))
 
 
 @renders(History, "files")
@@ -231,12 +219,13 @@ def write(history: History, place: str | Path) -> list[Path]:
         IdentError: if it is the folder of the mechanism itself, or cannot be written.
     """
     refuse_own(history.mechanism, Path(place))
-    blocks = (plot(history), table(rows(history), CAPTION, tied=False))
+    blocks = [history.plot(), table(rows(history), CAPTION, tied=False)]
     ladder = Section("The error falls", blocks)
     with writing(place):
         sections = (ladder, *diagnosis_sections(history.diagnosis))
-        page = Page(f"{history.mechanism.name}: grown model", history_card(history), sections)
-        data = {**diagnosis_files(history.diagnosis), "report.html": page.html()}
+        title = f"{history.mechanism.name}: grown model"
+        report = report_page(title, history_card(history), sections)
+    data = {**diagnosis_files(history.diagnosis), "report.html": report}
     data["grow.json"] = json_bytes(history_json(history))
     written = write_instead(history.diagnosis, Path(place), model_files(history.fit) | data)
     (Path(place) / ROUNDS).unlink(missing_ok=True)  # it serves an interrupted run only
@@ -246,24 +235,17 @@ def write(history: History, place: str | Path) -> list[Path]:
 @renders(History, "json")
 def history_json(history: History) -> dict[str, Any]:
     """Return the content of grow.json."""
-    d = history.diagnosis
+    ways = ("added", "removed", "rivals")
+    steps = [
+        {way: list(map(name_of, getattr(step, way))) for way in ways}
+        | {"fitted": step.fit is not None, "errors": step.errors}
+        for step in history.steps
+    ]
     return {
-        "schema": "ident.grow/1",
-        "mechanism": history.mechanism.name,
-        "logs": [e.name for e in d.fit.motion.experiments],
-        "added": [name_of(effect) for effect in history.added],
-        "verdict": d.verdict,
-        "steps": [
-            {
-                "added": [name_of(effect) for effect in step.added],
-                "removed": [name_of(effect) for effect in step.removed],
-                "rivals": [name_of(effect) for effect in step.rivals],
-                "fitted": step.fit is not None,
-                "errors": step.errors,
-            }
-            for step in history.steps
-        ],
-        "noise": noise_errors(history.fit),
+        "schema": "ident.grow/1", "mechanism": history.mechanism.name,
+        "logs": list(history.fit.motion.names),
+        "added": list(map(name_of, history.added)), "verdict": history.diagnosis.verdict,
+        "steps": steps, "noise": noise_errors(history.fit),
     }  # fmt: skip
 
 
@@ -277,11 +259,8 @@ def model_files(fit: Fit) -> dict[str, bytes]:
     files = folder_files(mechanism, urdf, effects, None, fit.found, errors)
     with suppress(FitError):
         files |= identified_files(fit, identified_urdf(fit))
-    return (
-        files
-        | dict(own_files(fit).values())
-        | {"fit.json": json_bytes(fit_json(fit)), "multipliers.csv": multipliers_csv(fit)}
-    )
+    files |= dict(own_files(fit).values())
+    return files | {"fit.json": json_bytes(fit_json(fit)), "multipliers.csv": multipliers_csv(fit)}
 
 
 def refuse_own(mechanism: Mechanism, folder: Path) -> None:

@@ -155,7 +155,7 @@ def laws(d: Diagnosis) -> list[str]:
 # --- charts, report, JSON ----------------------------------------------------------------------
 
 
-def law_blocks(d: Diagnosis) -> tuple[Block, ...]:
+def law_blocks(d: Diagnosis) -> list[Block]:
     """Return the curve with its band, the formula over it, the front, and the effect file."""
     blocks: list[Block] = [paragraph(each) for each in curves(d)]
     of_joint = {each.joint: each for each in d.laws}
@@ -167,13 +167,12 @@ def law_blocks(d: Diagnosis) -> tuple[Block, ...]:
         rows = [["complexity", "squared error left", "formula"]]
         rows += [[str(c), f"{100 * left:.2f} %", text] for c, left, text in law.found.front]
         blocks += [table(rows, "The front"), code(law.code)]
-    return tuple(blocks)
+    return blocks
 
 
 def plot_curve(curve: FoundCurve, law: Law | None) -> Chart:
     """Draw a curve with its 95 % band, and the part of the formula that the data determine."""
     effect = curve.effect
-    unit = effect.units[0]
     marks = [
         Line(curve.x, curve.lower, "95 % band", FAINT, 1.0),
         Line(curve.x, curve.upper, "", FAINT, 1.0),
@@ -182,15 +181,11 @@ def plot_curve(curve: FoundCurve, law: Law | None) -> Chart:
     if law is not None and (y := _on_curve(curve, law)) is not None:
         marks.append(Line(curve.x, y, law.formula, 0, 1.5))
     label = f"{effect.first} of {effect.joints[-1]} [{effect.units[len(effect.unknowns)]}]"
-    times = {
-        "": "",
-        "sign": " for positive speed",
-        "v": " per unit of speed",
-        "q": " per unit of position",
-        "load": " per unit of load",
-    }
+    units = {"v": "speed", "q": "position", "load": "load"}
+    of = f" per unit of {units[effect.second]}" if effect.second in units else ""
+    of = " for positive speed" if effect.second == "sign" else of
     title = f"What is left in {curve.joint}, as a curve of {effect.signal}"
-    axis = f"torque of {curve.joint}{times[effect.second]} [{unit}]"
+    axis = f"torque of {curve.joint}{of} [{effect.units[0]}]"
     return Chart(title, ((Panel((Level(), *marks), label, axis, height=3.6),),))
 
 
@@ -219,11 +214,9 @@ def plot_front(law: Law) -> Chart:
     chosen = Level(float(law.effect.cost), upright=True, label="chosen", dashed=True)
     panel = Panel(
         (Line(x, y, "formulas", 0, 1.4, dotted=True), chosen),
-        "complexity: operators and constants",
-        "squared error left [%]",
-        logarithmic=True,
-        height=3.6,
-    )
+        "complexity: operators and constants", "squared error left [%]",
+        logarithmic=True, height=3.6,
+    )  # fmt: skip
     return Chart(f"Formulas for {law.joint}: complexity against error", ((panel,),), width=6.5)
 
 
@@ -238,17 +231,12 @@ def curve_json(d: Diagnosis, curve: FoundCurve) -> dict[str, Any]:
     signals += [f"q.{other}"] if effect.arity > 1 else []
     floor = 0.0 if error is None else (d.floor.get(curve.joint, 0.0) / max(error.rms, 1e-300)) ** 2
     return {
-        "joint": curve.joint,
-        "signals": signals,
-        "error_before": before,
+        "joint": curve.joint, "signals": signals, "error_before": before,
         "error_after": None if before is None else before * float(np.sqrt(curve.ratio)),
         "explained": float(np.clip((1 - curve.ratio) / max(1 - floor, 1e-9), 0.0, 1.0)),
-        "absorbable": curve.absorbable,
-        "effect": effect.label,
-        "depends": list(curve.depends),
-        "independent": list(curve.independent),
-        "file": curve.file,
-    }
+        "absorbable": curve.absorbable, "effect": effect.label, "depends": list(curve.depends),
+        "independent": list(curve.independent), "file": curve.file,
+    }  # fmt: skip
 
 
 SITS = {

@@ -45,11 +45,7 @@ class Place:
     """
 
     def __init__(self, port: int = 0) -> None:
-        """Take the port; 0 takes a free one.
-
-        Raises:
-            IdentError: if it cannot be opened.
-        """
+        """Take the port; 0 takes a free one. One that cannot be opened is an IdentError."""
         if not 0 <= port <= 65535:
             raise IdentError(f"port {port}: there is none; valid: 1 to 65535, or 0 for a free one")
         self.socket = socket.socket()
@@ -69,12 +65,7 @@ class Place:
         self.address = f"http://{HOST}:{self.port}/{self._token}/"
 
     def serve(self, page: str, talk: Callable[[Any], None]) -> Served:
-        """Serve one page and its web sockets in threads.
-
-        Args:
-            page: HTML.
-            talk: called with each web socket, in a thread of its own.
-        """
+        """Serve one page of HTML; each of its web sockets talks in a thread of its own."""
         from websockets.exceptions import ConnectionClosed  # loaded only where a page is served
         from websockets.sync.server import serve
 
@@ -141,54 +132,53 @@ class Served:
         return self.address + " (ended)" * (self.shut is None)
 
 
-def send(text: str, sockets: set[Any]) -> None:
-    """Send a text to web sockets; those that are closed are removed."""
-    from websockets.exceptions import ConnectionClosed
-
-    for each in list(sockets):
-        try:
-            each.send(text)
-        except ConnectionClosed:
-            sockets.discard(each)
-
-
 class Readers:
-    """Web sockets of the pages that are open; each gets the last text when it connects."""
+    """Web sockets of the pages that are open: each gets `first` when it connects, then what all are
+    told; `heard` takes what it says.
+    """
 
-    def __init__(self) -> None:
-        self._lock, self._last = threading.Lock(), ""
+    def __init__(
+        self, first: Callable[[], str], heard: Callable[[str], None] = lambda text: None
+    ) -> None:
+        self.lock = threading.RLock()
+        self._first, self._heard = first, heard
         self._sockets: set[Any] = set()
 
     def listen(self, socket: Any) -> None:
-        """Send one page what there is, until it is closed."""
-        with self._lock:
+        """Talk with one page until it is closed."""
+        with self.lock:
             self._sockets.add(socket)
-            if self._last:
-                socket.send(self._last)
-        for _ in socket:  # it has nothing to say
-            pass
-        self._sockets.discard(socket)
+            socket.send(self._first())
+        try:
+            for text in socket:
+                self._heard(text)
+        finally:
+            self._sockets.discard(socket)
 
     def tell(self, text: str) -> None:
         """Send a text to all pages."""
-        with self._lock:
-            self._last = text
-            send(text, self._sockets)
+        from websockets.exceptions import ConnectionClosed
+
+        with self.lock:
+            for each in list(self._sockets):
+                try:
+                    each.send(text)
+                except ConnectionClosed:
+                    self._sockets.discard(each)
+
+    def close(self) -> None:
+        """Close all pages."""
+        for each in list(self._sockets):
+            each.close()
 
 
 @contextmanager
 def live_page(title: str, port: int, state: Callable[[], str]) -> Iterator[str]:
     """Serve a page on 127.0.0.1 inside this context, which gives its address.
 
-    Args:
-        title: of the page.
-        port: 0 takes a free one.
-        state: called now and then; returns what `MonitorHistory.live` does, which the page draws.
-
-    Raises:
-        IdentError: if the port cannot be opened.
+    It draws what `state`, which is called now and then, returns as `MonitorHistory.live` does.
     """
-    readers, ended = Readers(), threading.Event()
+    readers, ended = Readers(state), threading.Event()
 
     def tell() -> None:
         last = ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +21,8 @@ from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
-from ident.show.html import Card, Section, definitions, headed, items, next_command, origin, table
-from ident.show.sheet import Sheet
+from ident.show.card import Card, next_command
+from ident.show.html import Section, Sheet, definitions, headed, items, origin, table
 from ident.text import significant, some
 from ident.text import table as text_table
 
@@ -60,10 +59,8 @@ def joints_json(mechanism: Mechanism, motion: Motion | None = None) -> list[dict
             "upper": joint.upper, "speed_limit": joint.velocity,
         })  # fmt: skip
         if motion is not None:
-            y, yd = (
-                np.concatenate([getattr(e, name)[:, i] for e in motion.experiments])
-                for name in ("y", "yd")
-            )
+            y = np.concatenate([e.y[:, i] for e in motion.experiments])
+            yd = np.concatenate([e.yd[:, i] for e in motion.experiments])
             found[-1] |= {"from": y.min(), "to": y.max(), "top_speed": np.abs(yd).max()}
     return found
 
@@ -78,11 +75,8 @@ def joint_rows(mechanism: Mechanism, motion: Motion | None = None) -> list[list[
         ends = ("–" if np.isinf(x[end]) else significant(x[end], 4) for end in limits)
         rows.append([x["joint"], x["state"], x["unit"], *ends])
         if motion is not None:
-            rows[-1] += [
-                significant(x["from"], 4),
-                significant(x["to"], 4),
-                f"{x['top_speed']:.3g} {x['unit']}/s",
-            ]
+            rows[-1] += [significant(x[end], 4) for end in ("from", "to")]
+            rows[-1].append(f"{x['top_speed']:.3g} {x['unit']}/s")
     return rows
 
 
@@ -97,13 +91,11 @@ def beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
             found.append(f"{x['joint']} {span} (limits {lower:.4g} to {upper:.4g})")
         if 0 < most < x["top_speed"] * (1 - ROUNDING):  # 0: not stated
             found.append(f"{x['joint']} {x['top_speed']:.3g} {unit}/s (limit {most:.3g})")
-    if not found:
-        return []
     why = (
         "the machine must not be asked for this motion; if it was measured, check the encoder's "
         "zero, sign and scale"
     )
-    return [f"beyond the limits of the URDF: {'; '.join(found)}: {why}"]
+    return [f"beyond the limits of the URDF: {'; '.join(found)}: {why}"] if found else []
 
 
 # --- mechanisms ---------------------------------------------------------------------------------
@@ -125,25 +117,25 @@ def mechanism_sheet(m: Mechanism) -> Sheet:
         "unknown": f"{len(m.unknown)} of {len(m.bodies.names)} dynamic parameters",
     }
     title = f"mechanism {m.name}: {m.model.nv} coordinates, {closures}"
-    return Sheet(title, facts=facts, notes=m.notes)
-
-
-@renders(Mechanism, "html")
-def mechanism_html(m: Mechanism) -> str:
-    """Return the same with a table of the joints."""
-    return replace(mechanism_sheet(m), tables={"joints": joint_rows(m)}).html()
+    return Sheet(title, facts=facts, details={"joints": joint_rows(m)}, notes=m.notes)
 
 
 # --- logs ---------------------------------------------------------------------------------------
 
 
-def _log_sheet(log: Log) -> Sheet:
+@renders(Log, "sheet")
+def log_sheet(log: Log) -> Sheet:
+    """Return samples, rate, columns, gaps and repairs."""
     largest, rms = log.jitter
     gaps = log.gaps()
-    known = {name: int(np.isfinite(x).sum()) for name, x in log.columns.items()}
     # below a nanosecond it is the rounding of t
     jitter = f"{1e3 * largest:.3g} ms max, {1e3 * rms:.3g} ms rms" if largest > 1e-9 else "none"
-    columns = (name if n == log.t.size else f"{name} ({n} samples)" for name, n in known.items())
+    columns, rows = list[str](), [["column", "samples", "from", "to", "rms"]]
+    for name in log.columns:
+        _, x = log.series(name)
+        columns.append(name if len(x) == log.t.size else f"{name} ({len(x)} samples)")
+        size = (x.min(), x.max(), np.sqrt(np.mean(x**2))) if len(x) else ()
+        rows.append([name, str(len(x)), *([significant(each, 4) for each in size] or ["–"] * 3)])
     start, end = max(gaps, key=lambda gap: gap[1] - gap[0], default=(0.0, 0.0))
     longest = f"{len(gaps)}, longest {end - start:.3g} s at t = {start:.6g} s"
     facts = {
@@ -153,25 +145,7 @@ def _log_sheet(log: Log) -> Sheet:
         "gaps": longest if gaps else "",
         "repairs": "; ".join(log.repairs) or "none",
     }
-    return Sheet(f"Log {log.name!r}", facts=facts)
-
-
-@renders(Log, "text")
-def log_text(log: Log) -> str:
-    """Return samples, rate, columns, gaps and repairs."""
-    return _log_sheet(log).text()
-
-
-@renders(Log, "html")
-def log_html(log: Log) -> str:
-    """Return the same with a table of the columns' ranges."""
-    rows = [["column", "samples", "from", "to", "rms"]]
-    for name in log.columns:
-        _, x = log.series(name)
-        size = (x.min(), x.max(), np.sqrt(np.mean(x**2))) if len(x) else ()
-        rows.append([name, str(len(x)), *([significant(each, 4) for each in size] or ["–"] * 3)])
-    facts = {**_log_sheet(log).facts, "columns": ""}
-    return Sheet(f"Log {log.name}", facts=facts, tables={"Columns": rows}).html()
+    return Sheet(f"Log {log.name!r}", facts=facts, details={"Columns": rows})
 
 
 # --- sections of reports --------------------------------------------------------------------------
@@ -181,15 +155,10 @@ def understood(mechanism: Mechanism, motion: Motion) -> Section:
     """Return joints with their travel, closures, logs, the filter, and repairs."""
     facts = {**mechanism_sheet(mechanism).facts, **_facts(motion)}
     notes = [*mechanism.notes, *motion.notes]
-    return Section(
-        "What was understood",
-        (
-            definitions(facts),
-            table(motion.rows, "Logs"),
-            table(joint_rows(mechanism, motion), "Joints, and how far this motion takes them"),
-            *((headed("Repaired, derived or left out"), items(notes)) if notes else ()),
-        ),
-    )
+    travel = table(joint_rows(mechanism, motion), "Joints, and how far this motion takes them")
+    blocks = [definitions(facts), table(motion.rows, "Logs"), travel]
+    blocks += [headed("Repaired, derived or left out"), items(notes)] if notes else []
+    return Section("What was understood", blocks)
 
 
 def made_of(mechanism: Mechanism, motion: Motion | None, more: Sequence[Path] = ()) -> Section:
@@ -212,12 +181,8 @@ def check_card(
     mechanism: Mechanism, motion: Motion | None, found: Mapping[str, Any], wrong: Sequence[Finding]
 ) -> Card:
     """Return whether a log can be used for identification, what is most important about it, and the
-    next command.
-
-    Args:
-        mechanism, motion: what is checked; without a motion, what a log could be used for.
-        found: what the motion identifies, of `identifiable`.
-        wrong: findings on the channels.
+    next command; without a motion, what a log could be used for. `found` is of `identifiable`,
+    `wrong` are findings on the channels.
     """
     rank, unknowns = found["rank"], found["unknowns"]
     if motion is None:
@@ -239,11 +204,9 @@ def check_card(
     problems = [*map(str, wrong), *beyond_limits(mechanism, motion)]
     if (condition := found["condition_number"]) > POOR:
         problems.append(f"some are excited poorly (condition number {significant(condition)})")
-    line = f"{logs} can be used for identification of {size}"
-    line += (
-        f", but look at this first: {problems[0]}" if problems else ": nothing looks wrong in it"
-    )
-    return Card(f"{line}.", command=next_command("identify"))
+    look = f", but look at this first: {problems[0]}" if problems else ": nothing looks wrong in it"
+    line = f"{logs} can be used for identification of {size}{look}."
+    return Card(line, command=next_command("identify"))
 
 
 def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
@@ -252,21 +215,15 @@ def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
     """
     found = identifiable(mechanism, motion)
     wrong = [] if motion is None else [*log_findings(mechanism, motion)]
-    first = "\n".join(check_card(mechanism, motion, found, wrong).text())
     column = ["assembled", *(f"{x:.4g}" for x in _assembled(mechanism))]
-    joints = zip(joint_rows(mechanism, motion), column, strict=True)
-    parts = [
-        first,
-        "\n".join([str(mechanism), *text_table([[*row, cell] for row, cell in joints])]),
-    ]
+    rows = zip(joint_rows(mechanism, motion), column, strict=True)
+    joints = text_table([[*row, cell] for row, cell in rows])
+    parts = [check_card(mechanism, motion, found, wrong).text(), [str(mechanism), *joints]]
     if motion is not None:
-        notes = [f"note: {each}" for each in (*wrong, *beyond_limits(mechanism, motion))]
-        parts += [
-            *notes,
-            str(motion),
-            "\n".join([CHANNELS, *text_table(_channels(mechanism, motion))]),
-        ]
-    return "\n\n".join([*parts, structure(found, motion is not None)])
+        parts += [[f"note: {each}"] for each in (*wrong, *beyond_limits(mechanism, motion))]
+        parts += [[str(motion)], [CHANNELS, *text_table(_channels(mechanism, motion))]]
+    texts = map("\n".join, parts)
+    return "\n\n".join([*texts, structure(found, motion is not None)])
 
 
 def _channels(mechanism: Mechanism, motion: Motion) -> list[list[str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,11 +16,10 @@ from ident.log import Log
 from ident.montecarlo import SUMS, MonteCarlo
 from ident.motion import complete
 from ident.show.charts import BELOW, MEASURED, PRIOR, RESIDUAL, Chart, Level, Line, Mark, Panel
-from ident.show.html import Page, Section, by_log, paragraph
+from ident.show.html import Section, Sheet, by_log, paragraph, report_page
 from ident.show.motion import made_of, understood
-from ident.show.sheet import Sheet
 from ident.simulate.integrate import Run
-from ident.simulate.replay import Replay, ReplayedLog
+from ident.simulate.replay import Replay
 from ident.text import listed, percent, shortened, significant
 
 TRANSITIONS = 12  # that are printed
@@ -43,13 +42,11 @@ def run_sheet(x: Run) -> Sheet:
     )
     facts = {"closure error": f"{x.closure_error:.2g}"} if x.mechanism.closures else {}
     for name, stuck in x.stuck.items():
-        count = sum(each.joint == name for each in x.transitions)
-        facts[f"dry friction at {name}"] = (
-            f"stuck {100 * stuck.mean():.3g} % of the time, {count} changes"
-        )
+        share, count = 100 * stuck.mean(), sum(each.joint == name for each in x.transitions)
+        facts[f"dry friction at {name}"] = f"stuck {share:.3g} % of the time, {count} changes"
     lines = list(map(str, x.transitions[:TRANSITIONS]))
     more = len(x.transitions) - TRANSITIONS
-    return Sheet(title, facts=facts, lines=[*lines, *([f"… {more} more"] if more > 0 else [])])
+    return Sheet(title, facts=facts, lines=lines + [f"… {more} more"] * (more > 0))
 
 
 @renders(Run, "summary")
@@ -62,10 +59,8 @@ def _rows(x: Replay) -> list[list[str]]:
     rows = [["", "rms", "of the way"]]
     for model, logs in x.runs.items():
         for run in logs:
-            title = " ".join(
-                ([model] if len(x.runs) > 1 else []) + ([run.name] if len(logs) > 1 else [])
-            )
-            rows += [[title, "", ""]] if title else []
+            title = [model] * (len(x.runs) > 1) + [run.name] * (len(logs) > 1)
+            rows += [[" ".join(title), "", ""]] if title else []
             for joint, error in run.errors.items():
                 rms = "–" if np.isnan(error.rms) else f"{significant(error.rms)} {error.unit}"
                 rows.append([joint, rms, percent(error.relative)])
@@ -108,24 +103,24 @@ def section(x: Replay) -> Section:
         f"Restarted from the measured state every {x.window:g} s; relative to the way from there."
     )
     logs = [run.name for run in next(iter(x.runs.values()))]
-    blocks = (paragraph(words), *sheet(x).blocks(), *by_log(logs, x.plot))
+    blocks = [paragraph(words), *sheet(x).blocks(), *by_log(logs, x.plot)]
     return Section("Simulated against measured motion", blocks)
 
 
 @renders(Replay, "json")
 def replay_json(x: Replay) -> dict[str, Any]:
     """Return the content of `replay` of compare.json."""
-    models = {name: [_data(run) for run in logs] for name, logs in x.runs.items()}
+    models = {
+        name: [
+            {
+                "log": run.name, "windows": len(run.starts), "joints": run.errors,
+                "failures": list(run.failures),
+            }
+            for run in logs
+        ]
+        for name, logs in x.runs.items()
+    }  # fmt: skip
     return {"window": x.window, "models": models}
-
-
-def _data(run: ReplayedLog) -> dict[str, Any]:
-    return {
-        "log": run.name,
-        "windows": len(run.starts),
-        "joints": run.errors,
-        "failures": list(run.failures),
-    }
 
 
 # --- excitations --------------------------------------------------------------------------------
@@ -141,11 +136,9 @@ def excitation_sheet(x: Excitation) -> Sheet:
     ) + ", the search was interrupted" * (not x.finished)
     facts = {"every period begins and ends": f"at rest, at {start}"}
     if x.home:
-        size = next(each for each in x.uses if each.kind == "singularity")
-        facts["singular positions"] = (
-            f"‖K⁺‖ reaches {x.home:.3g} times its value at home, {100 * size.share:.3g} % of its "
-            "limit"
-        )
+        share = next(each.share for each in x.uses if each.kind == "singularity")
+        reaches = f"‖K⁺‖ reaches {x.home:.3g} times its value at home, "
+        facts["singular positions"] = f"{reaches}{100 * share:.3g} % of its limit"
     noise = ", ".join(f"{name} {significant(value)}" for name, value in x.noise.items())
     known = [each for each in x.base if each.determined]
     rows = [["base parameter", "prior", "expected ±", "unit"]]
@@ -159,10 +152,10 @@ def excitation_sheet(x: Excitation) -> Sheet:
         f"{noise} [N m | N] a sample:"
     )
     lines = [] if x.separation is None else [str(x.separation)]
-    if lost := [
-        f"{b.name} (± {significant(b.stderr, 2)} {b.unit})" for b in x.base if not b.determined
-    ]:
-        lines.append(f"not determined, with errors above any plausible value: {', '.join(lost)}")
+    unknown = [each for each in x.base if not each.determined]
+    if unknown:
+        lost = ", ".join(f"{b.name} (± {significant(b.stderr, 2)} {b.unit})" for b in unknown)
+        lines.append(f"not determined, with errors above any plausible value: {lost}")
     if x.without_effect:
         lines.append(f"not determined, without effect on any torque: {', '.join(x.without_effect)}")
     tables = {"use of the limits": _limits(x), base: rows}
@@ -176,11 +169,9 @@ def _limits(x: Excitation) -> list[list[str]]:
         position = uses[name, "position"]
         row = [name, f"{position.low:.4g}", f"{position.high:.4g}", _share(position)]
         for kind in ("speed", "acceleration", "torque"):
-            use = uses.get((name, kind))
-            if use is None:
-                row += ["", ""]
-            else:
-                row += [f"{significant(max(-use.low, use.high))} {use.unit}", _share(use)]
+            row += ["", ""]
+            if use := uses.get((name, kind)):
+                row[-2:] = f"{significant(max(-use.low, use.high))} {use.unit}", _share(use)
         rows.append(row)
     return rows
 
@@ -237,34 +228,51 @@ def study_sheet(x: MonteCarlo, most: int | None = ROWS) -> Sheet:
         tables[FORCES] = rows
     more = len(x.parameters) - (most or len(x.parameters))
     lines = [f"… and {more} parameters more"] if more > 0 else []
-    return Sheet(title, facts=_basis(x), tables=tables, lines=lines, notes=x.notes)
-
-
-def _basis(x: MonteCarlo) -> dict[str, str]:
-    estimators = {each.name: each.words for each in x.plan.estimators}
-    basis = {"noise": ", ".join(x.plan.columns), "truth": "; ".join(x.plan.truth.words)}
-    return basis | estimators
+    basis = {"noise": ", ".join(plan.columns), "truth": "; ".join(plan.truth.words)}
+    facts = basis | {each.name: each.words for each in plan.estimators}
+    return Sheet(title, facts=facts, tables=tables, lines=lines, notes=x.notes)
 
 
 def parameter_rows(x: MonteCarlo, most: int | None = None) -> list[list[str]]:
     """Return a head and a row for each parameter and SNR: bias, std, mean stderr, coverage."""
     of = {(r["estimator"], r["snr"], r["parameter"]): r for r in x.table.iter_rows(named=True)}
+    truth = x.plan.truth
+    sizes = {n: f"{significant(truth.values[n], 4)} {truth.units[n]}" for n in x.parameters[:most]}
+
+    def cells(estimator: str, snr: float, name: str) -> list[str]:
+        r = of.get((estimator, snr, name))
+        if r is None or not r["runs"]:
+            return ["–"] * 4
+        covered = "–" if r["coverage"] is None else f"{100 * r['coverage']:.0f} %"
+        return [*(_relative(r, column) for column in ("bias", "std", "stderr")), covered]
+
     heads = [h for name in x.estimators for h in (f"{name}: bias", "std", "± mean", "covers")]
-    rows = [["parameter", "truth", "SNR", *heads]]
-    for name in x.parameters[:most]:
-        true = f"{significant(x.plan.truth.values[name], 4)} {x.plan.truth.units[name]}"
+    return [["parameter", "truth", "SNR", *heads], *_study_rows(x, sizes, cells)]
+
+
+def multiplier_rows(x: MonteCarlo) -> list[list[str]]:
+    """Return a head and a row for each multiplier and SNR, sums last; empty without multipliers."""
+    rows = list(x.multipliers.iter_rows(named=True))
+    of = {(r["estimator"], r["snr"], r["multiplier"]): r for r in rows}
+    known = {r["multiplier"]: f"{significant(r['size'], 4)} {r['unit']}" for r in rows[::-1]}
+    sizes = {n: known[n] for n in (*x.plan.truth.multipliers, *SUMS) if n in known}
+
+    def cells(estimator: str, snr: float, name: str) -> list[str]:
+        r = of.get((estimator, snr, name))
+        return ["–" if r is None else f"{significant(r['mean'])} {r['unit']}"]
+
+    head = ["multiplier", "rms of it", "SNR", *x.estimators]
+    return [head, *_study_rows(x, sizes, cells)] if sizes else []
+
+
+def _study_rows(
+    x: MonteCarlo, sizes: Mapping[str, str], cells: Callable[[str, float, str], list[str]]
+) -> Iterator[list[str]]:
+    """Yield a row a name and SNR: the name and its size in the first, the cells of estimators."""
+    for name, size in sizes.items():
         for i, snr in enumerate(x.snr):
-            row = ["", ""] if i else [shortened(name, 40), true]
-            cells = [_cells(of.get((estimator, snr, name))) for estimator in x.estimators]
-            rows.append([*row, f"{snr:g} dB", *(cell for each in cells for cell in each)])
-    return rows
-
-
-def _cells(r: Mapping[str, Any] | None) -> list[str]:
-    if r is None or not r["runs"]:
-        return ["–"] * 4
-    covered = "–" if r["coverage"] is None else f"{100 * r['coverage']:.0f} %"
-    return [*(_relative(r, name) for name in ("bias", "std", "stderr")), covered]
+            own = [cell for each in x.estimators for cell in cells(each, snr, name)]
+            yield [*(["", ""] if i else [shortened(name, 40), size]), f"{snr:g} dB", *own]
 
 
 def _relative(r: Mapping[str, Any], name: str) -> str:
@@ -277,22 +285,6 @@ def _relative(r: Mapping[str, Any], name: str) -> str:
     share = 100 * r[name] / abs(r["truth"])
     digits = 0 if abs(share) >= 100 else 1 if abs(share) >= 10 else 2
     return f"{share:{sign}z.{digits}f} %"  # z: no minus sign where it rounds to zero
-
-
-def multiplier_rows(x: MonteCarlo) -> list[list[str]]:
-    """Return a head and a row for each multiplier and SNR, sums last; empty without multipliers."""
-    of: dict[str, dict[tuple[str, float], Mapping[str, Any]]] = {}
-    for r in x.multipliers.iter_rows(named=True):
-        of.setdefault(r["multiplier"], {})[r["estimator"], r["snr"]] = r
-    rows = [["multiplier", "rms of it", "SNR", *x.estimators]]
-    for name in (n for n in (*x.plan.truth.multipliers, *SUMS) if n in of):
-        one = next(iter(of[name].values()))
-        size = f"{significant(one['size'], 4)} {one['unit']}"
-        for i, snr in enumerate(x.snr):
-            found = [of[name].get((estimator, snr)) for estimator in x.estimators]
-            means = ["–" if r is None else f"{significant(r['mean'])} {r['unit']}" for r in found]
-            rows.append([*(["", ""] if i else [name, size]), f"{snr:g} dB", *means])
-    return rows if len(rows) > 1 else []
 
 
 @renders(MonteCarlo, "plot")
@@ -341,44 +333,28 @@ def _quantiles(x: MonteCarlo, rows: pl.DataFrame, column: str) -> tuple[Line, ..
 @renders(MonteCarlo, "files")
 def study_files(x: MonteCarlo) -> dict[str, bytes]:
     """Return the contents of all files by name."""
-    return {
-        "montecarlo.json": json_bytes(_study_data(x)),
-        "runs.csv": x.samples.write_csv().encode(),
-        "multiplier_errors.csv": x.errors.write_csv().encode(),
-        "montecarlo.png": plot_study(x).image("png"),
-        "report.html": _page(x),
-    }
-
-
-def _study_data(x: MonteCarlo) -> dict[str, Any]:
-    """Return the statistics for JSON."""
     plan = x.plan
-    return {
-        "schema": SCHEMA,
-        "mechanism": plan.mechanism.name,
-        "log": plan.log.name,
-        "snr": list(x.snr),
-        "runs": x.runs,
-        "seed": plan.seed,
-        "noise_on": list(plan.columns),
+    data = {
+        "schema": SCHEMA, "mechanism": plan.mechanism.name, "log": plan.log.name,
+        "snr": list(x.snr), "runs": x.runs, "seed": plan.seed, "noise_on": list(plan.columns),
         "estimators": [{"name": each.name, "words": each.words} for each in plan.estimators],
-        "truth": list(plan.truth.words),
-        "parameters": x.table.to_dicts(),
-        "multipliers": x.multipliers.to_dicts(),
-        "failures": x.failures.to_dicts(),
-    }
-
-
-def _page(x: MonteCarlo) -> bytes:
-    plan = x.plan
-    source = plan.mechanism, complete(plan.mechanism, [plan.log])
+        "truth": list(plan.truth.words), "parameters": x.table.to_dicts(),
+        "multipliers": x.multipliers.to_dicts(), "failures": x.failures.to_dicts(),
+    }  # fmt: skip
+    motion, chart = complete(plan.mechanism, [plan.log]), plot_study(x)
     sections = (
-        Section("What noise does", (*study_sheet(x, None).blocks(), plot_study(x))),
-        understood(*source),
-        made_of(*source),
+        Section("What noise does", [*study_sheet(x, None).blocks(), chart]),
+        understood(plan.mechanism, motion),
+        made_of(plan.mechanism, motion),
     )
     title = f"{plan.mechanism.name} on {plan.log.name}: Monte Carlo"
-    return Page(title, _headline(x), sections).html()
+    return {
+        "montecarlo.json": json_bytes(data),
+        "runs.csv": x.samples.write_csv().encode(),
+        "multiplier_errors.csv": x.errors.write_csv().encode(),
+        "montecarlo.png": chart.image("png"),
+        "report.html": report_page(title, _headline(x), sections),
+    }
 
 
 def _headline(x: MonteCarlo) -> str:

@@ -9,32 +9,20 @@ import json
 import shlex
 import threading
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 
-from ident.diagnosis import Diagnosis
-from ident.display import inputs, renders
+from ident.display import inputs, render, renders
 from ident.information.chance import ALPHA
 from ident.mechanism import Mechanism
-from ident.show.charts import FAINT, RESIDUAL, Chart, Line, Mark, Panel, pieces_of
+from ident.show.card import Bar, Card, good_enough, next_command
+from ident.show.charts import FAINT, RESIDUAL, Chart, Level, Line, Mark, Panel, pieces_of
 from ident.show.fit import summary
-from ident.show.html import (
-    ROWS,
-    Bar,
-    Block,
-    Card,
-    Page,
-    Section,
-    good_enough,
-    next_command,
-    paragraph,
-    table,
-)
+from ident.show.html import ROWS, Block, Section, Sheet, paragraph, report_page, table
 from ident.show.motion import made_of
-from ident.show.sheet import Sheet
 from ident.show.template import piece
 from ident.streams.charts import OFTEN
 from ident.streams.gather import Gathered
@@ -106,10 +94,7 @@ def log_sheet(x: LogComparison) -> Sheet:
     return Sheet(head, tables={"logs": log_rows(x)}, lines=[who_disagrees(x)], notes=x.notes)
 
 
-@renders(LogComparison, "section")
-def log_section(x: LogComparison) -> Section:
-    """Return the table, and below it who disagrees."""
-    return Section("Log by log", log_sheet(x).blocks())
+renders(LogComparison, "section")(lambda x: Section("Log by log", log_sheet(x).blocks()))
 
 
 @renders(Gathered, "summary")
@@ -156,27 +141,14 @@ def partly(logs: Sequence[Verdict], left: Sequence[Path]) -> tuple[str, str]:
 
 
 @renders(Verdicts, "text")
-def verdicts_text(x: Verdicts, together: Callable[[Diagnosis], str] = str) -> str:
-    """Return each log's verdict, and the diagnosis of all logs together."""
-    return f"{_each_sheet(x).summary()}\n\nall logs together\n{together(x.together)}"
+def verdicts_text(x: Verdicts, together: str = "text") -> str:
+    """Return each log's verdict, and the diagnosis of all logs together in a form."""
+    return f"{_each_sheet(x).summary()}\n\nall logs together\n{render(x.together, together)}"
 
 
-@renders(Verdicts, "short")
-def verdicts_short(x: Verdicts) -> str:
-    """Return the same with what to read first of all logs together."""
-    return verdicts_text(x, lambda d: d.short)
-
-
-@renders(Verdicts, "section")
-def verdicts_section(x: Verdicts) -> Section:
-    """Return the section of a report."""
-    return Section("Log by log", _each_sheet(x).blocks())
-
-
-@renders(Verdicts, "html")
-def verdicts_html(x: Verdicts) -> str:
-    """Return the tables, and the diagnosis of all logs together."""
-    return _each_sheet(x).html() + x.together._repr_html_()
+renders(Verdicts, "short")(lambda x: verdicts_text(x, "short"))
+renders(Verdicts, "section")(lambda x: Section("Log by log", _each_sheet(x).blocks()))
+renders(Verdicts, "html")(lambda x: _each_sheet(x) + x.together._repr_html_())
 
 
 # --- online --------------------------------------------------------------------------------------
@@ -211,11 +183,10 @@ def snapshot_sheet(x: Snapshot) -> Sheet:
     """Return tables of parameters and errors, and notes."""
     rows = [["parameter", "value", "prior", "unit", ""]]
     for v in x.identified:
-        state = "held" if v.name in x.held else ""
+        state = "held" * (v.name in x.held)
         rows.append([v.name, rounded(v.value, v.stderr), f"{v.prior:.5g}", v.unit, state])
     errors = [["error", "all", "rms", "unit"]]
-    for name, e in x.errors.items():
-        errors.append([name, percent(e.relative), f"{e.rms:.4g}", e.unit])
+    errors += [[n, percent(e.relative), f"{e.rms:.4g}", e.unit] for n, e in x.errors.items()]
     title = (
         f"at t = {stamp(x.t)} s: {x.samples} samples, {x.rows:.6g} equations a coordinate, "
         f"{x.rank} base parameters, condition number {x.condition_number:.3g}; lag "
@@ -418,34 +389,24 @@ class MonitorHistory:
             Line(t, 100 * errors[:, u], joint, u, dotted=len(t) < 3)
             for u, joint in enumerate(found.errors)
         )
-        panel = Panel((*lines, *self._marks(t, 100 * errors)), "t [s]", "error [%]", height=3.0)
+        panel = Panel((*lines, *self._marks(t)), "t [s]", "error [%]", height=3.0)
         drawn = Chart("Error of the torque over time", ((panel,),), True, clock="log")
         over_time = self._charts("Parameters", self._parameters, known, PANELS)
         count = sum(len(each.rows) for each in over_time)
         now = [paragraph(f"{count} of these have a chart.")] * (0 < count < len(identified))
-        now += snapshot_sheet(found).blocks()
+        reactions = self._charts("Reaction forces λ", self._forces, forces, FORCES)
         return (
-            Section("Alarms", (table(rows, "Alarms", tied=False),) if rows[1:] else ()),
+            Section("Alarms", [table(rows, "Alarms", tied=False)] if rows[1:] else []),
             Section("Parameters over time", over_time),
-            Section(
-                "Reaction forces", self._charts("Reaction forces λ", self._forces, forces, FORCES)
-            ),
-            Section("Error of the predicted torque", (drawn,)),
-            Section("Now", tuple(now)),
+            Section("Reaction forces", reactions),
+            Section("Error of the predicted torque", [drawn]),
+            Section("Now", [*now, *snapshot_sheet(found).blocks()]),
         )
 
-    def _marks(self, t: np.ndarray, y: np.ndarray) -> list[Line]:
-        """Return an upright line at each alarm, as high as the values y."""
-        known = y[np.isfinite(y)]
-        ends = np.array([known.min(), known.max()]) if len(known) else np.zeros(2)
+    def _marks(self, t: np.ndarray) -> list[Level]:
+        """Return an upright line at each alarm among times t (n,) [s]."""
         return [
-            Line(
-                np.full(2, x.onset),
-                ends,
-                f"alarm: {(x.suspects or ('changed',))[0]}",
-                RESIDUAL,
-                2.5,
-            )
+            Level(x.onset, True, f"alarm: {(x.suspects or ('changed',))[0]}", RESIDUAL)
             for x in self._alarms
             if len(t) and t[0] <= x.onset <= t[-1]
         ]
@@ -460,33 +421,29 @@ class MonitorHistory:
             return ()
         t, values = curve.series
         drawn = [name for name, (i, _) in known.items() if np.isfinite(values[:, i, 0]).any()]
-        if not drawn:
-            return ()
-        panels: list[Panel] = []
+        panels: list[tuple[Panel, ...]] = []
         for name in drawn[:most]:
             i, unit = known[name]
             value, half = values[:, i, 0], SHARE * values[:, i, 1]
             if len(found := half[np.isfinite(half)]):  # before it is known, it is not drawn
-                first = int((half <= SETTLED * np.median(found)).argmax())
-                value, half = (
-                    np.where(np.arange(len(t)) < first, np.nan, x) for x in (value, half)
-                )
+                late = np.arange(len(t)) >= (half <= SETTLED * np.median(found)).argmax()
+                value, half = np.where(late, value, np.nan), np.where(late, half, np.nan)
             marks: tuple[Mark, ...] = (
                 Line(t, value - half, "95 % interval", FAINT, 1.0),
                 Line(t, value + half, "95 % interval", FAINT, 1.0),
                 Line(t, value, "value", 0, 1.6, dotted=len(t) < 3),
-                *self._marks(t, np.stack([value - half, value + half])),
+                *self._marks(t),
             )
-            panels.append(Panel(marks, "t [s]", f"{name}\n[{unit}]", height=2.4))
+            panels.append((Panel(marks, "t [s]", f"{name}\n[{unit}]", height=2.4),))
         title = f"{words} over time, with intervals of 95 %"
-        return Chart(title, tuple((panel,) for panel in panels), True, clock="log").pieces(ROWS)
+        return Chart(title, tuple(panels), True, clock="log").pieces(ROWS) if panels else ()
 
     def report(self) -> bytes:
         """Return report.html."""
         given = inputs.get()
         logs = [Path(name) for name in (*given.logs, *given.like)] if given else []
         went_in = made_of(self._mechanism, None, [log for log in logs if log.is_file()])
-        return Page(f"{self._mechanism.name}: monitor", self.card, (*self.sections, went_in)).html()
+        return report_page(f"{self._mechanism.name}: monitor", self.card, (*self.sections, went_in))
 
     def live(self) -> str:
         """Return what the live page shows now, as JSON."""

@@ -45,7 +45,6 @@ def _tied(cell: str) -> Markup:
 
 @cache
 def _macros() -> Any:
-    """Return the macros of the template, compiled at the first use."""
     from jinja2 import Environment
 
     def text_of(name: str) -> str:

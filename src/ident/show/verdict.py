@@ -14,7 +14,7 @@ from ident.fit.files import Saved
 from ident.fit.findings import Finding
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
-from ident.show.html import MATERIAL, NOISY, too_large, wrong_unit
+from ident.show.card import MATERIAL, NOISY, too_large, wrong_unit
 from ident.show.laws import numbers
 from ident.text import listed, percent, places, significant, some
 
@@ -106,7 +106,7 @@ def _stays(d: Diagnosis, after: Mapping[str, Error]) -> float:
 
 
 def _clock(d: Diagnosis) -> bool:
-    """Whether another scale of time does as well as the best effect."""
+    """Return whether another scale of time does as well as the best effect."""
     return any(each.code == "time" for each in d.health.findings)
 
 
@@ -149,7 +149,8 @@ def certainty(d: Diagnosis) -> str:
         none = "none explains it" if d.selection.members or d.laws else "none does more than chance"
         if more and not d.selection.members and not d.laws:
             none = f"none is named ({_not_named(d, [each.evidence for each in more[:MOST]])})"
-        return f"{_tried(d)} effects were tried, and {none}.{_turning(d)}"
+        tried = sum(not each.curve for each in d.selection.first.contest.candidates)
+        return f"{tried} effects were tried, and {none}.{_turning(d)}"
     best = d.candidates[0]
     certain = "Sure" if best.evidence.p < RAREST else "Not sure"
     if (stays := _stays(d, d.after)) > PART:
@@ -165,7 +166,6 @@ def certainty(d: Diagnosis) -> str:
 
 
 def _not_named(d: Diagnosis, some: Sequence[Evidence]) -> str:
-    """Return why effects that do more than chance are not named."""
     reasons: dict[str, list[Effect]] = {}
     for e in some:
         why = "with an impossible value"
@@ -183,9 +183,8 @@ def at_reversals(d: Diagnosis) -> list[str]:
     if d.reversing:
         return [*d.loud]
     worse = {j for each in d.fit.all_findings if each.code == "reversals" for j in each.where}
-    errors = errors_of(d.fit)
-    left = [j for j in errors if j in worse and errors[j].rms > NOISY * d.floor[j]]
-    return left if d.verdict == "nothing" else []
+    errors = errors_of(d.fit) if d.verdict == "nothing" else {}
+    return [j for j, e in errors.items() if j in worse and e.rms > NOISY * d.floor[j]]
 
 
 def _turning(d: Diagnosis) -> str:
@@ -193,7 +192,3 @@ def _turning(d: Diagnosis) -> str:
     left = [] if d.reversing else at_reversals(d)
     where = f" What is left in {places(left)} is near reversals, where friction does not jump as "
     return f"{where}in the model." if left else ""
-
-
-def _tried(d: Diagnosis) -> int:
-    return sum(not each.curve for each in d.selection.first.contest.candidates)

@@ -5,7 +5,6 @@ M a + … + Jᵀ λ = τ,  J = ∂Φ/∂q,  so a closure's reaction does the vir
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,8 +25,8 @@ from ident.mechanism import Mechanism
 from ident.mechanism.closures import FrameClosure
 from ident.mechanism.tree import Placement
 from ident.show.bodies import ENDS, UNKNOWN, Shape, poses_of, shapes_of, sites, tied
-from ident.show.charts import Arrays
-from ident.show.html import Block, Page, Section
+from ident.show.charts import Arrays, script_json
+from ident.show.html import Block, Section, report_page
 from ident.show.local import Place, Served
 from ident.show.template import piece
 
@@ -75,14 +74,8 @@ class Film:
 
 
 def film_of(mechanism: Mechanism, experiment: Any, prediction: Any, most: int) -> Film:
-    """Return an experiment as a film of at most some moments.
-
-    Args:
-        mechanism: what moves.
-        experiment: has `name`, `t` (n,) [s] and `q` (n, nq) of the mechanism's model.
-        prediction: of a model on the same clock, whose multipliers become reactions, and whose
-            residuals become colours, relative to the rms of the measured torque; or None.
-        most: moments.
+    """Return an experiment, with `name`, `t` (n,) [s] and `q` (n, nq), as a film of at most some
+    moments. Residuals of its prediction are taken relative to the rms of the measured torque.
     """
     t, p = experiment.t, prediction
     moments = frames(t, most)
@@ -283,7 +276,7 @@ class View:
             "target": target, "aspects": ASPECTS, "shares": shares, "shape": shape,
             "arrays": list(arrays),
         }  # fmt: skip
-        return json.dumps(content).replace("<", "\\u003c")
+        return script_json(content)
 
     def _film(self, film: Film, arrays: Arrays) -> dict[str, Any]:
         """Return times, poses, colours, gaps and arrows of a film, times as charts count them."""
@@ -291,11 +284,12 @@ class View:
         poses = np.concatenate([R.reshape(*R.shape[:2], 9), origin], axis=2)
         tips = self._tips(film)
         places = range(film.at.shape[1])
+        ends = np.nan_to_num(np.stack([film.at, tips], axis=2))
         arrows = [
-            {"colour": ENDS[i % 2],
-             "ends": arrays.place(np.nan_to_num(np.stack([film.at[:, i], tips[:, i]], 1)), "<f4")}
-            for i in places if self.largest_force
-        ]  # fmt: skip
+            {"colour": ENDS[i % 2], "ends": arrays.place(ends[:, i], "<f4")}
+            for i in places
+            if self.largest_force
+        ]
         gaps = [film.at[:, i : i + 2] for i in places[::2]]
         return {
             "name": film.name, "t": arrays.place(film.t - zero_of(film.t), "<f8"),
@@ -314,7 +308,7 @@ class View:
         """A page with the mechanism and its charts: no server, no network."""
         title = f"{self.mechanism.name} in 3-D"
         # one section, in which the mechanism stays in view
-        return Page(title, "", (Section("Machine", (self, *self.charts)),)).html().decode()
+        return report_page(title, "", (Section("Machine", (self, *self.charts)),)).decode()
 
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the page, whole or not at all.
@@ -327,9 +321,8 @@ class View:
         """
         path = Path(path)
         if path.suffix.lower() not in SUFFIXES:
-            raise IdentError(
-                f"{path}: unknown suffix '{path.suffix}'; valid: {', '.join(SUFFIXES)}"
-            )
+            valid = ", ".join(SUFFIXES)
+            raise IdentError(f"{path}: unknown suffix '{path.suffix}'; valid: {valid}")
         return write_all(path.parent, {path.name: self.html.encode()})[0]
 
     def serve(self, port: int = 0) -> Served:
@@ -344,19 +337,18 @@ class View:
         return Place(port).serve(self.html, lambda _: None)
 
     def __repr__(self) -> str:
-        lines = [
+        line = (
             f"view of {self.mechanism.name}: {len(self.mechanism.bodies.links)} bodies, "
             f"{len(self.films)} film(s) of {self.moments} pictures in all; "
             ".serve() opens it, .write('view.html') keeps it"
-        ]
-        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+        )
+        return "\n".join([line, *(f"  note: {note}" for note in self.notes)])
 
     def _repr_html_(self) -> str:
         return str(piece("document", self.html, f"{self.mechanism.name} in 3-D", HEIGHT))
 
 
 def _ramp(shades: int = 9) -> list[list[int]]:
-    """Return colours for shares from 0 to 1."""
     from matplotlib import colormaps
 
     rgb = np.array(colormaps[MAP](np.linspace(0.0, 1.0, shades)))[:, :3]
@@ -378,13 +370,8 @@ def view_of(
     predictions: Sequence[Any] = (),
     most: int = MOST,
 ) -> View:
-    """Return the mechanism moving along experiments; without any, standing as assembled.
-
-    Args:
-        mechanism: the mechanism.
-        experiments: of a motion.
-        predictions: for each, whose reactions are arrows and whose residuals are colours.
-        most: moments of all of them.
+    """Return the mechanism moving along experiments, in so many moments of all; without any,
+    standing as assembled. Reactions of their predictions are arrows, residuals colours.
     """
     notes: list[str] = []
     if not experiments:

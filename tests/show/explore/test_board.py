@@ -208,7 +208,7 @@ def test_the_command_of_the_verdict_has_what_was_added():
 def test_before_a_verdict_the_card_says_what_is_known_so_far(tmp_path, monkeypatch):
     assert "being fitted" in Board("arm", tmp_path).state["card"]
     monkeypatch.setattr(
-        "ident.show.html.inputs", SimpleNamespace(get=lambda: Inputs("arm", ("run.csv",), ()))
+        "ident.show.card.inputs", SimpleNamespace(get=lambda: Inputs("arm", ("run.csv",), ()))
     )
     early, e = top(given()), screened()
     known = top(e)

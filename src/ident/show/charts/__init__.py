@@ -11,7 +11,7 @@ import base64
 import io
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from importlib import resources
@@ -188,12 +188,10 @@ class Chart:
         """Return charts of at most `rows` rows, zoomed together: those out of view cost nothing."""
         if len(self.rows) <= rows:
             return (self,)
-        starts = range(0, len(self.rows), rows)
+        parts = [self.rows[k : k + rows] for k in range(0, len(self.rows), rows)]
         return tuple(
-            replace(
-                self, words=f"{self.words} ({i + 1} of {len(starts)})", rows=self.rows[k : k + rows]
-            )
-            for i, k in enumerate(starts)
+            replace(self, words=f"{self.words} ({i} of {len(parts)})", rows=part)
+            for i, part in enumerate(parts, 1)
         )
 
     def thinned(self, points: int) -> Chart:
@@ -208,7 +206,7 @@ class Chart:
     @cached_property
     def figure(self) -> Figure:
         """Matplotlib's figure, which belongs to no window."""
-        return figure_of(self)
+        return _figure(self)
 
     @property
     def axes(self) -> list[Axes]:
@@ -261,6 +259,11 @@ class Arrays(dict[str, int]):
         return self.setdefault(text, len(self))
 
 
+def script_json(content: Mapping[str, Any]) -> str:
+    """Return JSON that is safe inside a <script> element."""
+    return json.dumps(content).replace("<", "\\u003c")
+
+
 @dataclass(frozen=True, eq=False)
 class Live:
     """A chart that can be zoomed; Jupyter shows it as it is. Made by `Chart.live`."""
@@ -288,11 +291,8 @@ class Live:
             return own | {"height": _pixels(panel), "marks": marks}
 
         rows = [list(map(panel_data, row)) for row in self.chart.rows]
-        content = {
-            "rows": rows, "arrays": list(arrays), "shared_x": self.chart.shared_x,
-            "shared_y": self.chart.shared_y,
-        }  # fmt: skip
-        return json.dumps(content).replace("<", "\\u003c")
+        shared = {"shared_x": self.chart.shared_x, "shared_y": self.chart.shared_y}
+        return script_json({"rows": rows, "arrays": list(arrays), **shared})
 
     def html(self) -> str:
         """Return a page that needs no network."""
@@ -340,8 +340,7 @@ def scripts(charts: bool = True, scenes: bool = False) -> str:
 # --- still, by Matplotlib -------------------------------------------------------------------------
 
 
-def figure_of(chart: Chart) -> Figure:
-    """Return the chart as a figure that belongs to no window."""
+def _figure(chart: Chart) -> Figure:
     from matplotlib.figure import Figure
 
     rows, columns = len(chart.rows), max(map(len, chart.rows))

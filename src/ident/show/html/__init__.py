@@ -1,379 +1,27 @@
-"""HTML for reports and notebooks, made by the macros of `report.jinja`; words are escaped.
+"""HTML of notebooks and reports, made by the macros of `report.jinja`; words are escaped.
 
-At the top of a result is its card: what it is, how sure, the error of every joint, what to do next.
+A `Sheet` is one description for terminals, Jupyter and reports.
 """
 
 from __future__ import annotations
 
 import hashlib
-import math
 import platform
-import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from markupsafe import Markup
 
-from ident.display import acceptable, folder, inputs, running
-from ident.effects import Effect
+from ident.display import running
 from ident.files import version
-from ident.fit.faults import UNITS
-from ident.fit.findings import Finding
-from ident.information.blocks import Error
-from ident.information.chance import LEAVES
-from ident.information.estimate import MATERIAL
-from ident.mechanism.load import has_identified
-from ident.mechanism.mechanism import Mechanism
+from ident.show.card import Card
 from ident.show.charts import Chart, scripts
 from ident.show.template import piece
-from ident.text import percent, places, significant, some, two_digits, width, wrapped
-
-PAIRS, FLAGS = ("--with", "--lock"), ("--absolute", "--allow-code")  # options of the model
-MONITOR = {"--with", "--lock", "--absolute", "--allow-code", "--cutoff", "--smoothing"}  # it takes
-STRIP = 32  # characters of the longest bar in a terminal that has room for it
-BARS = 8  # joints that a terminal shows at most
-NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
-SAME = 0.005  # of an error: a change below is none, since both are printed with three digits
-BODIES = 0.3  # difference of logarithms that the masses of a URDF make
-LONG, ROOM = 8.0, 4.0  # times what stays or noise: a longer bar is cut, at this length
-
-
-@dataclass(frozen=True)
-class Bar:
-    """The error of one joint: before, after, and what noise alone would leave [N m | N]."""
-
-    joint: str
-    before: Error
-    after: Error | None = None
-    noise: float | None = None
-
-    @property
-    def sizes(self) -> tuple[float, float, float | None]:
-        """Before, after and noise as shares of the measured torque; 0 where there is none. After
-        and noise are those of one log, which may be another than that of before.
-        """
-        error = self.before
-        if not error.relative or not error.rms:
-            return 0.0, 0.0, None
-        torque = error.rms / error.relative
-        after = error if self.after is None else self.after
-        if after.relative and after.rms:
-            torque = after.rms / after.relative
-        share = after.rms / torque if after.relative is None else after.relative
-        return error.relative, share, self.noise / torque if self.noise else None
-
-    @property
-    def rises(self) -> bool:
-        """Whether the error is larger after."""
-        if self.after is None:
-            return False
-        if self.before.relative is None or self.after.relative is None:
-            return self.after.rms > (1 + SAME) * self.before.rms
-        return self.after.relative > (1 + SAME) * self.before.relative
-
-    @property
-    def words(self) -> str:
-        """The error in numbers."""
-        both = [self.before, *([self.after] if self.after else [])]
-        if self.before.relative is None:
-            return " → ".join(f"{significant(error.rms)} {error.unit}" for error in both)
-        noise = self.sizes[2]
-        beside = " (larger)" * self.rises
-        beside += "" if noise is None else f", noise {percent(noise)}"
-        return " → ".join(percent(error.relative) for error in both) + beside
-
-
-def good_enough(
-    errors: Mapping[str, Error],
-    floor: Mapping[str, float],
-    away: Mapping[str, float] | None = None,
-    searched: bool = False,
-    logs: Sequence[str] = (),
-    doubts: Sequence[Finding] = (),
-) -> str:
-    """Return a sentence on whether the errors of all joints are noise, or too small to matter.
-
-    Args:
-        errors, floor: by joint, of the model and what noise of the sensors makes [N m | N].
-        away: rms away from reversals of joints with dry friction, as `Residual.away`.
-        searched: whether nothing that is missing was found.
-        logs: names of those on which it is judged, where these are not the ones that were fitted.
-        doubts: what may be wrong with the data.
-    """
-    own, judged, least = acceptable.get(), *_judged(errors, floor)
-    ask = f"Good enough on {some([*logs], 2)}?" if logs else "Good enough?"
-    if not judged:
-        return ""
-    times = {j: _times(e, floor.get(j)) for j, e in judged.items()}
-    loud, most = too_large(judged, floor, least), max(times.values())
-    if loud and own is not None:
-        words = [f"{j} ({Bar(j, errors[j]).words})" for j in loud]
-        return f"{ask} Not in {some(words, 2)}: more than {percent(own)} and than noise."
-    if loud:
-        rest = max((away or {}).get(j, math.inf) / floor[j] for j in loud)
-        turns = ", but only near reversals, where a smoothed speed misses the jump of dry friction"
-        turns = f"{turns}: elsewhere {rest:.1f} times" * (rest <= NOISY)
-        words = [f"{j} ({two_digits(times[j])} times)" for j in loud]
-        words[0] = words[0].replace("times)", "times the noise of the sensors)")
-        worst = max(times, key=lambda j: times[j])
-        how = "As good as this data can show"
-        how += f", at {two_digits(most)} times the noise of the sensors in {worst}"
-        return f"{ask} {how if searched else f'Not in {some(words, 2)}'}{turns}."
-    if hidden := _hidden(judged, floor, least):
-        joint, noise = hidden
-        size = f"{percent(noise)} of the torque of {joint}"
-        return f"{ask} These logs cannot show it: noise is {size}."
-    beside = f", or below {percent(least)} of the torque" * (most > NOISY)
-    how = f"noise of the sensors{beside}" if beside else f"at most {most:.1f} times the noise"
-    fits = f"in every joint the error is {how}"
-    if scale_doubts(doubts):
-        return f"{ask} Doubtful: {fits}, but the size of the torques looks wrong."
-    return f"{ask} Yes: {fits}."
-
-
-OTHER = "is this a log of this machine, with its load and units?"
-
-
-def scale_doubts(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings on the size of torques: a fit follows them, whatever their unit is."""
-    return [each for each in findings if each.code == "magnitude"]
-
-
-def wrong_unit(findings: Iterable[Finding]) -> list[Finding]:
-    """Return those of them on several torques whose factor is about that of another unit."""
-    return [
-        each
-        for each in scale_doubts(findings)
-        if each.number and each.where[1:]
-        for size in [abs(math.log(each.number))]
-        if any(abs(size - math.log(unit)) < BODIES for unit in UNITS)
-    ]
-
-
-def enough(
-    errors: Mapping[str, Error], floor: Mapping[str, float], doubts: Iterable[Finding] = ()
-) -> bool:
-    """Return whether `good_enough` says yes: every joint's error is noise or too small to matter,
-    no joint has so much noise that a cause could hide in it, and the torques' size is plausible.
-    """
-    judged, least = _judged(errors, floor)
-    loud = too_large(judged, floor, least)
-    fits = bool(judged) and not loud and _hidden(judged, floor, least) is None
-    return fits and not scale_doubts(doubts)
-
-
-def _judged(
-    errors: Mapping[str, Error], floor: Mapping[str, float]
-) -> tuple[dict[str, Error], float]:
-    """Return the joints that can be judged, and the share of the torque that is acceptable."""
-    own = acceptable.get()
-    judged = {j: e for j, e in errors.items() if own is not None or floor.get(j)}
-    return judged, MATERIAL if own is None else own
-
-
-def _hidden(
-    errors: Mapping[str, Error], floor: Mapping[str, float], least: float
-) -> tuple[str, float] | None:
-    """Return the joint in whose noise a cause could hide most, and its share of the torque."""
-    relative = {j: e.relative or 0.0 for j, e in errors.items()}
-    noise = {j: x * floor.get(j, 0.0) / max(errors[j].rms, 1e-300) for j, x in relative.items()}
-    most = max(errors, key=lambda j: max(relative[j], noise[j]))
-    share = max(relative[most], noise[most])
-    return (most, noise[most]) if share > max(LEAVES, least) else None
-
-
-def too_large(errors: Mapping[str, Error], floor: Mapping[str, float], least: float) -> list[str]:
-    """Return the joints whose error is above a share `least` of their torque and above the noise of
-    the sensors, the loudest first. Noise that is not known is no excuse.
-    """
-    times = {joint: _times(e, floor.get(joint)) for joint, e in errors.items()}
-    loud = [
-        j
-        for j, e in errors.items()
-        if times[j] > NOISY and (1.0 if e.relative is None else e.relative) > least
-    ]
-    return sorted(loud, key=lambda joint: -times[joint])
-
-
-def _times(error: Error, noise: float | None) -> float:
-    """Return an error as a multiple of the noise of the sensors."""
-    return error.rms / noise if noise else math.inf
-
-
-@dataclass(frozen=True)
-class Card:
-    """The first lines of a result: what it is, how sure, the error by joint, what to do next.
-
-    Attributes:
-        line, sure: sentences; bars: of the joints, in the mechanism's order.
-        command: to be copied; then: a sentence on what to do after it, or in its place.
-        change: what the errors before and after are of, as `of a → of b`.
-        most: bars in a terminal; first: joint whose bar is always one of them.
-    """
-
-    line: str
-    sure: str = ""
-    bars: tuple[Bar, ...] = ()
-    command: str = ""
-    then: str = ""
-    change: str = ""
-    most: int = BARS
-    first: str = ""
-
-    @property
-    def shown(self) -> list[Bar]:
-        """The bars that a terminal shows, in order: the first joint's and the loudest."""
-
-        def rank(bar: Bar) -> tuple[bool, float]:
-            worst = max(_times(error, bar.noise) for error in (bar.before, bar.after or bar.before))
-            return bar.joint != self.first, -worst
-
-        chosen = sorted(self.bars, key=rank)[: self.most]
-        return [bar for bar in self.bars if bar in chosen]
-
-    @property
-    def room(self) -> float:
-        """The error as long as the bars' column: the longest, or less where what stays of all, and
-        noise, could not be seen beside it.
-        """
-        sizes = [bar.sizes for bar in self.bars]
-        longest = max((max(before, after, noise or 0.0) for before, after, noise in sizes))
-        stays = max(max(min(before, after), noise or 0.0) for before, after, noise in sizes)
-        return ROOM * stays if longest > LONG * stays > 0 else longest or 1.0
-
-    def cut(self, bar: Bar) -> bool:
-        """Whether a bar is longer than the room for it."""
-        return max(bar.sizes[:2]) > self.room
-
-    def shares(self, bar: Bar) -> tuple[float, float, float | None]:
-        """Return before, after and noise of a bar over the room for it, at most 1."""
-        before, after, noise = (
-            None if size is None else min(size / self.room, 1.0) for size in bar.sizes
-        )
-        return before or 0.0, after or 0.0, noise
-
-    def key(self, bars: Sequence[Bar], *words: str) -> str:
-        """Return the words for what the bars that are shown have, of those for: no change, a
-        change, a rise, the mark of noise, a cut.
-        """
-        has = (
-            not any(bar.after for bar in bars),
-            any(bar.after for bar in bars),
-            any(bar.rises for bar in bars),
-            any(bar.sizes[2] is not None for bar in bars),
-            any(map(self.cut, bars)),
-        )
-        return ": " + ", ".join(text for text, there in zip(words, has, strict=True) if there)
-
-    def text(self) -> list[str]:
-        """Return the lines for a terminal."""
-        lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
-        if bars := self.shown:
-            marks = "█_as it is", "█_stays, ░_goes", "▒_comes", "|_noise", "//_cut"
-            key = self.key(bars, *(mark.replace("_", "\u00a0") for mark in marks))
-            legend = wrapped(f"error {self.change}".rstrip() + key, "  ")
-            lines += ["", *(line.replace("\u00a0", " ") for line in legend)]
-            wide = max(len(bar.joint) for bar in bars)
-            left = width() - wide - max(len(bar.words) for bar in bars) - 7
-            strip = max(STRIP // 8, min(STRIP, left))
-            lines += [f"  {x.joint:<{wide}}  {self._strip(x, strip)}  {x.words}" for x in bars]
-        if (more := len(self.bars) - self.most) > 0:
-            risen = [bar.joint for bar in self.bars if bar.rises and bar not in bars]
-            larger = f", larger in {places(risen)}" * bool(risen)
-            lines.append(f"  and {more} joint{'s' * (more > 1)} more{larger}")
-        lines += ["", f"  {self.command}"] if self.command else []
-        return [*lines, *([""] if self.then else []), *wrapped(self.then, "  ")]
-
-    def _strip(self, bar: Bar, size: int) -> str:
-        before, after, noise = self.shares(bar)
-        cells = "█" * round(size * min(before, after))
-        change = round(size * max(before, after)), "▒" if bar.rises else "░"
-        cells = cells.ljust(*change).ljust(size + 1)
-        if self.cut(bar):
-            cells = f"{cells[:-5]}//{cells[-3:]}"
-        at = size + 1 if noise is None else round(size * noise)
-        return f"{cells[:at]}|{cells[at + 1 :]}" if at <= size else cells
-
-
-def place_of(mechanism: Mechanism) -> str:
-    """Return the mechanism as commands take it."""
-    place = mechanism.toml.parent if mechanism.toml else mechanism.urdf
-    return shlex.quote(str(place)) if mechanism.toml or place != Path() else "MECHANISM"
-
-
-def add_command(mechanism: Mechanism, effects: Iterable[Effect], files: Iterable[str] = ()) -> str:
-    """Return the command that adds effects, and laws in files, to a mechanism, ready to be copied.
-
-    What the command that runs was given `--with` is no part of the mechanism yet: it comes first.
-    """
-    options, files = getattr(inputs.get(), "options", ()), [*files]
-    words = [word for name, word in pairwise(options) if name == "--with"]
-    words += [*(effect.label for effect in effects), *files]
-    code = ["--allow-code"] if files or "--allow-code" in options else []
-    return f"ident add {place_of(mechanism)} {shlex.join([*dict.fromkeys(words), *code])}"
-
-
-def unused(name: str) -> str:
-    """Return the name of a file or folder, with a number where there is one of that name, or the
-    running command writes it: what a command offers must not overwrite anything.
-    """
-    path, taken, n = Path(name), folder.get(), 1
-    while (taken and path == Path(taken)) or path.exists():
-        path = Path(name).with_name(f"{Path(name).stem}_{(n := n + 1)}{Path(name).suffix}")
-    return str(path)
-
-
-def next_command(
-    verb: str, added: Iterable[Effect] = (), separate: Sequence[str] = (), known: bool = False
-) -> str:
-    """Return the command that goes on with a verb from the one that runs, ready to be copied.
-
-    Nothing outside of a command, or where the verb does not take the options of the model, with
-    which stand the effects that were `added`. `separate`: two labels that excite is to tell apart.
-    `known`: with the bodies of an earlier fit, if one is compared.
-    """
-    if (given := inputs.get()) is None:
-        return ""
-    more = (word for effect in added for word in ("--with", effect.label))
-    options, out = (*given.options, *more), folder.get()
-
-    def own(*names: str) -> list[str]:
-        pairs = (pair for pair in pairwise((*options, "")) if pair[0] in names)
-        return [w for name, w in pairs for w in ([name, w] if name in PAIRS else [name])]
-
-    if verb == "monitor" and {o for o in options if o[:2] == "--"} - MONITOR:
-        return ""
-    if verb == "compare" and not out:
-        verb = "identify"  # which writes the fit
-    words = {
-        # on a log that was not fitted
-        "compare": ["OTHER.csv", "--fit", f"{out}/fit.json", *own("--lock", *FLAGS)],
-        "diagnose": [*given.logs, *options],
-        "explore": [*given.logs, *options],
-        "excite": [
-            *own(*PAIRS, "--allow-code"), *(["--separate", *separate] if separate else []),
-            "--out", unused("next.csv"),
-        ],
-        "grow": [*given.logs, *options, "--out", unused("grown")],  # from what is unknown in it
-        "identify": [*given.logs, *options, "--out", unused(out) if out else "DIR"],
-        "monitor": [
-            "NEXT.csv", *(w for log in given.like or given.logs for w in ("--like", log)), *options,
-        ],
-    }  # fmt: skip
-    mechanism = given.mechanism
-    if verb == "grow" and has_identified(Path(mechanism).parent):
-        mechanism = str(Path(mechanism).parent)
-    elif verb == "diagnose" and has_identified(Path(mechanism)):
-        # with known bodies a load can be the cause
-        mechanism = f"{mechanism}/identified"
-    elif verb == "diagnose" and known and given.fit:  # effects are in it, with their values
-        mechanism, words[verb] = f"{given.fit}/identified", [*given.logs, *own("--lock", *FLAGS)]
-    return shlex.join(["ident", verb, mechanism, *words[verb]])
-
+from ident.text import merged, wrapped
+from ident.text import table as text_table
 
 PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
 ROWS = 4  # of panels in one chart: what a window shows
@@ -395,32 +43,72 @@ def in_frame(blocks: Sequence[Markup]) -> str:
     return str(piece("frame", blocks))
 
 
-@dataclass(frozen=True, eq=False)
-class Option:
-    """One option of a choice: the name on its button, and the blocks it shows."""
+Rows = Sequence[Sequence[str]]
 
-    name: str
-    blocks: tuple[Block, ...]
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """What is displayed of a noun, from above.
+
+    Attributes:
+        top: a title, or a card with the error by joint.
+        line: a sentence below it.
+        facts: words with meanings.
+        tables: rows by caption, the head first; details: those that only HTML shows.
+        lines: sentences; paragraphs: longer ones, parted by empty lines.
+        notes: remarks, which a summary leaves out.
+        indent: of paragraphs in a terminal.
+    """
+
+    top: Card | str
+    line: str = ""
+    facts: Mapping[str, str] = field(default_factory=dict)
+    tables: Mapping[str, Rows] = field(default_factory=dict)
+    details: Mapping[str, Rows] = field(default_factory=dict)
+    lines: Sequence[str] = ()
+    paragraphs: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    indent: str = ""
+
+    def summary(self) -> str:
+        """Return all but the remarks for a terminal."""
+        width = max(map(len, self.facts), default=0)
+        lines = wrapped(self.top, "  ") if isinstance(self.top, str) else self.top.text()
+        lines += [""] * bool(self.line and not isinstance(self.top, str)) + wrapped(self.line, "  ")
+        lines += [f"  {key:<{width}}  {value}" for key, value in self.facts.items() if value]
+        for caption, rows in self.tables.items():
+            lines += ["", caption, *text_table(rows)]
+        lines += [""] * bool(self.tables and self.lines)
+        lines += [part for line in self.lines for part in wrapped(line, "  ")]
+        for words in self.paragraphs:
+            lines += ["", *wrapped(words, self.indent)]
+        return "\n".join(lines)
+
+    def text(self) -> str:
+        """Return the description for a terminal."""
+        return "\n".join([self.summary(), *(f"note: {note}" for note in merged(self.notes))])
+
+    def blocks(self) -> tuple[Markup, ...]:
+        """Return all but the title as HTML."""
+        return (piece("sheet_blocks", self),)
+
+    def html(self) -> str:
+        """Return the description for Jupyter."""
+        if isinstance(self.top, str):
+            return in_frame([strong(self.line or self.top), *self.blocks()])
+        rest = folded("Tables and remarks", *self.blocks())
+        return in_frame([piece("card", self.top) + paragraph(self.line), rest])
+
+
+Block = Any  # Markup, a chart, a choice, or a mechanism in 3-D, which has films
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Buttons, each of which shows its blocks in the place of the others'."""
+    """Buttons by name, each of which shows its blocks in the place of the others'."""
 
     words: str
-    options: tuple[Option, ...]
-
-
-class SceneBlock(Protocol):
-    """A mechanism in 3-D, which the template tells by its films."""
-
-    @property
-    def films(self) -> Sequence[Any]:
-        """Its motions."""
-        ...
-
-
-Block = Markup | Chart | Choice | SceneBlock
+    options: Mapping[str, Sequence[Block]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -428,39 +116,28 @@ class Section:
     """A title and the blocks below it; a section without blocks is left out."""
 
     title: str
-    blocks: tuple[Block, ...]
+    blocks: Sequence[Block]
 
 
-@dataclass(frozen=True, eq=False)
-class Page:
-    """A report: a title, what is most important in one line or more, and sections."""
-
-    title: str
-    top: Card | str
-    sections: tuple[Section, ...]
-
-    def html(self) -> bytes:
-        """Return one file that opens without a network."""
-        return piece("page", self, [], scripts).encode()
+def report_page(title: str, top: Card | str, sections: Sequence[Section]) -> bytes:
+    """Return a report as one file that opens without a network: a title, what is most important in
+    one line or more, and sections.
+    """
+    return piece("page", title, top, sections, [], scripts).encode()
 
 
 def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, ...]:
     """Return a chart, or of several logs a choice between theirs."""
     if len(names) == 1:
         return draw(0).pieces(ROWS)
-    options = tuple(Option(name, draw(i).pieces(ROWS)) for i, name in enumerate(names[:LOGS]))
-    choice = Choice("Which log", options)
-    if len(names) <= LOGS:
-        return (choice,)
-    return paragraph(f"The first {LOGS} of {len(names)} logs are drawn."), choice
+    options = {name: draw(i).pieces(ROWS) for i, name in enumerate(names[:LOGS])}
+    few = paragraph(f"The first {LOGS} of {len(names)} logs are drawn.")
+    return *([few] if len(names) > LOGS else []), Choice("Which log", options)
 
 
 def origin(files: Sequence[Path], logs: Sequence[tuple[str, str]]) -> Section:
-    """Return the section on how to reproduce a result: command, versions, checksums of files.
-
-    Args:
-        files: of the mechanism.
-        logs: names and SHA-256 of the logs' bytes, "" where one was made in memory.
+    """Return the section on how to reproduce a result: command, versions, checksums of files, and
+    of the logs' bytes by name, "" where one was made in memory.
     """
     rows = [["file", "SHA-256"]]
     rows += [[file.name, _sha256(file)] for file in files]
