@@ -176,17 +176,17 @@ def steps(c: LoggedChannel) -> Judgement:
     """Steps of a quantised channel that matter."""
     if not c.step:
         return None
+    # noise Δ/√12 is white; below f in a torque, or in the derivatives of q or v
+    dt, band = float(np.median(np.diff(c.t))), c.motion.band
+    f = min(band.cutoff or ROWS_OVER_MOTION * band.motion, 0.5 / dt)
     if c.kind == "tau":
-        share = c.step / np.sqrt(12) / float(np.sqrt(np.mean(c.x**2)))
+        share = c.step * np.sqrt(2 * f * dt / 12) / float(np.sqrt(np.mean(c.x**2)))
         text = (
             f"steps of {significant(c.step)} {c.joint.force_unit}: an error of {100 * share:.2g} % "
-            "of the rms torque, below which no model can come"
+            f"of the rms torque up to {f:.3g} Hz, below which no model can come"
         )
         remedy = "log it with more digits or in a finer range"
         return (share, SMALL, text, remedy) if share > SMALL else None
-    # noise Δ/√12 of q or v is white; its power below f in the second or first derivative
-    dt, band = float(np.median(np.diff(c.t))), c.motion.band
-    f = min(band.cutoff or ROWS_OVER_MOTION * band.motion, 0.5 / dt)
     order, digits = (2, 5) if c.kind == "q" else (1, 3)
     noise = c.step / np.sqrt(12) * (2 * np.pi * f) ** order * np.sqrt(2 * f * dt / digits)
     a = c.state.ydd[c.state.usable, c.mechanism.joint_index[c.joint.name]]

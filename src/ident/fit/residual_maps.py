@@ -204,9 +204,9 @@ def depends_on(
         maps: in order of preference where they explain alike.
         runs: of rows without a gap.
     """
-    steps, threshold = list[Dependence](), 1.0
+    added, threshold = dict[str, float](), 1.0  # R² by signal, which may have maps of two widths
     if len(r) < FEWEST or not r.any() or fold[0] == fold[-1]:
-        return steps, threshold
+        return [], threshold
     X = np.hstack([np.ones((len(r), 1)), *(each.columns for each in maps)])
     ends = np.cumsum([1, *(each.columns.shape[1] for each in maps)])
     groups = [np.arange(a, b) for a, b in pairwise(ends)]
@@ -223,14 +223,16 @@ def depends_on(
         left = float(now.loss.sum())
         threshold = max(LEAST, float(chance.max()) * left / total)
         g = asked.explained(gains.by) * left / total
-        if g.max() <= threshold or len(steps) == SIGNALS:
+        if g.max() <= threshold or len(added) == SIGNALS:
             break
         near = np.flatnonzero(g >= g.max() - LEAST)
         pick = min(near, key=lambda k: (len(groups[rest[k]]), rest[k]))
         chosen = rest.pop(pick)
         now = now.extended(groups[chosen])
-        steps.append(Dependence(maps[chosen].name, float(g[pick])))
-    return sorted(steps, key=lambda each: -each.r2), threshold
+        name = maps[chosen].name
+        added[name] = added.get(name, 0.0) + float(g[pick])
+    found = [Dependence(name, r2) for name, r2 in added.items()]
+    return sorted(found, key=lambda each: -each.r2), threshold
 
 
 # tuned: correlation of what is alike: periods of a motion, torques (URDFs 15 % off: 0.998, a load:

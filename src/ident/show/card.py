@@ -24,6 +24,7 @@ PAIRS, FLAGS = ("--with", "--lock"), ("--absolute", "--allow-code")  # options o
 STRIP = 32  # characters of the longest bar in a terminal that has room for it
 BARS = 8  # joints that a terminal shows at most
 NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
+CLEAR = 1000.0  # times the noise of the sensors, beyond which the number says no more
 SAME = 0.005  # of an error: a change below is none, since both are printed with three digits
 BODIES = 0.3  # difference of logarithms that the masses of a URDF make
 LONG, ROOM = 8.0, 4.0  # times what stays or noise: a longer bar is cut, at this length
@@ -116,11 +117,11 @@ def good_enough(
         rest = max((away or {}).get(j, math.inf) / floor[j] for j in loud)
         turns = ", but only near reversals, where a smoothed speed misses the jump of dry friction"
         turns = f"{turns}: elsewhere {rest:.1f} times" * (rest <= NOISY)
-        words = [f"{j} ({two_digits(times[j])} times)" for j in loud]
+        words = [f"{j} ({_multiple(times[j])} times)" for j in loud]
         words[0] = words[0].replace("times)", "times the noise of the sensors)")
         worst = max(times, key=lambda j: times[j])
         how = "As good as this data can show"
-        how += f", at {two_digits(most)} times the noise of the sensors in {worst}"
+        how += f", at {_multiple(most)} times the noise of the sensors in {worst}"
         return f"{ask} {how if searched else f'Not in {some(words, 2)}'}{turns}."
     if hidden := _hidden(judged, floor, least):
         joint, noise = hidden
@@ -182,6 +183,13 @@ def too_large(errors: Mapping[str, Error], floor: Mapping[str, float], least: fl
         if times[j] > NOISY and (1.0 if e.relative is None else e.relative) > least
     ]
     return sorted(loud, key=lambda joint: -times[joint])
+
+
+def _multiple(times: float) -> str:
+    """Return a multiple of noise in words: of a log that was filtered, noise is not known to be so
+    small.
+    """
+    return two_digits(times) if times < CLEAR else f"more than {CLEAR:.0f}"
 
 
 def _times(error: Error, noise: float | None) -> float:

@@ -162,7 +162,7 @@ def where_rows(d: Diagnosis) -> Rows:
     rows = [["joint", "held out", "", "noise", "of misfit", *repeats, "depends on"]]
     for f in d.where:
         error = errors_of(d.fit)[f.joint]
-        signals = ", ".join(dict.fromkeys(each.signal for each in f.depends_on[:2]))
+        signals = ", ".join(each.signal for each in f.depends_on[:2])
         quiet = error.rms <= NOISY * d.floor[f.joint]
         rows.append(
             [
@@ -321,6 +321,13 @@ def beside(d: Diagnosis) -> list[str]:
     found = [f"Over the travelled range {listed(laws, 'or')} would do as well."] if laws else []
     more = [named(group) for group in by_kind(m.effect for m in d.also if not m.curve)]
     more += [f"{named([m.effect])} (or a {curve_name(m.curve)})" for m in d.also if m.curve]
+    for law in d.laws[:1]:
+        errors = (percent(e[law.felt].relative) for e in (law.before, law.after))
+        found.append(
+            f"In {law.felt} no effect has the right form, but a formula lowers the error, "
+            f"{' → '.join(errors)}: torque of {law.joint} = {law.formula}, "
+            f"{numbers(law.parameters)}."
+        )
     if more:
         found.append(
             f"That is not all: beside it, the data ask for {some(more)}. Add it and diagnose "

@@ -67,7 +67,9 @@ def verdict_line(d: Diagnosis) -> str:
             "nothing has changed, but the earlier model was incomplete: it left more than noise in "
             f"{some(left, MOST)} of its own log, too"
         )
-    formulas = listed([f"torque of {law.joint} = {law.formula}" for law in d.laws])
+    formulas = listed(
+        [f"torque of {law.joint} = {law.formula}, {numbers(law.parameters)}" for law in d.laws]
+    )
     last = d.laws[-1].after if d.laws else {}  # its fit has all laws
     if open_ := [name for name in d.loud if d.laws and last[name].rms > NOISY * d.floor[name]]:
         formulas += f"; even with it more than noise is left in {listed(open_)}"
