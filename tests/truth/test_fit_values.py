@@ -4,10 +4,11 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 
 import ident
-from helpers import J, tree_urdf, write_mechanism
+from helpers import ROBOTS, J, tree_urdf, write_mechanism
 from ident import Log, Noise
 from ident.fit.identify import estimate_of
 from ident.information.chance import covariance
@@ -170,6 +171,20 @@ def test_moments_about_the_joint_where_the_centre_is_not_identified():
 
 
 # --- errors ------------------------------------------------------------------------------------
+
+
+def test_tables_have_the_values_of_the_fit():
+    mechanism = ident.load(ROBOTS / "arm").with_effect("viscous").with_effect("coulomb")
+    motion = ident.complete(mechanism, ROBOTS / "arm" / "run.csv")
+    fit = ident.identify(mechanism, motion, validate=motion)
+    errors = fit.error_table
+    assert errors["error"].unique(maintain_order=True).to_list() == list(fit.errors)
+    elbow = (pl.col("joint") == "elbow") & (pl.col("error") == "held out")
+    row = errors.row(by_predicate=elbow, named=True)
+    assert row["rms"] == fit.held_out["elbow"].rms and row["noise"] == fit.noise["elbow"]
+    values = {row["name"]: row for row in fit.parameter_table.to_dicts()}
+    assert len(values) == len(fit.columns)
+    assert values["coulomb.elbow.Fc"]["stderr"] == fit["coulomb.elbow.Fc"].stderr
 
 
 def test_errors_scale_with_the_torque():

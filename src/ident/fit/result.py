@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from ident.display import render
 from ident.effects import Effect
@@ -109,6 +110,31 @@ class Fit(Charted):
         return {
             joint: max(e[joint].relative or 0.0 for e in both if joint in e) for joint in self.train
         }
+
+    @property
+    def error_table(self) -> pl.DataFrame:
+        """The errors as a data frame, one row a joint and kind of error.
+
+        Columns: `error` (as `errors`), `joint`, `rms` and `noise` (what the sensors' noise alone
+        would leave) in `unit`, `relative`, `relative_with_standstill`.
+        """
+        rows = [
+            (kind, joint, e.rms, self.noise_on(kind)[joint], e.unit, e.relative,
+             e.with_standstill.relative)
+            for kind, errors in self.errors.items()
+            for joint, e in errors.items()
+        ]  # fmt: skip
+        texts = dict.fromkeys(("error", "joint", "unit"), pl.String)
+        names = ("error", "joint", "rms", "noise", "unit", "relative", "relative_with_standstill")
+        schema = {name: texts.get(name, pl.Float64) for name in names}
+        return pl.DataFrame(rows, schema, orient="row")
+
+    @property
+    def parameter_table(self) -> pl.DataFrame:
+        """The unknown parameters, bodies' then effects', as a data frame of `Value`'s fields."""
+        effects = (value for each in self.effects for value in each.parameters)
+        rows = [asdict(value) for value in (*self.parameters, *effects)]
+        return pl.DataFrame(rows, infer_schema_length=None)
 
     @cached_property
     def noise(self) -> dict[str, float]:
