@@ -181,7 +181,8 @@ def test_tables_have_the_values_of_the_fit():
     assert errors["error"].unique(maintain_order=True).to_list() == list(fit.errors)
     elbow = (pl.col("joint") == "elbow") & (pl.col("error") == "held out")
     row = errors.row(by_predicate=elbow, named=True)
-    assert row["rms"] == fit.held_out["elbow"].rms and row["noise"] == fit.noise["elbow"]
+    assert row["rms"] == fit.held_out["elbow"].rms
+    assert row["noise"] == fit.noise["elbow"]
     values = {row["name"]: row for row in fit.parameter_table.to_dicts()}
     assert len(values) == len(fit.columns)
     assert values["coulomb.elbow.Fc"]["stderr"] == fit["coulomb.elbow.Fc"].stderr
