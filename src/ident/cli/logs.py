@@ -118,9 +118,8 @@ def identify(
     )
     bounds = named(bound, "--bound", remedy, interval)
     limits = Consistency(bounds, total_mass) if bound or total_mass is not None else consistent
-    since = model.earlier(model.mechanism, mechanism)
-    if since is not None and model.cutoff == "auto" != since.cutoff:  # both are filtered alike
-        model = model.filtered_at(since.cutoff)
+    model, since = model.as_fitted(mechanism)
+    since = None if model.mechanism.name == "identified" else since
     used = [model.mechanism, *logs, *(validate or ()), reactions]
     output_folder(out, [*FIT_FILES, "logs.csv"], used)
     long = sum(map(likely_rows, logs)) > MOST_IN_MEMORY
@@ -358,20 +357,19 @@ def diagnose(
             from ident.fit import identify
             from ident.mechanism.load import has_identified
 
+            model, since = model.as_fitted(mechanism)
             motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.05))
             second, third = part(on_progress, 0.05, 0.1), part(on_progress, 0.1, 1.0)
             fit = identify(mechanism, motion, estimator="least-squares", progress=second)
-            if model.mechanism.name == "identified":  # what it left in its own log
-                since = model.earlier(model.mechanism.parent, mechanism)
-                fit = fit if since is None else fit.since(since)
+            if model.mechanism.name == "identified" and since is not None:
+                fit = fit.since(since)  # what it left in its own log
             try:
                 found, remarks = diagnose_(fit, progress=third, **decision), fit.warnings
                 if not model.lock and has_identified(model.mechanism):
                     from ident.show.comparison import fitted_anew
 
                     with suppress(FitError):  # only a note depends on it
-                        then = model.earlier(model.mechanism, mechanism)
-                        remarks = (*([fitted_anew(fit.since(then))] if then else []), *remarks)
+                        remarks = (*([fitted_anew(fit.since(since))] if since else []), *remarks)
                 on_progress("planning the next experiment", 1.0)
             except KeyboardInterrupt:  # the fit is done
                 if out is not None:

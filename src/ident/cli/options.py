@@ -208,6 +208,16 @@ class MotionOptions(MechanismOptions):
         """Return the options with another cut-off [Hz], None for no filter."""
         return replace(self, cutoff="none" if cutoff is None else str(cutoff))
 
+    def as_fitted(self, mechanism: Mechanism) -> tuple[Self, Saved | None]:
+        """Return the options with the cut-off of the fit in whose folder the mechanism is, unless
+        one is given, and that fit, if there is one: errors of both are then of one band.
+        """
+        identified = self.mechanism.name == "identified"
+        fit = self.earlier(self.mechanism.parent if identified else self.mechanism, mechanism)
+        if fit is None or self.cutoff != "auto" or fit.cutoff == "auto":
+            return self, fit
+        return self.filtered_at(fit.cutoff), fit
+
     def motion(
         self,
         mechanism: Mechanism,

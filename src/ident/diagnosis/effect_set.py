@@ -83,12 +83,13 @@ class Member:
 
 def leading(members: Sequence[Member]) -> list[Member]:
     """Return what is added at once: the first, with those of its kind at other joints; the first
-    alone where it has rivals or stands for another effect. A path is added as a whole.
+    alone where it has rivals, stands for another effect or is a load, of which a machine takes up
+    one at a time. A path is added as a whole.
     """
     first, *rest = members
     if first.path is not None:
         return [first, *(m for m in rest if m.path is not None)]
-    alone = first.rivals or first.stands_in
+    alone = first.rivals or first.stands_in or first.effect.loaded_link
     return [first, *(m for m in rest if not alone and m.effect.kind == first.effect.kind)]
 
 

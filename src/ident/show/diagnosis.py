@@ -34,6 +34,7 @@ from ident.text import lines_of, listed, percent, places, significant, some, two
 
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
+FEW = 4  # bars of joints that are worth more than further sentences
 MOST = 3  # joints and candidates that are described
 CANDIDATES = "what adding an effect would do: held-out error of the joint that it mends most"
 Rows = list[list[str]]
@@ -116,7 +117,8 @@ def short(d: Diagnosis, top: Card | None = None) -> str:
     """Return what a person needs first, in twenty lines: verdict, errors, what to do.
 
     Where there are more, `--verbose` has what is left out: first the formulas, then the reason for
-    the next experiment, then bars of joints, and at last sentences. The experiment stays.
+    the next experiment, then bars of joints down to FEW, then sentences, and at last further bars.
+    The experiment stays.
     """
     shown: Card = top or card(d)
     words, formula = laws(d), f"the formula{', which --out DIR writes' * (not folder.get())}, "
@@ -131,12 +133,14 @@ def short(d: Diagnosis, top: Card | None = None) -> str:
     reason = formula + ("more about the next experiment, " if step != shown.then else more)
 
     forms = [(shown, words, more), (shown, [], formula + more)]
-    for most in range(min(shown.most, len(shown.bars)), 0, -1):
-        forms.append((replace(shown, then=step, most=most), [], reason))
-    sentences = SENTENCE_END.split(shown.sure)
-    for n in range(len(sentences) - 1, 0, -1):
-        least = replace(shown, then=step, most=1, sure=" ".join(sentences[:n]))
-        forms.append((least, [], f"the whole verdict, {reason}"))
+    sentences, bars = SENTENCE_END.split(shown.sure), min(shown.most, len(shown.bars))
+    few, count = min(FEW, bars), len(sentences)
+    sizes = [(most, count) for most in range(bars, few, -1)]
+    sizes += [(few, n) for n in range(count, 1, -1)]
+    sizes += [(most, n) for n in (2, 1) for most in range(few, 0, -1)]
+    for most, n in sizes:
+        least = replace(shown, then=step, most=most, sure=" ".join(sentences[:n]))
+        forms.append((least, [], "the whole verdict, " * (n < count) + reason))
     found = ""
     for form, own, left_out in forms:
         rest = f"--verbose: {left_out}all candidates{hidden}; {d.decision}"
@@ -325,8 +329,7 @@ def beside(d: Diagnosis) -> list[str]:
         errors = (percent(e[law.felt].relative) for e in (law.before, law.after))
         found.append(
             f"In {law.felt} no effect has the right form, but a formula lowers the error, "
-            f"{' → '.join(errors)}: torque of {law.joint} = {law.formula}, "
-            f"{numbers(law.parameters)}."
+            f"{' → '.join(errors)}: torque of {law.joint} = {law.formula}."
         )
     if more:
         found.append(
