@@ -35,7 +35,9 @@ from matplotlib.patches import Patch
 import ident
 
 ROOT = Path(__file__).resolve().parents[1]
-NAMES = ("tx40", "kr300", "panda", "lwr4", "ur10e", "baxter", "xl330", "airbot")
+NAMES = (
+    "tx40", "kr300", "panda", "lwr4", "ur10e", "baxter", "xl330", "airbot", "ur10", "xmate",
+)  # fmt: skip
 COLUMNS = (
     "machine", "published", "viscous + Coulomb", "by hand", "grown", "effects", "time", "memory",
 )  # fmt: skip
