@@ -322,10 +322,23 @@ def _pairs(trace: Trace, T: float) -> tuple[np.ndarray, np.ndarray]:
     early = t + T <= t[-1] + 1e-9
     if not early.any():
         return r[:0], r[:0]
-    from scipy.interpolate import make_interp_spline  # takes 0.2 s to import
+    return r[early], _between(t, r, np.minimum(t[early] + T, t[-1]))
 
-    later = make_interp_spline(t, r, k=min(3, len(t) - 1))
-    return r[early], later(np.minimum(t[early] + T, t[-1]))
+
+def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return x (n, d) of equal steps t at other times (m,): cubics through the four nearest rows.
+
+    SciPy's spline would take 0.2 s to import.
+    """
+    nodes = np.arange(min(4, len(t)))
+    s = (at - t[0]) / (t[1] - t[0]) if len(t) > 1 else np.zeros(len(at))
+    first = np.clip(s.astype(int) - 1, 0, len(t) - len(nodes))
+    found = np.zeros((len(at), x.shape[1]))
+    for k in nodes:
+        others = nodes[nodes != k]
+        weight = np.prod((s[:, None] - first[:, None] - others) / (k - others), axis=1)
+        found += weight[:, None] * x[first + k]
+    return found
 
 
 def period_of(e: State, joints: np.ndarray, bandwidth: float) -> float | None:

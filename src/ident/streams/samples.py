@@ -70,7 +70,8 @@ class SampleParser:
         names = self.columns or tuple(dict.fromkeys(("t", *given)))
         if lacking := [name for name in (("t",) if self._any else names) if name not in given]:
             source = self._mapping.get(lacking[0])
-            wanted = f"{source.column!r}, which [log] makes " if source else ""
+            mapped = source if source and source.required else None  # else q_elbow for q.elbow
+            wanted = f"{mapped.column!r}, which [log] makes " if mapped else ""
             raise MotionError(
                 f"{self._name}: a sample has no column {wanted}{lacking[0]!r}; "
                 f"{one_of(lacking[0], given)}"
