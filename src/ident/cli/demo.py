@@ -199,7 +199,6 @@ def demo(
 
 
 def _story(made: Puzzle) -> None:
-
     folder = made.folder
     for step in BEFORE:
         _step(*step, folder)

@@ -327,6 +327,7 @@ def diagnose(
             raise typer.BadParameter(f"--fail-on {each}: is no verdict; {one_of(each, VERDICTS)}")
     decision = rule.given
     mechanism = model.load(logs)
+    model, since = model.as_fitted(mechanism)
     output_folder(out, [*DIAGNOSIS_FILES, "logs.csv"], logs)
     found: Diagnosis | Verdicts
     with progress() as on_progress:
@@ -357,7 +358,6 @@ def diagnose(
             from ident.fit import identify
             from ident.mechanism.load import has_identified
 
-            model, since = model.as_fitted(mechanism)
             motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.05))
             second, third = part(on_progress, 0.05, 0.1), part(on_progress, 0.1, 1.0)
             fit = identify(mechanism, motion, estimator="least-squares", progress=second)

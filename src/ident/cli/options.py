@@ -14,7 +14,7 @@ import typer
 
 from ident.cli.app import notes_later
 from ident.display import Inputs, folder, inputs
-from ident.errors import IdentError
+from ident.errors import FitError, IdentError
 from ident.files import check_writable
 
 if TYPE_CHECKING:
@@ -212,8 +212,9 @@ class MotionOptions(MechanismOptions):
         """Return the options with the cut-off of the fit in whose folder the mechanism is, unless
         one is given, and that fit, if there is one: errors of both are then of one band.
         """
-        identified = self.mechanism.name == "identified"
-        fit = self.earlier(self.mechanism.parent if identified else self.mechanism, mechanism)
+        identified, fit = self.mechanism.name == "identified", None
+        with suppress(*([FitError] if identified else [])):  # of another mechanism, or locked
+            fit = self.earlier(self.mechanism.parent if identified else self.mechanism, mechanism)
         if fit is None or self.cutoff != "auto" or fit.cutoff == "auto":
             return self, fit
         return self.filtered_at(fit.cutoff), fit

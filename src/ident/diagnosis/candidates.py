@@ -200,7 +200,8 @@ class Contest:
         D = regression.gains(beside).D if beside else np.zeros((0, 1))
         some = [each for each, falls in zip(beside, D, strict=True) if zscore(falls) > SURE]
         pulses = np.concatenate([np.zeros(0, dtype=int), *some])
-        found, more = _beside_held(regression, np.flatnonzero(held), found)
+        bodies = np.flatnonzero(held[: len(fit.columns.rigid)])
+        found, more = _beside_held(regression, bodies, found)
         failed += more
         regression = regression.extended(pulses)
         return cls(fit, table, use, regression, pulses, tuple(found), tuple(failed))
@@ -290,22 +291,24 @@ class Contest:
 def _beside_held(
     regression: PartialRegression, held: np.ndarray, candidates: Sequence[CandidateColumns]
 ) -> tuple[list[CandidateColumns], list[tuple[Effect, str]]]:
-    """The candidates that have columns of their own beside the unknowns that are held at their
-    priors, and those that have none, with the reason: where friction is missing the residual hides
-    an inertia, which then is no effect.
+    """The candidates that have columns of their own beside inertial parameters that are held at
+    their priors, and those that have none, with the reason: where friction is missing the residual
+    hides an inertia, which then is no effect.
     """
-    groups = [each.groups[0] for each in candidates]
-    if not len(held) or not groups:
+    laws = [each for each in candidates if not each.curve]
+    if not len(held) or not laws:
         return [*candidates], []
-    visible = regression.extended(held).gains(groups).visible
-    found, hidden = list[CandidateColumns](), list[tuple[Effect, str]]()
+    groups = [group for each in laws for group in each.groups]
+    own = np.cumsum([0, *(len(each.groups) for each in laws)])[:-1]
+    before, beside = (
+        np.maximum.reduceat(rows.gains(groups).visible, own)
+        for rows in (regression, regression.extended(held))
+    )
+    hidden = {id(law) for law, a, b in zip(laws, before, beside, strict=True) if a > HIDDEN >= b}
     why = "it has the columns of inertial parameters that are held at their priors"
-    for each, share in zip(candidates, visible, strict=True):
-        if share > HIDDEN or each.curve:
-            found.append(each)
-        else:
-            hidden.append((each.effect, why))
-    return found, hidden
+    return [each for each in candidates if id(each) not in hidden], [
+        (each.effect, why) for each in laws if id(each) in hidden
+    ]
 
 
 class ColumnStore:

@@ -180,6 +180,7 @@ def steps(c: LoggedChannel) -> Judgement:
     dt, band = float(np.median(np.diff(c.t))), c.motion.band
     f = min(band.cutoff or ROWS_OVER_MOTION * band.motion, 0.5 / dt)
     if c.kind == "tau":
+        f = band.cutoff or 0.5 / dt
         share = c.step * np.sqrt(2 * f * dt / 12) / float(np.sqrt(np.mean(c.x**2)))
         text = (
             f"steps of {significant(c.step)} {c.joint.force_unit}: an error of {100 * share:.2g} % "

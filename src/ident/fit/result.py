@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -133,8 +133,10 @@ class Fit(Charted):
     def parameter_table(self) -> pl.DataFrame:
         """The unknown parameters, bodies' then effects', as a data frame of `Value`'s fields."""
         effects = (value for each in self.effects for value in each.parameters)
-        rows = [asdict(value) for value in (*self.parameters, *effects)]
-        return pl.DataFrame(rows, infer_schema_length=None)
+        unknown = [each for each in (*self.parameters, *effects) if each.name in self.columns.index]
+        kinds = {"str": pl.String, "bool": pl.Boolean}  # others are numbers
+        schema = {each.name: kinds.get(str(each.type), pl.Float64) for each in fields(Value)}
+        return pl.DataFrame([asdict(each) for each in unknown], schema)
 
     @cached_property
     def noise(self) -> dict[str, float]:

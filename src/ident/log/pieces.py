@@ -304,7 +304,7 @@ def _pieces(path: Path | None, grow: bool, stop: Callable[[], bool]) -> Iterator
     given = sys.stdin.fileno() if path is None else path
     with file_errors(path or Path("-")), open(given, "rb", 0, closefd=path is not None) as stream:
         while not stop():
-            if not select.select([stream], [], [], WAIT)[0]:  # a file is always ready
+            if path is None and not select.select([stream], [], [], WAIT)[0]:
                 continue
             piece = stream.read(PIECE)
             if piece or path is None or not grow:

@@ -96,7 +96,7 @@ def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     for source in mapping.values():
         if source.group:
             groups.setdefault(source.group, []).append(source.column)
-    own = mapping.keys() & table.columns.keys()
+    own = {name for name, source in mapping.items() if source.required} & table.columns.keys()
     mapping = {
         name: source
         for name, source in mapping.items()

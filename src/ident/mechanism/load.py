@@ -383,7 +383,7 @@ def unlogged_hands(mechanism: Mechanism, columns: Iterable[str]) -> tuple[str, .
         columns: names in a log.
     """
     given = {*columns}
-    given |= {name for name, own in mechanism.columns.items() if own.column in given}
+    given |= {name for name, own in mechanism.sources.items() if own.column in given}
     logged = {
         joint for prefix, _, joint in (name.partition(".") for name in given) if prefix in CHANNELS
     }

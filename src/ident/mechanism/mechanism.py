@@ -299,7 +299,7 @@ class Mechanism(Displayed):
     @property
     def sources(self) -> dict[str, Column]:
         """Columns of a log's file by ident's names: those of [log], and q_elbow for q.elbow."""
-        kinds = ("q", "v", "a", "tau")
+        kinds = ("q", "v", "tau")
         names = [f"{kind}.{joint.name}" for kind in kinds for joint in self.joints]
         usual = {name: Column(name.replace(".", "_", 1), required=False) for name in names}
         taken = {each.column for each in self.columns.values()}
@@ -337,9 +337,9 @@ class Mechanism(Displayed):
             new = every
         if not new:
             what = "link" if cls.sits == "link" else "driven joint"
-            raise MechanismError(
-                f"{self.name}: every {what} has '{kind}' already; leave it out, or name one joint"
-            )
+            known = next((f"; '{name}' makes known values unknown" for name, x in present.items()
+                          if x and name.startswith(f"{kind}:")), "; leave it out")  # fmt: skip
+            raise MechanismError(f"{self.name}: every {what} has '{kind}' already{known}")
         return reduce(add, new, self)
 
     def check_required(self) -> None:

@@ -14,6 +14,7 @@ VISIBLE = 200.0  # tuned: times the mean power of noise; real noise (steps, jitt
 # numerics: neighbouring frequencies over which that is the mean, twice the width of a line under
 # the window: a lone one is a vibration or the mains; a motion's lines are thousands of times larger
 NEIGHBOURS = 9
+LARGEST = 1e30  # numerics: ratio where there is no noise at all
 GRAINS = 20  # work: changes of a signal from which its quantisation can be known
 MOST = 1000.0  # numerics: steps between two samples beyond which multiples are no sign of anything
 
@@ -72,8 +73,10 @@ def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
     shape = (2 * np.sin(np.pi * f * dt)) ** 2 if order == 0 else np.ones(len(f))
     high = slice(max(n // 4, 1), None)
     noise = np.median(power[high] / shape[high]) / np.log(2) * shape
-    ratio = np.divide(power, noise, out=np.full(len(f), np.inf), where=noise > 0)
-    together = np.convolve(np.minimum(ratio, 1e30), np.full(NEIGHBOURS, 1 / NEIGHBOURS), "same")
+    ratio = np.divide(power, noise, out=np.where(power > 0, LARGEST, 0.0), where=noise > 0)
+    ratio[0] = ratio[min(1, len(f) - 1)]  # differenced noise has none at f = 0
+    width = min(NEIGHBOURS, len(f))
+    together = np.convolve(np.minimum(ratio, LARGEST), np.full(width, 1 / width), "same")
     power = np.where(together > VISIBLE, np.maximum(power - noise, 0.0), 0.0)
     if order == 2:
         power = power / np.maximum(2 * np.pi * f, 2 * np.pi * f[1]) ** 2

@@ -133,7 +133,7 @@ class LogSignals:
 
 
 def without_repeats(log: Log) -> Log:
-    """The log with one row of those that are equal, where all are repeated, each as often.
+    """The log with one row of those that are equal, where all are repeated, about as often.
 
     A logger that is faster than what it logs writes the same numbers several times. Of rows that
     stay equal for longer, as at rest, one is kept in as many.
@@ -144,14 +144,19 @@ def without_repeats(log: Log) -> Log:
     equal = (every[:, 1:] == every[:, :-1]) | (np.isnan(every[:, 1:]) & np.isnan(every[:, :-1]))
     first = np.flatnonzero(np.append(True, ~equal.all(axis=0)))
     lengths = np.diff(first)
-    usual = int(np.median(lengths)) if len(lengths) >= SHORTEST else 1
-    if usual < 2 or (np.abs(lengths - usual) <= (usual > 2)).mean() < REGULAR:
+    usual = np.median(lengths) if len(lengths) >= SHORTEST else 1.0
+    mean = lengths[lengths <= 1.5 * usual].mean() if usual >= 2 else 1.0
+    if mean == 1.0 or (np.abs(lengths - mean) < 1).mean() < REGULAR:
         return log
-    begun = np.repeat(first, np.diff(np.append(first, len(log.t))))
-    rows = np.flatnonzero((np.arange(len(log.t)) - begun) % usual == 0)
+    lengths = np.diff(np.append(first, len(log.t)))
+    count = np.maximum(np.round(lengths / mean), 1).astype(int)  # rows that are kept of each run
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    rows = np.repeat(first, count) + np.floor(within * np.repeat(lengths / count, count)).astype(
+        int
+    )
     note = (
-        f"each row is repeated, {len(log.t) / len(rows):.3g} equal ones in a row: the first of "
-        f"them is kept, {len(rows)} of {len(log.t)}"
+        f"each row is repeated, {mean:.3g} equal ones in a row: the first of them is kept, "
+        f"{len(rows)} of {len(log.t)}"
     )
     columns = {name: x[rows] for name, x in log.columns.items()}
     return replace(log, t=log.t[rows], columns=columns, repairs=(*log.repairs, note))

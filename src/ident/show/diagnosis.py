@@ -135,8 +135,8 @@ def short(d: Diagnosis, top: Card | None = None) -> str:
     forms = [(shown, words, more), (shown, [], formula + more)]
     sentences, bars = SENTENCE_END.split(shown.sure), min(shown.most, len(shown.bars))
     few, count = min(FEW, bars), len(sentences)
-    sizes = [(most, count) for most in range(bars, few, -1)]
-    sizes += [(few, n) for n in range(count, 1, -1)]
+    sizes = [(most, count) for most in range(bars, few - 1, -1)]
+    sizes += [(few, n) for n in range(count - 1, 1, -1)]
     sizes += [(most, n) for n in (2, 1) for most in range(few, 0, -1)]
     for most, n in sizes:
         least = replace(shown, then=step, most=most, sure=" ".join(sentences[:n]))

@@ -72,9 +72,11 @@ def _row(first: str, cells: Sequence[str], joints: Sequence[str], last: str = ""
 def rung(step: Step, joints: Sequence[str]) -> str:
     """Return one rung: what was added, and errors; ≈ marks those that are announced, not fitted."""
     room = _room(joints)
-    name, *rest = textwrap.wrap(
-        changed(step), room, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    tied = changed(step).replace("+ ", "+\u00a0").replace("− ", "−\u00a0")  # sign and label
+    wrapped_lines = textwrap.wrap(
+        tied, room, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
     )
+    name, *rest = (line.replace("\u00a0", " ") for line in wrapped_lines)
     lines = [name] * (len(name) > room)  # a line of its own
     name *= not lines
     lines += [_row(name, cells(step.errors, joints), joints, "" if step.fit else "≈"), *rest]
