@@ -23,7 +23,7 @@ from ident.motion import Motion, State
 from ident.motion.noise import grain, noise_level, noise_share
 from ident.motion.recipe import CLEAN, ROWS_OVER_MOTION
 from ident.motion.signals import CLIPPED, LARGEST, REGULAR, absurd_samples, at_limit, runs
-from ident.text import significant
+from ident.text import significant, some
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 
@@ -31,6 +31,7 @@ NOISE = 0.5**0.5  # level: noise over rms: from half of its squares on a torque 
 ZERO = 0.2  # tuned: share of the samples at which a joint moves, where its torque is exactly zero
 HELD = 2  # range: samples for which most values stay: a staircase of a slower controller
 ALWAYS = 0.98  # tuned: share of pairs from which rows are repeated: a slow channel repeats some
+NAMED = 4  # shown: channels that are named of those with one fault
 SHORTEST = 20  # work: samples of a channel that can be judged
 FROZEN = 0.25  # tuned: s for which a channel stays at a value while its joint moves
 # tuned: times the largest other step, by which a position that was frozen goes on; one that rested
@@ -276,6 +277,7 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
         for log in motion.logs
     }
     for log in motion.logs:
+        same: dict[tuple[str, str], list[tuple[str, float, float, str]]] = {}  # by check and text
         for name in log.columns:
             kind, _, joint = name.partition(".")
             if kind == "q" and joint in mechanism.locked:
@@ -292,8 +294,12 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             for check in CHECKS.get(kind, ()) if len(x) > SHORTEST else ():
                 if (judgement := check(channel)) is not None:
                     number, threshold, meaning, remedy = judgement
-                    meaning = f"{log.name}: {name}: {meaning}"
-                    yield Finding(check.__name__, meaning, remedy, (name,), number, threshold)
+                    mine = same.setdefault((check.__name__, meaning), [])
+                    mine.append((name, number, threshold, remedy))
+        for (code, meaning), found in same.items():
+            names, (_, number, threshold, remedy) = tuple(name for name, *_ in found), found[0]
+            text = f"{log.name}: {some(names, NAMED)}: {meaning}"
+            yield Finding(code, text, remedy, names, number, threshold)
     texts = "standard errors are too small by √2", "leave it out"
     pairs = [*combinations(motion.logs, 2)][::-1]  # the first log counts
     again = {copy.where: copy for a, b in pairs for copy in copies(a, b, *texts)}
