@@ -211,8 +211,10 @@ class Contest:
         there; None where they are the same rows.
         """
         use = with_reversals(self.table, residual_in(self.table, self.fit))
-        if np.array_equal(use, self.use):
-            return None
+        return None if np.array_equal(use, self.use) else self.without_pulses(on_progress, use)
+
+    def without_pulses(self, on_progress: OnProgress, use: np.ndarray) -> Contest:
+        """The contest on some rows (N, d) without pulses at reversals."""
         effects = [each.effect for each in self.laws]
         return Contest.of(
             self.fit, effects, on_progress, deciding=lambda *_: use, pulsed=lambda _: ()
