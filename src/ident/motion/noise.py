@@ -62,8 +62,8 @@ def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
     """Frequency [Hz] below which 99.9 % of the power of the velocity lies.
 
     The noise's own share, measured in the upper half of the spectrum, is taken off first: what
-    does not stand out of it by VISIBLE, NEIGHBOURS together, cannot be told from it. x (n,) of step
-    dt [s] is the position (order 0), velocity (1) or acceleration (2).
+    does not stand out of it by VISIBLE, alone and with its NEIGHBOURS, cannot be told from it.
+    x (n,) of step dt [s] is the position (order 0), velocity (1) or acceleration (2).
     """
     x = np.diff(x) / dt if order == 0 else x
     n = len(x)
@@ -77,7 +77,7 @@ def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
     ratio[0] = ratio[min(1, len(f) - 1)]  # differenced noise has none at f = 0
     width = min(NEIGHBOURS, len(f))
     together = np.convolve(np.minimum(ratio, LARGEST), np.full(width, 1 / width), "same")
-    power = np.where(together > VISIBLE, np.maximum(power - noise, 0.0), 0.0)
+    power = np.where(np.minimum(ratio, together) > VISIBLE, power - noise, 0.0)
     if order == 2:
         power = power / np.maximum(2 * np.pi * f, 2 * np.pi * f[1]) ** 2
     total = np.cumsum(power)
