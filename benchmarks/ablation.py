@@ -48,10 +48,10 @@ MACHINES = ("tx40", "panda", "lwr4")
 CONSTANTS = {  # module: constants of the search, then those of the rows, which are made anew
     "diagnosis.search": ("TOGETHER", "NEAR", "TRIED", "ALONE"),
     "diagnosis.selection": (
-        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "HIDDEN", "CLOSEST", "MINE",
+        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "CLOSEST", "MINE",
     ),
     "diagnosis.null": ("TRIALS", "STARTS"),
-    "diagnosis.candidates": ("CALM",),
+    "diagnosis.candidates": ("CALM", "HIDDEN"),
     "fit.small_errors": ("SLOW", "GUARD", "ENOUGH", "WORSE"),
 }  # fmt: skip
 OFF = {  # values at which a constant has no influence
@@ -63,30 +63,23 @@ OFF = {  # values at which a constant has no influence
 OF_ROWS = ("diagnosis.candidates", "fit.small_errors")
 SHARES = {"ALIKE", "PASSED", "NEAR", "ENOUGH"}  # doubled: half way to one
 Variant = tuple[str, str, float, bool]  # module, constant, factor or value, whether a value
-
-
-def _of(cls: str) -> Any:
-    """A class of the search, in which a rule is a method."""
-    return getattr(importlib.import_module(f"ident.diagnosis.{CLASSES[cls]}"), cls)
-
-
-CLASSES = {"Search": "search", "EffectSet": "effect_set", "Responses": "effect_set"}
-RULES: dict[str, tuple[str, Any]] = {  # where a rule is, and what leaves it out
-    "Search.joined": ("Search", lambda self, now, ranking: now),
-    "Search.grouped": ("Search", lambda self, now: now),
-    "Search.restored": ("Search", lambda self, now: now),
-    "Search.several": ("Search", lambda self, now: None),
-    "Search.exchanged": ("Search", lambda self, now: None),
-    "Search.with_rivals": ("Search", lambda self, now, member: member),
-    "EffectSet.polished": ("EffectSet", lambda self: self),
-    "search._stands": ("search", lambda *_: True),
-    "effect_set._past": ("effect_set", lambda *_: None),
-    "effect_set._curve": ("effect_set", lambda *_: None),
-    "effect_set._impossible": ("effect_set", lambda *_: None),
-    "effect_set._beside_best_law": ("effect_set", lambda *_: True),
-    "effect_set._alone": ("effect_set", lambda member, *_: member),
-    "selection.differs": ("selection", lambda *_: True),
-    "selection.by_chance": ("selection", lambda *_: False),
+# a function or a method of diagnosis/, and what leaves it out
+RULES: dict[str, Any] = {
+    "search.Search.joined": lambda self, now, ranking: now,
+    "search.Search.grouped": lambda self, now: now,
+    "search.Search.restored": lambda self, now: now,
+    "search.Search.several": lambda self, now: None,
+    "search.Search.exchanged": lambda self, now: None,
+    "search.Search.with_rivals": lambda self, now, member: member,
+    "effect_set.EffectSet.polished": lambda self: self,
+    "search._stands": lambda *_: True,
+    "effect_set._past": lambda *_: None,
+    "effect_set._curve": lambda *_: None,
+    "effect_set._impossible": lambda *_: None,
+    "effect_set._beside_best_law": lambda *_: True,
+    "effect_set._alone": lambda member, *_: member,
+    "selection.differs": lambda *_: True,
+    "selection.by_chance": lambda *_: False,
 }
 
 
@@ -220,22 +213,19 @@ def changed(variant: Variant) -> Iterator[None]:
 @contextmanager
 def without(rule: str) -> Iterator[None]:
     """The diagnosis without one rule, wherever it is imported."""
-    where, instead = RULES[rule]
-    name = rule.rpartition(".")[2]
-    if where in CLASSES:
-        places = [_of(where)]
-    else:
-        own = getattr(importlib.import_module(f"ident.diagnosis.{where}"), name)
-        mine = [m for n, m in sys.modules.items() if n.startswith("ident.diagnosis.")]
-        places = [m for m in mine if getattr(m, name, None) is own]
-    before = getattr(places[0], name)
+    module, *path = rule.split(".")
+    mine = [m for n, m in sys.modules.items() if n.startswith("ident.diagnosis.")]
+    owner = importlib.import_module(f"ident.diagnosis.{module}")
+    own = getattr(owner, path[0])
+    places = [own] if path[1:] else [m for m in mine if getattr(m, path[0], None) is own]
+    before = getattr(places[0], path[-1])
     for place in places:
-        setattr(place, name, instead)
+        setattr(place, path[-1], RULES[rule])
     try:
         yield
     finally:
         for place in places:
-            setattr(place, name, before)
+            setattr(place, path[-1], before)
 
 
 def text(variant: Variant) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ident
+from helpers import ROBOTS
 from ident import Diagnosis, Fit, Mechanism, Motion, Noise
 from ident.diagnosis.candidates import Contest, candidates_of
 from ident.diagnosis.grow import undetermined
@@ -18,7 +19,7 @@ from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import noise, path_shares
 from ident.diagnosis.refitted import by_rivals, least_error
 from ident.diagnosis.search import NEAR
-from ident.diagnosis.selection import Decision, Ranking, rank
+from ident.diagnosis.selection import Decision, Ranking, can_be, rank
 from ident.effects import Effect, ReversalPulses, Signals, Unknown
 from ident.fit.problem import Table
 from ident.fit.small_errors import GUARD, away_from_reversals
@@ -480,3 +481,15 @@ def test_what_the_fit_does_not_determine_is_dropped_first():
     assert "coulomb:elbow" not in small
     assert undetermined(fit, [e.effect for e in fit.effects]) in small
     assert undetermined(fit, [e.effect for e in fit.effects if e.effect.label not in small]) == ""
+
+
+def test_values_that_cannot_be():
+    """A length is off by a third at most, and dry friction is not negative beyond its error."""
+    arm = ident.load(ROBOTS / "arm")
+    place, length = max(arm.lengths.items(), key=lambda pair: abs(pair[1]))
+    moved, dry = ident.effect("geometry", place), ident.effect("coulomb", "elbow")
+    for effect, value, error, possible in [
+        (moved, 0.2 * length, 0.0, True), (moved, 0.4 * length, 0.0, False),
+        (dry, -0.1, 0.1, True), (dry, -0.3, 0.1, False),
+    ]:  # fmt: skip
+        assert can_be(arm, effect, np.array([value]), np.array([error])) == possible

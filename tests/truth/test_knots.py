@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 import ident
 from helpers import ROBOTS
 from ident.motion.knots import ROUGH, common
-from ident.motion.noise import grain
+from ident.motion.noise import grain, motion_bandwidth
 
 FRICTION = 0.3  # N m s/rad, N m: of all joints
 
@@ -141,3 +141,15 @@ def test_steps_of_a_slow_and_of_a_fast_log_are_measured(rate):
     assert grain(step * np.round(smooth / step)) == pytest.approx(step)
     assert grain(smooth) == 0
     assert grain(0.3 * t) == 0
+
+
+def test_a_lone_spectral_line_is_no_motion():
+    """A vibration that holds more of the velocity's power than POWER leaves, in one line."""
+    t, rng = np.arange(3000) / 100, np.random.default_rng(0)
+    moved = np.sin(2 * np.pi * 0.4 * t) + 6e-4 * rng.standard_normal(len(t))
+    shaken = moved + 6e-4 * np.sin(2 * np.pi * 33.77 * t)
+    assert motion_bandwidth(moved, 0.01) < 0.6
+    assert motion_bandwidth(shaken, 0.01) < 0.6
+    faster = moved + 0.02 * np.sin(2 * np.pi * 7.0 * t)  # a line of the motion's own
+    assert 6.9 < motion_bandwidth(faster, 0.01) < 7.2
+    assert motion_bandwidth(moved[:13], 0.01) >= 0.0

@@ -88,8 +88,8 @@ def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     """Return the table under ident's names and in SI units; unmapped columns keep their own name.
 
     Two columns may exchange their names. One that is not required gives way to a column that has
-    the name already. A file with none of the mapped columns, but with `t` and
-    some of the names that they are to have, has ident's names already, as planned motions have.
+    the name already. A file with none of the mapped columns, but with `t` and some of the names
+    that they are to have, has ident's names already, as planned motions have.
     """
     every = {*table.columns, *table.ignored}
     groups: dict[str, list[str]] = {}

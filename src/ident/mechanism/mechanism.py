@@ -337,9 +337,10 @@ class Mechanism(Displayed):
             new = every
         if not new:
             what = "link" if cls.sits == "link" else "driven joint"
-            known = next((f"; '{name}' makes known values unknown" for name, x in present.items()
-                          if x and name.startswith(f"{kind}:")), "; leave it out")  # fmt: skip
-            raise MechanismError(f"{self.name}: every {what} has '{kind}' already{known}")
+            raise MechanismError(
+                f"{self.name}: every {what} has '{kind}' already; leave it out, or name one whose "
+                f"known value is to become unknown: {kind}:NAME"
+            )
         return reduce(add, new, self)
 
     def check_required(self) -> None:
