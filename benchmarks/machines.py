@@ -8,8 +8,9 @@ machine runs in a process of its own, with BLAS on one thread. Errors are of the
 cut-off of the published ones, or else of the fit, ‖τ − τ̂‖/‖τ‖ of each joint in % on the
 validation logs, or held out in time without any, in motion; in brackets with rows of standstill, at
 which dry friction is open, and of the whole vector of torques. `by hand`: the defaults' errors with
-the one of some training cut-offs that serves the joints best, judged in the same band. The picture
-has a panel a machine: published errors, those of the defaults, those of the grown model.
+the one of some training cut-offs that serves the joints best, judged in the same band; `possible
+bodies`: with --consistent. The picture has a panel a machine: published errors, those of the
+defaults, those of the grown model.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ NAMES = (
     "tx40", "kr300", "panda", "lwr4", "ur10e", "baxter", "xl330", "airbot", "ur10", "xmate",
 )  # fmt: skip
 COLUMNS = (
-    "machine", "published", "viscous + Coulomb", "by hand", "grown", "effects", "time", "memory",
+    "machine", "published", "viscous + Coulomb", "by hand", "possible bodies", "grown", "effects",
+    "time", "memory",
 )  # fmt: skip
 BY_HAND = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.0)  # times the cut-off of the defaults
 
@@ -119,6 +121,7 @@ def measured(name: str, source: Path) -> dict[str, Any]:
             judged = ident.complete(bare, list(machine.validate), cutoff=cutoff)
         plain = bare.with_effect("viscous").with_effect("coulomb")
         defaults = ident.identify(plain, motion, validate=judged)
+        possible = ident.identify(plain, motion, validate=judged, consistent=True)
         history = ident.grow(bare, motion, validate=judged)
         spent = time.process_time() - begin
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6  # without those by hand
@@ -132,6 +135,7 @@ def measured(name: str, source: Path) -> dict[str, Any]:
     return {
         "viscous + Coulomb": errors(defaults),
         "by hand": "–" if judged is None else chosen + errors(best).split(" (")[0],
+        "possible bodies": errors(possible).split(" (")[0],
         "grown": errors(history.fit),
         "bars": {
             title: [100 * e.relative for e in by_joint(fit)]

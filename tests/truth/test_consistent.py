@@ -356,3 +356,28 @@ def test_errors_are_of_the_base_at_the_point_where_the_limits_put_the_shapes():
     fit = ident.identify(mechanism, ident.complete(mechanism, folder / "run.csv"), consistent=True)
     assert fit.covariance.shape == (fit.rank, fit.rank)
     assert fit.binding.active
+
+
+# --- another motion ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [1, 12])
+def test_a_validation_log_says_where_possible_bodies_predict_it_better(poor, number):
+    """The errors that are announced are those of a consistent fit."""
+    case = poor.poor(number)
+    motion = ident.complete(case.mechanism, case.log)
+    other = ident.complete(case.mechanism, case.other, cutoff=motion.band.cutoff or "none")
+    free = ident.identify(case.mechanism, motion, validate=other)
+    (found,) = [each for each in free.findings if each.code == "possible bodies"]
+    fit = ident.identify(case.mechanism, motion, validate=other, consistent=True)
+    before, after = (next(iter(each.validation.values())) for each in (free, fit))
+    for joint in found.where[:3]:
+        assert after[joint].rms < 0.9 * before[joint].rms
+        assert f"to {100 * after[joint].relative:.3g} %" in found.meaning
+    assert not [each for each in fit.findings if each.code == "possible bodies"]
+
+
+def test_nothing_is_said_where_the_bodies_are_possible(arm):
+    case, motion = arm
+    fit = ident.identify(case.mechanism, motion, validate=motion)
+    assert not [each for each in fit.findings if each.code == "possible bodies"]

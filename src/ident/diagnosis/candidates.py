@@ -15,10 +15,11 @@ from ident.fit import Fit
 from ident.fit.problem import Table
 from ident.fit.small_errors import WORSE, away_from_reversals
 from ident.information.blocks import Part
-from ident.information.chance import zscore
+from ident.information.chance import BEYOND, zscore
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
+from ident.motion.signals import SLOW
 
 CALM = 1 / 3  # tuned: share of squares away from reversals, below which these decide too
 HIDDEN = 0.02  # tuned: visible share below which the data cannot speak of an effect
@@ -176,7 +177,7 @@ class Contest:
         b = table.b - table.A[:, :, held] @ prior[held]
         use = deciding(table, residual_in(table, fit))
         store = ColumnStore(table, use, table.A, b)
-        beside = [store.add(each, [{}]) for each in pulsed(fit)]
+        pulses = {each.joints: store.add(each, [{}]) for each in pulsed(fit)}
         known = {} if earlier is None else earlier.unchanged(fit, use)
         moving, columns = _moving(table), columns_of(fit.motion)
         every = curves(moving, moving, columns) if curved else ()
@@ -196,25 +197,20 @@ class Contest:
         sigma = weights(fit, table)
         model = np.flatnonzero(~held)
         regression = PartialRegression(store.parts(), model, 1.0 / sigma, store.count)
-        # only those that lower left-out errors: others have no rows that determine them
-        D = regression.gains(beside).D if beside else np.zeros((0, 1))
-        some = [each for each, falls in zip(beside, D, strict=True) if zscore(falls) > SURE]
-        pulses = np.concatenate([np.zeros(0, dtype=int), *some])
+        some = _at_reversals(table, regression, pulses, found)
         bodies = np.flatnonzero(held[: len(fit.columns.rigid)])
         found, more = _beside_held(regression, bodies, found)
         failed += more
-        regression = regression.extended(pulses)
-        return cls(fit, table, use, regression, pulses, tuple(found), tuple(failed))
+        regression = regression.extended(some)
+        return cls(fit, table, use, regression, some, tuple(found), tuple(failed))
 
     def at_reversals(self, on_progress: OnProgress) -> Contest | None:
         """The contest on rows at reversals too, without pulses, which are like effects that act
         there; None where they are the same rows.
         """
         use = with_reversals(self.table, residual_in(self.table, self.fit))
-        return None if np.array_equal(use, self.use) else self.without_pulses(on_progress, use)
-
-    def without_pulses(self, on_progress: OnProgress, use: np.ndarray) -> Contest:
-        """The contest on some rows (N, d) without pulses at reversals."""
+        if np.array_equal(use, self.use):
+            return None
         effects = [each.effect for each in self.laws]
         return Contest.of(
             self.fit, effects, on_progress, deciding=lambda *_: use, pulsed=lambda _: ()
@@ -288,6 +284,36 @@ class Contest:
         )
         regression = replace(self.regression, parts=parts, count=int(new[-1]) + 1)
         return replace(self, regression=regression), new
+
+
+def _at_reversals(
+    table: Table,
+    regression: PartialRegression,
+    pulses: Mapping[tuple[str, ...], np.ndarray],
+    candidates: Iterable[CandidateColumns],
+) -> np.ndarray:
+    """The columns of those pulses, by joint, that lower left-out errors (others have no rows that
+    determine them) and by more than friction of the joint that builds up over so much speed that it
+    acts far from reversals, too: a pulse would take its part.
+    """
+    some = [np.zeros(0, dtype=int)]
+    gains = regression.gains([*pulses.values()])
+    laws = [each for each in candidates if each.effect.slow and each.effect.needs]
+    for (joints, columns), D, by in zip(pulses.items(), gains.D, gains.by, strict=True):
+        if zscore(D) <= SURE:
+            continue
+        at = table.mechanism.joint_index[joints[0]]
+        top = max((np.abs(s.e.yd[s.e.usable, at]).max(initial=0.0) for s in table.scenes))
+        wide = [
+            group
+            for each in laws
+            for shape, group in zip(each.shapes, each.groups, strict=True)
+            if each.effect.joints == joints and max(shape.values()) > BEYOND * SLOW * top
+        ]
+        instead = regression.explained(regression.gains(wide).by).max() if wide else 0.0
+        if regression.explained(by) > instead:
+            some.append(columns)
+    return np.concatenate(some)
 
 
 def _beside_held(

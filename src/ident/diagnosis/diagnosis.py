@@ -39,10 +39,9 @@ from ident.fit.faults import Fault, fault_finding, scale_of_time
 from ident.fit.findings import Finding
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
-from ident.information.chance import ALPHA, BEYOND, LEAVES, LOUD, RIVAL
+from ident.information.chance import ALPHA, LEAVES, LOUD, RIVAL
 from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import PartialRegression
-from ident.motion.signals import SLOW
 
 TRIED = 3  # work: rivals of a formula whose constants are not determined
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
@@ -108,23 +107,14 @@ def at_reversals(
         return found
     first, second, third = (part(on_progress, *x) for x in ((0.0, 0.4), (0.4, 0.7), (0.7, 1.0)))
     other = other or contest.at_reversals(first)
-    alone = other is None  # the rows are the same, and pulses may stand for wide friction alone
     if other is None:
-        if not len(contest.pulses):
-            return found
-        other = contest.without_pulses(first, contest.use)
+        return found
     draws = noise(other, seed)
     chosen = select(other, draws, decision, seed, second)
-    wide = {m.label for m in chosen.members if builds_up(m, contest)}
-    if alone:
-        if not _named_at_reversals(chosen, found.fit, wide):
-            return found
-        again = judged(other, draws, chosen, decision, third)
-        return again if again.best and again.best.label in wide else found
     seen = seen_elsewhere(found.selection.first)
     both = tuple(m for m in chosen.members if m.label in seen)
     chosen = replace(chosen, members=both) if both else chosen
-    acts = seen | wide | {m.label for m in chosen.members if m.effect.at_reversals}
+    acts = seen | {m.label for m in chosen.members if m.effect.at_reversals}
     if _named_at_reversals(chosen, found.fit, acts):
         again = judged(other, draws, chosen, decision, third)
         if again.best and again.best.label in acts:
@@ -157,18 +147,6 @@ def seen_elsewhere(first: Ranking) -> set[str]:
         if c.effect.slow and c.effect.label in first.gains and not c.effect.needs
         if first.gains[c.effect.label][0] > first.limit_of(c)
     }
-
-
-def builds_up(member: Member, contest: Contest) -> bool:
-    """Whether an effect that changes dry friction does so over much more speed than that of
-    reversals, which are left out: beside pulses there it cannot be told from them.
-    """
-    effect, scenes = member.effect, contest.table.scenes
-    if not (effect.slow and effect.needs) or member.evidence is None:
-        return False
-    at = contest.table.mechanism.joint_index[effect.joints[0]]
-    top = max(float(np.abs(scene.e.yd[scene.e.usable, at]).max(initial=0.0)) for scene in scenes)
-    return max(member.evidence.shape.values(), default=0.0) > BEYOND * SLOW * top
 
 
 def _named_at_reversals(selection: Selection, fit: Fit, acts: Collection[str]) -> bool:

@@ -41,6 +41,7 @@ LEAST_MASS = 1e-9  # range: kg below which a body with first moments cannot be w
 # relative error of a torque from which its unit is in doubt
 FREELY = 0.1
 LITTLE = 0.1  # shown: of the farthest joint's way: one that moves less is named
+IMPOSSIBLE_BODY = "impossible body"  # code of a finding
 POSSIBLE = -1e-6  # numerics: of a body's largest eigenvalue: what rounding may leave below zero
 
 
@@ -294,11 +295,11 @@ def _implausible(
     if impossible:
         text = (
             f"the identified inertia of {', '.join(impossible)} is that of no possible body (its "
-            "pseudo-inertia has a negative eigenvalue): the predicted torque does not suffer from "
-            "that, but a simulator may refuse identified.urdf"
+            "pseudo-inertia has a negative eigenvalue): a simulator may refuse identified.urdf, and "
+            "other motions may be predicted worse"
         )
         remedy = "--consistent finds the nearest bodies that are possible"
-        yield Finding("impossible body", text, remedy, tuple(impossible))
+        yield Finding(IMPOSSIBLE_BODY, text, remedy, tuple(impossible))
 
 
 def bodies_with_unknowns(mechanism: Mechanism) -> list[str]:

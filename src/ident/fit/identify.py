@@ -14,7 +14,7 @@ from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
 from ident.files import Written
 from ident.fit.channel_checks import copies
-from ident.fit.consistency import nearest_possible
+from ident.fit.consistency import nearest_possible, possible_bodies, predicts_better
 from ident.fit.files import Saved
 from ident.fit.findings import Finding, basis_bias, findings_of
 from ident.fit.likelihood import Likelihood, weighed
@@ -96,9 +96,14 @@ def identify(
     joints = validate.independent
     units = [mechanism.joint(name).force_unit for name in joints]
     rows = information_of(mechanism, fit.columns, validate, fit.problem.point, last)
+    possible = None if consistent else possible_bodies(fit.problem, fit.estimate, fit.findings)
     for number, e in enumerate(validate.experiments):
-        errors[e.name] = rows.of_log(number).squares(fit.estimate.x).errors(joints, units)
+        mine = rows.of_log(number)
+        errors[e.name] = mine.squares(fit.estimate.x).errors(joints, units)
         floors[e.name] = floor_of(fit, replace(validate, experiments=(e,)))
+        if possible is not None:
+            with_possible = mine.squares(possible).errors(joints, units)
+            same += predicts_better(e.name, errors[e.name], with_possible)
     return replace(fit, validation=errors, floors=floors, findings=(*fit.findings, *same))
 
 
