@@ -303,7 +303,7 @@ def _at_reversals(
         if zscore(D) <= SURE:
             continue
         at = table.mechanism.joint_index[joints[0]]
-        top = max((np.abs(s.e.yd[s.e.usable, at]).max(initial=0.0) for s in table.scenes))
+        top = max(np.abs(s.e.yd[s.e.usable, at]).max(initial=0.0) for s in table.scenes)
         wide = [
             group
             for each in laws
