@@ -467,3 +467,14 @@ def test_a_fault_of_ident_is_one_line(slider, monkeypatch, ident):
     monkeypatch.setenv("IDENT_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
         ident("check", slider)
+
+
+def test_check_judges_torques_beside_the_motion(robots, tmp_path, ident):
+    """Before anything is identified: a sign, a unit, exchanged columns."""
+    log = api.read_log(robots / "arm" / "run.csv")
+    turned = {**log.columns, "tau.wrist": -log.columns["tau.wrist"]}
+    api.Log.from_arrays("turned.csv", log.t, turned).write(tmp_path / "turned.csv")
+    said = " ".join(ident("check", robots / "arm", tmp_path / "turned.csv").out.split())
+    assert "look at this first: tau.wrist: the sign is against that of q.wrist" in said
+    said = ident("check", robots / "arm", robots / "arm" / "run.csv").out
+    assert "nothing looks wrong in it" in said

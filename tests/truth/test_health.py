@@ -488,3 +488,79 @@ def test_a_rotor_that_bodies_stand_in_for_is_no_other_shape_of_theirs():
                  noise=noise, seed=1)  # fmt: skip
     fit = ident.identify(mechanism, ident.complete(mechanism, case.log))
     assert not fit.health.findings
+
+
+# --- what real machines showed -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("letters", ["v", "va"])
+def test_velocities_that_are_always_zero_are_derived(letters):
+    """Some loggers write a column that nobody fills."""
+    p = planted("arm")
+    zero = {f"{c}.{j}": np.zeros(len(p.log.t)) for c in letters for j in p.mechanism.driven}
+    positions = {k: x for k, x in p.log.columns.items() if k[:2] not in ("v.", "a.")}
+    bare = Log.from_arrays("run.csv", p.log.t, positions)
+    log = Log.from_arrays("run.csv", p.log.t, {**positions, **zero})
+    motion, without = (ident.complete(p.mechanism, each) for each in (log, bare))
+    assert motion.band == without.band
+    np.testing.assert_array_equal(motion.experiments[0].yd, without.experiments[0].yd)
+    (note,) = [each for each in motion.notes if "always 0" in each]
+    assert all(name in note for name in zero)
+
+
+def test_a_joint_that_stands_still_keeps_its_zero_velocity():
+    p = planted("arm")
+    at = {"q.wrist": np.full(len(p.log.t), 0.2), "v.wrist": np.zeros(len(p.log.t))}
+    motion = ident.complete(p.mechanism, changed(p.log, **at))
+    assert not [each for each in motion.notes if "always 0" in each]
+
+
+def test_lone_samples_are_judged_by_the_noise_of_motion():
+    """A drive may be ten times as noisy in motion, of which a log may hold less than half."""
+    p = planted("arm", noise=0.0)
+    random = np.random.default_rng(0)
+    still = 12 * 200
+    q = {k: np.append(np.full(still, x[0]), x) for k, x in p.log.columns.items()}
+    q |= {k: np.append(np.zeros(still), p.log.columns[k]) for k in q if k[:2] in ("v.", "a.")}
+    t = np.arange(len(q["q.yaw"])) * 0.005
+    noise = np.where(np.arange(len(t)) < still, 0.001, 0.1) * random.standard_normal(len(t))
+    noisy = {**q, "tau.yaw": q["tau.yaw"] + noise}
+    motion = ident.complete(p.mechanism, Log.from_arrays("run.csv", t, noisy))
+    assert "lone samples" not in str([*log_findings(p.mechanism, motion)])
+    noisy["tau.yaw"][still + 100 :: 100] += 10.0
+    motion = ident.complete(p.mechanism, Log.from_arrays("run.csv", t, noisy))
+    assert "lone samples" in str([*log_findings(p.mechanism, motion)])
+
+
+def test_torques_with_the_other_sign_are_named_where_little_else_is_explained():
+    """The bodies are those of the URDF turned over, whatever friction is missing."""
+    p = plant(robot("arm"), motion_log("arm"), noise=[Noise("tau", 0.3, relative=True)], spread=0.1)
+    log = changed(p.log, **{f"tau.{j}": -p.log.columns[f"tau.{j}"] for j in p.mechanism.driven})
+    checks = ident.identify(p.mechanism, ident.complete(p.mechanism, log, cutoff="auto")).checks
+    hints = [*checks._magnitudes()]
+    (sign,) = [each for each in hints if each.code == "sign"]
+    assert set(sign.where) >= {"tau.shoulder", "tau.elbow"}
+    assert not any({*sign.where} & {*each.where} for each in hints if each is not sign)
+
+
+def test_a_urdf_without_masses_has_no_shape():
+    p = planted("arm")
+    massless = p.mechanism.with_model(p.mechanism.model.copy())
+    for i in range(1, massless.model.njoints):
+        massless.model.inertias[i].setZero()
+    assert not massless.prior.any()
+    assert "shape" not in str(judged(massless, p.log))
+
+
+def test_dry_friction_that_drives_a_joint_is_the_first_thing_said():
+    mechanism = robot("arm").with_effect("viscous").with_effect("coulomb")
+    large = {name: 3.0 if name == "coulomb.wrist.Fc" else 0.2
+             for e in mechanism.effects for name in e.names}  # fmt: skip
+    p = plant(mechanism, motion_log("arm"), large, noise=[Noise("tau", 0.01, relative=True)])
+    log = changed(p.log, **{"tau.wrist": -p.log.columns["tau.wrist"]})
+    fit = ident.identify(mechanism, ident.complete(mechanism, log))
+    (driving,) = [each for each in fit.findings if each.code == "friction drives"]
+    assert driving.where == ("tau.wrist",)
+    assert "sign looks wrong of tau.wrist" in " ".join(str(fit).split())
+    right = ident.identify(mechanism, ident.complete(mechanism, p.log))
+    assert not [each for each in right.findings if each.code == "friction drives"]

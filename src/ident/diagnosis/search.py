@@ -12,7 +12,7 @@ brings less than chance does.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial, reduce
 
@@ -200,17 +200,20 @@ class Search:
                 return self.accepted(now, new) or now
         return now
 
-    def together(self, now: EffectSet) -> EffectSet | None:
-        """The set with all effects that every machine has, where they explain more together."""
+    def together(self, now: EffectSet) -> Iterator[EffectSet]:
+        """Yield the set with all effects that every machine has, then with its friction alone,
+        where they explain more together: of few rows, chance explains much with many columns.
+        """
         common = self.common(now, -np.inf)
-        if len(common) < 2:
-            return None
-        columns = np.concatenate([each.groups[0] for each in common])
-        found = now.regression.gains([columns, *(each.groups[0] for each in common)])
-        g = now.regression.explained(found.by)
-        if g[0] < TOGETHER * g[1:].max():
-            return None
-        return self.with_columns(now, common, columns)
+        friction = [each for each in common if each.effect.companions]
+        for some in (common, friction) if friction != common else (common,):
+            if len(some) < 2:
+                continue
+            columns = np.concatenate([each.groups[0] for each in some])
+            found = now.regression.gains([columns, *(each.groups[0] for each in some)])
+            g = now.regression.explained(found.by)
+            if g[0] >= TOGETHER * g[1:].max():
+                yield self.with_columns(now, some, columns)
 
     def common(self, now: EffectSet, least: float) -> list[CandidateColumns]:
         """What every machine has and a set has not, with gains of so many standard errors."""
@@ -233,12 +236,13 @@ class Search:
 
     def grouped(self, now: EffectSet) -> EffectSet:
         """The set with what every machine has, without what of it is superfluous."""
-        together = self.together(now)
-        if together is None or not self.beyond_chance(now, together):
-            return now
-        found = self.tried(now, together)
-        self.all_common |= found is not None
-        return found or now
+        for together in self.together(now):
+            if self.beyond_chance(now, together):
+                found = self.tried(now, together)
+                self.all_common |= found is not None
+                if found is not None:
+                    return found
+        return now
 
     def tried(
         self, now: EffectSet, new: EffectSet, stays: Callable[[EffectSet], bool] = lambda _: True
@@ -337,7 +341,7 @@ class Search:
         """
         self.chance = first.chance
         now = self.joined(self.start, first)
-        together = self.together(now)
+        together = next(self.together(now), None)
         if together is not None and together.density > now.density:
             now = together
             most = max(self.new(now), key=lambda each: first.gains[each.label][0])

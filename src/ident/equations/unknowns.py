@@ -17,7 +17,9 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import unit_of
+from ident.mechanism.parameters import COUNT, DYNAMIC, unit_of
+
+INERTIAS = DYNAMIC.index("Lxx")  # of a body's ten: before them are its mass and first moments
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +93,17 @@ class Columns:
             columns.append(link[mine >= 0])
             places.append(mine[mine >= 0])
         return np.concatenate(columns), np.concatenate(places)
+
+    @cached_property
+    def terms(self) -> np.ndarray:
+        """(k,) number of the term of the equation in which each unknown is: masses and first
+        moments of all bodies 0, inertias 1, each effect one of its own.
+        """
+        found = np.zeros(len(self), dtype=int)
+        found[: len(self.rigid)] = self.rigid % COUNT >= INERTIAS
+        for number, (_, places) in enumerate(self.effects, 2):
+            found[places[places >= 0]] = number
+        return found
 
     @cached_property
     def shapes(self) -> np.ndarray:

@@ -207,7 +207,9 @@ def steps(c: LoggedChannel) -> Judgement:
 def spikes(c: LoggedChannel) -> Judgement:
     """Lone samples far from both neighbours, which are alike: cells without a value, glitches."""
     before, x, after = c.x[:-2], c.x[1:-1], c.x[2:]
-    usual = float(np.median(np.abs(x - 0.5 * (before + after)))) / 0.6745
+    off, moving = np.abs(x - 0.5 * (before + after)), c.moving[1:-1]
+    # noise may be larger in motion, of which a log may hold little
+    usual = max(float(np.median(some)) for some in (off, off[moving]) if len(some)) / 0.6745
     far = np.minimum(np.abs(x - before), np.abs(x - after))
     least = max(SPIKE * usual, ROUGH * float(np.sqrt(np.mean(c.x**2))))
     lone = (far > least) & (np.abs(after - before) < 0.25 * far)

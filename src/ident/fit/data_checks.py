@@ -32,7 +32,7 @@ from ident.fit.small_errors import (
 from ident.information.chance import BEYOND, LEAVES, MINE
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
-from ident.text import percent, some, two_digits
+from ident.text import listed, percent, some, two_digits
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
@@ -216,6 +216,9 @@ class DataChecks(FaultSearch):
         may be wrong; but a fault where factors of several torques explain the log.
         """
         columns, table, gains = self.problem.columns, self.table, dict[str, float]()
+        if not self.mechanism.prior.any():
+            return  # a URDF without masses needs no torque
+        turned = dict[str, float]()  # torques of the URDF's shape with the other sign
         alike = 1.0  # least correlation of the torques of `gains` with what the URDF's bodies need
         rigid = np.arange(len(columns)) < len(columns.rigid)
         beside = [table.effect_columns(each, [{}]) for each in self.common]
@@ -235,7 +238,11 @@ class DataChecks(FaultSearch):
                 gains[name], alike = float(own @ logged / (own @ own)), min(alike, c)
             many = self.estimate.triangle.rows > FEW * self.estimate.base.rank
             matter = min(sizes) > LEAVES * float(np.linalg.norm(tau))
-            if many and matter and like < UNLIKE and self.errors[name] < LEAVES:
+            if not (many and matter and self.errors[name] < LEAVES):
+                continue
+            if like < -LIKE:
+                turned[f"tau.{name}"] = like
+            elif like < UNLIKE:
                 text = (
                     f"tau.{name}: the bodies that were identified need a torque of another shape "
                     f"than the URDF's (correlation {like:.2f}): gravity, the zero or sign of a "
@@ -243,6 +250,8 @@ class DataChecks(FaultSearch):
                 )
                 remedy = "check [mechanism] gravity, q.… and t against the machine"
                 yield Finding("unlike", text, remedy, (f"tau.{name}",), like, UNLIKE)
+        if turned:
+            yield self._turned(turned)
         logs = np.log(list(gains.values()))
         one = len(gains) > 1 and np.ptp(logs) < SAME and alike > ALIKE
         least = OTHER if one else BEYOND
@@ -255,6 +264,20 @@ class DataChecks(FaultSearch):
         else:
             alone = ({name: x} for name, x in far.items() if max(x, 1 / x) > TIMES)
             yield from (self._magnitude("magnitude", each, TIMES) for each in alone)
+
+    def _turned(self, turned: Mapping[str, float]) -> Finding:
+        """Return a finding on torques that are those of the URDF's bodies with the other sign, by
+        channel with the correlation.
+        """
+        worst = max(turned.values())
+        text = (
+            f"{listed(turned)}: the bodies that were identified need the torque of the URDF's with "
+            f"the other sign (correlation {worst:.2f}): the sign of these torques, or of gravity, "
+            "is wrong"
+        )
+        entry = log_entry(self.mechanism, next(iter(turned)), -1.0)
+        remedy = f"write {entry}, and the same of all torques that have this sign, most likely all"
+        return Finding("sign", text, remedy, tuple(turned), worst, -LIKE)
 
     def _scaled_alike(self, gains: Mapping[str, float]) -> tuple[float, float] | None:
         """Return the errors before and after each torque is divided by its gain, by joint, if that

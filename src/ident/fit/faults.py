@@ -22,7 +22,7 @@ from ident.information.linear import Array
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import is_rotational, joint_axis
 from ident.motion import State
-from ident.text import percent
+from ident.text import listed, percent
 
 PARALLEL = 0.999  # numerics: cosine of two axes that are one, up to rounding in a URDF
 DEGREES = 10.0  # range: smallest range of a position that may be in degrees
@@ -345,7 +345,7 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
     fields: dict[str, object] = {
         "number": number, "inverse": 1 / number if number else 0.0, "ms": abs(1e3 * number),
         "lengths": number**-2 if number else 0.0, "unit": said,
-        "late": "late" if number > 0 else "early", "joints": " and ".join(own),
+        "late": "late" if number > 0 else "early", "joints": listed(own),
         "several": "s together: two clocks, or a filter on one of them" if own[1:] else "",
         "wrench": "with the other sign" if number else "left out",
         "effect": "" if own[1:] else "".join(f", or add the effect {k}:{own[0]}" for k in effects),
@@ -361,7 +361,7 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
     factor = exact_factor(number) if number else number
     for kind in ("q", "tau"):
         channels, sources = ([f"{kind}.{name}" for name in names] for names in (own, joints))
-        fields[kind] = " and ".join(channels)
+        fields[kind] = listed(channels)
         fields[f"{kind}_lines"] = ", ".join(log_entry(mechanism, c, factor) for c in channels)
         columns = [x.column if (x := mechanism.columns.get(c)) else c for c in sources]
         fields[f"{kind}_exchange"] = " and ".join(

@@ -20,7 +20,7 @@ from ident.fit.problem import Problem
 from ident.fit.shapes import initial
 from ident.fit.values import EffectValues, ParameterValues, absorbed_by
 from ident.information.blocks import Error
-from ident.information.chance import CERTAIN
+from ident.information.chance import CERTAIN, LEAVES
 from ident.information.estimate import Estimate, estimate, term_sizes
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import pseudo_inertia
@@ -41,6 +41,7 @@ LEAST_MASS = 1e-9  # range: kg below which a body with first moments cannot be w
 # relative error of a torque from which its unit is in doubt
 FREELY = 0.1
 LITTLE = 0.1  # shown: of the farthest joint's way: one that moves less is named
+DRIVING = "friction drives"  # code of a finding
 IMPOSSIBLE_BODY = "impossible body"  # code of a finding
 POSSIBLE = -1e-6  # numerics: of a body's largest eigenvalue: what rounding may leave below zero
 
@@ -88,6 +89,12 @@ def findings_of(
         more: findings of the way in which the estimate was made.
     """
     pi = problem.point_at(estimate.x).pi
+    # unknowns of one term may cancel, as moments of two parallel links do; gravity and inertia do
+    # where a joint swings freely
+    terms = problem.columns.terms
+    parted = np.where(
+        terms[:, None] == np.unique(terms), estimate.base.alone(estimate.x)[:, None], 0.0
+    )
     found = [
         *_equations(problem, estimate),
         *_held(problem.columns, estimate),
@@ -95,7 +102,7 @@ def findings_of(
         *_absorbed(problem.columns, estimate),
         *_multipliers(problem, estimate),
         *more,
-        *_swinging(problem, estimate, errors),
+        *_swinging(problem, estimate.at(parted), errors),
         *_implausible(problem.mechanism, errors, effects, pi),
     ]
     return tuple(dict.fromkeys(found))
@@ -234,7 +241,7 @@ def _swinging(
     problem: Problem, estimate: Estimate, errors: Mapping[str, Error]
 ) -> Iterator[Finding]:
     """Report driven joints whose torque is the small remainder of large terms that cancel, and is
-    not explained.
+    not explained; the unknowns of the estimate are apart by term.
     """
     shares: dict[str, float] = {}
     sizes = term_sizes(problem.information.totals, estimate.x)
@@ -277,6 +284,7 @@ def _implausible(
             "of the torque, or whether another effect is missing"
         )
         yield Finding("negative", text, where=negative)
+    yield from _driving(effects, errors)
     bodies = {link: pi[mechanism.bodies.columns(link)] for link in mechanism.bodies.links}
     massless = tuple(
         link for link, body in bodies.items() if abs(body[0]) <= LEAST_MASS and np.any(body[1:])
@@ -300,6 +308,26 @@ def _implausible(
         )
         remedy = "--consistent finds the nearest bodies that are possible"
         yield Finding(IMPOSSIBLE_BODY, text, remedy, tuple(impossible))
+
+
+def _driving(effects: Sequence[EffectValues], errors: Mapping[str, Error]) -> Iterator[Finding]:
+    """Report joints that dry friction drives instead of braking them, with much of their torque."""
+    for each in effects:
+        effect, value = each.effect, each.parameters[0]
+        if not effect.unknowns or effect.unknowns[0].acts != "level":
+            continue
+        joint = effect.joints[0]
+        error = errors.get(joint)
+        if error is None or not error.relative or not value.stderr:
+            continue
+        share = -value.value / (error.rms / error.relative)
+        if share > LEAVES and value.value < -CERTAIN * value.stderr:
+            text = (
+                f"tau.{joint}: dry friction would drive the joint, with {100 * share:.2g} % of its "
+                "torque: the sign of the torque is wrong, or another effect is missing"
+            )
+            remedy = f'if it is the sign, [log] "tau.{joint}" = {{ column = …, scale = -1 }}'
+            yield Finding(DRIVING, text, remedy, (f"tau.{joint}",), share, LEAVES)
 
 
 def bodies_with_unknowns(mechanism: Mechanism) -> list[str]:

@@ -46,6 +46,12 @@ class Base:
         """Return the base parameters (rank,) of all unknowns (k,): x_I + K x_D."""
         return np.asarray(x[self.independent] + self.K @ x[self.dependent])
 
+    def alone(self, x: Array) -> Array:
+        """Return unknowns (k,) with the same A x, of which all but the base's are zero."""
+        found = np.zeros(len(x))
+        found[self.independent] = self.combined(x)
+        return found
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -158,10 +164,11 @@ class Estimate:
 
 
 def term_sizes(totals: Sequence[Triangle], x: Array) -> Array:
-    """Return the root of the sum of squares of all terms in each coordinate's rows (d,), at x."""
-    return np.array(
-        [np.linalg.norm(t.column_norms() * x) / np.sqrt(max(t.rows, 1)) for t in totals]
-    )
+    """Return the root of the sum of squares of all terms in each coordinate's rows (d,): of each
+    unknown of x (k,), or of each column of x (k, terms).
+    """
+    sizes = (np.linalg.norm(t.column_norms() * x if x.ndim == 1 else t.R @ x) for t in totals)
+    return np.array([s / np.sqrt(max(t.rows, 1)) for s, t in zip(sizes, totals, strict=True)])
 
 
 def estimate(

@@ -15,6 +15,7 @@ from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion.noise import grain, noise_level
+from ident.text import listed
 
 PREFIXES = ("q", "v", "a", "tau", "wrench")
 ORDERS = "qva"
@@ -28,6 +29,7 @@ UNEVEN = 1e-3  # numerics: jitter, as a share of the step, below which a clock c
 GAP = 5.0  # range: median steps without a sample that make a gap
 SHORTEST = 12.0  # range: median steps that a run between two gaps must last to be used
 SHARPEST = 1e-3  # numerics: noise of a derivative over that of what it derives, a log's length
+MOVED = 100.0  # range: times the noise of a position over which it has moved
 NO_MEASUREMENT = f"is no measurement: more than {ABSURD:g} times what is usual"
 NIL = 1e-12  # numerics: rad, m and their rates: what moves less stands still, but for rounding
 ROUNDING = 1e-9  # numerics: of its spread, or of 1 rad or m: no channel is trusted better
@@ -191,6 +193,11 @@ def measure(
             )
             own[name] = own[name].astype(float)
             own[name][lone] = np.nan
+    if still := _rates_of_nothing(own):
+        notes.append(
+            f"{listed(still)}: always 0 while the joint moves: no measurement; derived from the "
+            "positions"
+        )
     limits = torque_limits(own) if limits is None else limits
     notes += _without_limits(own, limits)
     log = replace(log, columns=own)
@@ -258,6 +265,21 @@ def measure(
     for joint in mechanism.joints if clock is None else ():
         check_units(log.name, columns, signals.dt, joint)
     return signals
+
+
+def _rates_of_nothing(own: dict[str, np.ndarray]) -> list[str]:
+    """Take out velocities and accelerations that are always zero though the position moves, beyond
+    its noise; return their names.
+    """
+    still = [name for name, x in own.items() if name[:2] in ("v.", "a.") and not np.nansum(abs(x))]
+    found = []
+    for name in still:
+        q = own.get("q" + name[1:], np.zeros(0))
+        q = q[np.isfinite(q)]
+        if len(q) > 1 and np.ptp(q) > MOVED * max(noise_level(q), NIL):
+            found.append(name)
+            del own[name]
+    return found
 
 
 def usual_range(x: np.ndarray) -> tuple[float, float]:

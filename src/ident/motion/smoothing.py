@@ -256,7 +256,9 @@ def together(
     e = along(mechanism, e, smoothed(signals, through, names, band, e.smooth.spacing, own)[0])
     white = [channel.sigma for channel in channels]
     if recipe is not None:
-        channels = [replace(each, sigma=recipe.noise[each.column]) for each in channels]
+        channels = [
+            replace(each, sigma=recipe.noise.get(each.column, each.sigma)) for each in channels
+        ]
     else:
         e = along(mechanism, e, fused(mechanism, e, channels))
         channels = reweighted(channels, missed(mechanism, e, channels))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ import numpy as np
 
 from ident.display import renders
 from ident.equations.unknowns import Columns
-from ident.errors import MechanismError
+from ident.errors import FitError, MechanismError
 from ident.fit.channel_checks import log_findings
 from ident.fit.findings import POOR, Finding, excitation
+from ident.fit.identify import identify
 from ident.fit.problem import information_of
 from ident.fit.shapes import initial
 from ident.fit.values import absorbed_by, base_names
@@ -214,7 +216,7 @@ def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
     motion identifies.
     """
     found = identifiable(mechanism, motion)
-    wrong = [] if motion is None else [*log_findings(mechanism, motion)]
+    wrong = data_findings(mechanism, motion)
     column = ["assembled", *(f"{x:.4g}" for x in _assembled(mechanism))]
     rows = zip(joint_rows(mechanism, motion), column, strict=True)
     joints = text_table([[*row, cell] for row, cell in rows])
@@ -224,6 +226,23 @@ def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
         parts += [[str(motion)], [CHANNELS, *text_table(_channels(mechanism, motion))]]
     texts = map("\n".join, parts)
     return "\n\n".join([*texts, structure(found, motion is not None)])
+
+
+def data_findings(mechanism: Mechanism, motion: Motion | None) -> list[Finding]:
+    """Return what looks wrong in logged data: in channels by themselves, and, where all torques are
+    measured, in torques beside the motion, by a fit with the effects that every machine has.
+    """
+    if motion is None:
+        return []
+    channels = {name for log in motion.logs for name in log.columns}
+    measured = all(f"tau.{name}" in channels for name in mechanism.driven)
+    if measured and motion.experiments and mechanism.unknown:
+        model = mechanism
+        for effect in mechanism.candidates(motion.experiments[0].logged):
+            model = model + effect if effect.common else model
+        with suppress(FitError):
+            return [*identify(model, motion, estimator="least-squares").health.findings]
+    return [*log_findings(mechanism, motion)]
 
 
 def _channels(mechanism: Mechanism, motion: Motion) -> list[list[str]]:
@@ -298,7 +317,7 @@ def check_json(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, 
         "identifiable": identifiable(mechanism, motion),
         "notes": [
             *mechanism.notes,
-            *(map(str, log_findings(mechanism, motion)) if motion else ()),
+            *map(str, data_findings(mechanism, motion)),
             *((*beyond_limits(mechanism, motion), *motion.notes) if motion else ()),
         ],
     }  # fmt: skip
