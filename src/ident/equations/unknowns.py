@@ -114,6 +114,15 @@ class Columns:
         ]
         return np.concatenate([np.empty(0, dtype=int), *found])
 
+    @cached_property
+    def with_known_shapes(self) -> Columns:
+        """The same unknowns, with columns of zeros for shapes, which are taken as known."""
+        effects = tuple(
+            (effect, np.where(np.arange(len(places)) < len(effect.unknowns), places, -1))
+            for effect, places in self.effects
+        )
+        return replace(self, effects=effects)
+
     def prior_at(self, values: Mapping[str, float]) -> np.ndarray:
         """(k,) the prior, with shapes at their present values: that is where they stay if no data
         move them.

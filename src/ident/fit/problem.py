@@ -110,9 +110,11 @@ class Problem:
         return cls(mechanism, motion, point, columns, information, tuple(bands))
 
     @classmethod
-    def reduced(cls, mechanism: Mechanism, motion: Motion, point: Point) -> Problem:
-        """Make the reduced rows alone at a point."""
-        columns = Columns.of(mechanism)
+    def reduced(
+        cls, mechanism: Mechanism, motion: Motion, point: Point, columns: Columns | None = None
+    ) -> Problem:
+        """Make the reduced rows alone at a point; `columns`: by default the mechanism's."""
+        columns = columns or Columns.of(mechanism)
         information = information_of(mechanism, columns, motion, point)
         return cls(mechanism, motion, point, columns, information)
 

@@ -120,15 +120,18 @@ def variable_projection(
     shapes = np.isin(np.arange(len(columns)), columns.shapes)
     passes = PASSES if any(effect.implicit for effect in mechanism.effects) else 1
 
-    def solved(point: Point, first: Estimate, held: np.ndarray) -> Estimate:
-        problem = Problem.reduced(mechanism, motion, point)
+    def solved(
+        point: Point, first: Estimate, held: np.ndarray, columns: Columns = columns
+    ) -> Estimate:
+        problem = Problem.reduced(mechanism, motion, point, columns)
         return problem.estimate(sigma=first.sigma, held=held)
 
     def trial(point: Point, first: Estimate) -> tuple[Point, float]:
         """Return the point of least error with the shapes where they are, and that error."""
+        there = point.unknowns(columns)
         for _ in range(passes):
-            found = solved(point, first, first.held | shapes)
-            point = point.at(mechanism, columns, found.x)
+            found = solved(point, first, first.held | shapes, columns.with_known_shapes)
+            point = point.at(mechanism, columns, np.where(shapes, there, found.x))
         return point, found.triangle.residual_norm(found.x) ** 2
 
     point, _ = trial(point, start.estimate())  # a shape without size has no slope
