@@ -478,3 +478,28 @@ def test_check_judges_torques_beside_the_motion(robots, tmp_path, ident):
     assert "look at this first: tau.wrist: the sign is against that of q.wrist" in said
     said = ident("check", robots / "arm", robots / "arm" / "run.csv").out
     assert "nothing looks wrong in it" in said
+
+
+def test_a_joint_without_a_torque_sensor_is_in_no_table(robots, tmp_path, ident):
+    head, *lines = rows(robots / "arm" / "run.csv")
+    at = head.index("tau.wrist")
+    with (tmp_path / "run.csv").open("w", newline="") as stream:
+        csv.writer(stream).writerows([*line[:at], *line[at + 1 :]] for line in (head, *lines))
+    given = robots / "arm", tmp_path / "run.csv"
+    refused = ident("identify", *given)
+    assert refused.status
+    assert "--unmeasured wrist" in refused.err
+    with_friction = "--with", "viscous", "--with", "coulomb", "--unmeasured", "wrist"
+    said = ident("identify", *given, *with_friction, "--out", tmp_path / "fit").out
+    table = said.partition("error of the predicted torque")[2].partition("Effects")[0]
+    assert "elbow" in table
+    assert "wrist" not in table
+    assert "ident compare" in said
+    assert "--unmeasured wrist" in said
+    said = ident("check", *given, "--unmeasured", "wrist").out
+    assert "can be used for identification of 22 of 22" in said
+    for command in (
+        ("diagnose", *given, *with_friction),
+        ("diagnose", tmp_path / "fit" / "identified", given[1]),
+    ):
+        assert "nothing is missing" in ident(*command).out

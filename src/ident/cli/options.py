@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import MISSING, dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
@@ -76,6 +77,7 @@ With = Annotated[
     ),
 ]
 Lock = Annotated[Texts, option("Hold a joint at rad or m, or at its start.", "JOINT[=VALUE]")]
+Unmeasured = Annotated[Texts, option("Leave out the equation of a joint without sensor.", "JOINT")]
 MeshPath = Annotated[Paths, option("Packages of package://, as ROS_PACKAGE_PATH.", "DIR")]
 AllowCode = Annotated[
     bool, option("Run Python files that mechanism.toml or --with names.", None, "--allow-code")
@@ -121,6 +123,7 @@ class MechanismOptions:
 
     mechanism: MechanismPath
     lock: Lock = None
+    unmeasured: Unmeasured = None
     mesh_path: MeshPath = None
     allow_code: AllowCode = False
 
@@ -137,10 +140,13 @@ class MechanismOptions:
         inputs.set(Inputs(str(self.mechanism), tuple(files), self._words, tuple(normal)))
         with_packages(self.mesh_path)
         locked = locked_joints(self.lock)
-        mechanism = load(self.mechanism, allow_code=self.allow_code, locked=locked)
+        read = partial(
+            load, self.mechanism, allow_code=self.allow_code, unmeasured=self.unmeasured or ()
+        )
+        mechanism = read(locked=locked)
         if hands := _unlogged_hands(mechanism, like or logs):
             locked |= dict.fromkeys(hands, None)
-            mechanism = load(self.mechanism, allow_code=self.allow_code, locked=locked)
+            mechanism = read(locked=locked)
             notes_later([f"{', '.join(hands)}: not logged, and parts of a hand; held at the start"])
         return mechanism
 

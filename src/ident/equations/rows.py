@@ -349,6 +349,8 @@ def rows(
             b, tau, opened, standing = series[d:]
             informed, moving = opened < sticking, standing < STANDING
             A, b = with_bodies(scene.columns, scene.point, gamma, A, b, spans)
+            for u in scene.mechanism.unmeasured_rows:
+                A[:, u], b[:, u], tau[:, u], informed[:, u] = 0.0, 0.0, 0.0, False
             yield Rows(e.t[sample], sample, A, b, tau, informed, moving & informed)
     if fresh:
         e.store.put(

@@ -105,7 +105,10 @@ def constant(c: LoggedChannel) -> Judgement:
         0.0,
         0.0,
         f"always {significant(c.x[0] + 0.0, 4)} while the joint moves: no measurement",
-        f"map the right column in [log], or put '{c.joint.name}' among the passive joints",
+        "map the right column in [log]"
+        + f", leave out its equation if it has no sensor (--unmeasured {c.joint.name})"
+        * (not c.mechanism.closures)
+        + f", or put '{c.joint.name}' among the passive joints",
     )
 
 
@@ -115,7 +118,10 @@ def zero(c: LoggedChannel) -> Judgement:
     text = (
         f"exactly zero in {100 * share:.0f} % of the samples at which the joint moves: {MEASURED}"
     )
-    return (share, ZERO, text, c.entry) if share > ZERO and c.x.any() else None
+    remedy = c.entry
+    if not c.mechanism.closures:
+        remedy += f"; without a sensor, --unmeasured {c.joint.name} leaves out its equation"
+    return (share, ZERO, text, remedy) if share > ZERO and c.x.any() else None
 
 
 def noise_only(c: LoggedChannel) -> Judgement:
@@ -286,7 +292,7 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
                 yield from _moving_lock(log, name, mechanism.locked[joint])
             if joint not in mechanism.joint_index or (state := states[log.name]) is None:
                 continue
-            if kind == "tau" and joint not in mechanism.driven:
+            if kind == "tau" and joint not in {*mechanism.driven} - {*mechanism.unmeasured}:
                 continue
             t, x = log.series(name)
             measured = np.abs(x) < LARGEST

@@ -196,13 +196,15 @@ class FaultSearch:
     def _torques(self, now: FaultTrial) -> list[FaultTrial]:
         """Return the faults of torques, each beside those before it."""
         equations, found = self.equations, list[FaultTrial]()
+        off = self.mechanism.unmeasured
+        measured = [j for j, name in enumerate(equations.driven) if name not in off]
         while len(found) < len(equations.driven):
             poor, lags = now.noise > POOR, equations.lags[: equations.near]
 
             def trial(fault: Fault, before: Array = now.noise) -> FaultTrial:
                 return FaultTrial(fault, equations, before)
 
-            faults = [*torque_faults(now.fault, lags), *self._scaled(now, trial)]
+            faults = [*torque_faults(now.fault, lags, measured), *self._scaled(now, trial)]
             faults = [each for each in faults if poor[equations.rows_of(each)].any()]
             base = now.left
             if self.explained is not None:

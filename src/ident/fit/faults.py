@@ -85,23 +85,23 @@ class Fault:
 # --- torques ------------------------------------------------------------------------------------
 
 
-def torque_faults(now: Fault, lags: Array) -> Iterator[Fault]:
+def torque_faults(now: Fault, lags: Array, J: Sequence[int]) -> Iterator[Fault]:
     """Yield what may be wrong with torques one step from a fault, simple hypotheses first.
 
-    `lags` are the shifts [s] that can be a delay, the first 0.
+    `lags` are the shifts [s] that can be a delay, the first 0; J numbers the driven joints whose
+    torque is measured.
     """
-    J = range(len(now.driven))
     for j in J:
         yield now.with_("sign", -1.0, gain={j: -now.gain[j]})
     if len(J) > 2:
         yield now.with_("sign", -1.0, gain={j: -now.gain[j] for j in J})
     for j in J:
-        for i in range(j):
+        for i in (i for i in J if i < j):
             both = now.driven[j], now.driven[i]
             yield now.with_("swapped", 1.0, joints=both, take={i: now.take[j], j: now.take[i]})
             yield now.with_("sign", -1.0, gain={i: -now.gain[i], j: -now.gain[j]})
     for shift, lag in enumerate(lags):
-        if shift and now.take == tuple(J):
+        if shift and now.take == tuple(range(len(now.take))):
             for some in (*((j,) for j in J), tuple(J) if len(J) > 1 else ()):
                 if some:
                     yield now.with_("delay", float(lag), shift=dict.fromkeys(some, shift))

@@ -121,8 +121,10 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         )
         yield Finding("short log", text, _longer(problem, rows, rank), (), rows / rank, SHORT)
     yield from map(note, (*problem.mechanism.notes, *problem.motion.notes))
-    if rest := sum(block.rest.rows for block in problem.information):
-        share = rest / problem.information.rows
+    off = problem.mechanism.unmeasured_rows
+    blocks = [block for block in problem.information if block.coordinate not in off]
+    if rest := sum(block.rest.rows for block in blocks):
+        share = rest / sum(block.rows for block in blocks)
         text = f"{100 * share:.3g} % of the equations are at standstill, where dry friction is open"
         yield Finding("standstill", text, "they count in neither the fit nor errors in motion")
     if not len(problem.columns):

@@ -152,6 +152,8 @@ def _predict(mechanism: Mechanism, motion: Motion, bare: State, point: Point) ->
         if e.loop is not None:
             f = sum(forces.values()) - s.measured(others)
             multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
+    for each in parts.values():  # no residual where nothing is measured
+        each[:, mechanism.unmeasured_rows] = 0.0
     return Prediction(
         e.name, e.t, measured, parts, moving, motion.independent, multipliers, e.usable
     )
@@ -187,6 +189,7 @@ def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Tr
         np.concatenate(x) for x in zip(*found, strict=True)
     )
     informed, moving = opened < STICKING, standing < STANDING
+    torques[:, :, mechanism.unmeasured_rows] = 0.0  # no residual where nothing is measured
     measured, gravity, *parts = (torques[:, i] for i in range(counts))
     q, v, a, direction = (joints[:, i] for i in range(4))
     by_name = dict(zip(names, parts, strict=True))

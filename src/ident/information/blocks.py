@@ -49,6 +49,11 @@ class Error:
     relative_with_standstill: float | None = None
 
     @property
+    def unmeasured(self) -> bool:
+        """Whether no row has a torque or an error: that of a joint without a torque sensor."""
+        return self.rms == 0 and self.relative is None
+
+    @property
     def with_standstill(self) -> Error:
         """The error of all rows, those at standstill too."""
         if self.rms_with_standstill is None:

@@ -45,7 +45,11 @@ WORDS = re.compile(
 
 
 def load(
-    path: str | Path, *, allow_code: bool = False, locked: Mapping[str, float | None] | None = None
+    path: str | Path,
+    *,
+    allow_code: bool = False,
+    locked: Mapping[str, float | None] | None = None,
+    unmeasured: Collection[str] = (),
 ) -> Mechanism:
     """The mechanism of a folder with a mechanism.toml, of such a file, or of a bare URDF.
 
@@ -59,13 +63,16 @@ def load(
             files they name.
         locked: joints to hold at a coordinate [rad | m], beside those of [joints] locked; at their
             start where it is None.
+        unmeasured: driven joints without a torque sensor, beside those of [joints] unmeasured.
 
     Raises:
         MechanismError: one line that names the file, what is wrong and what would be valid.
     """
     path = Path(path)
     if is_fit(path):
-        known = load(path / "identified", allow_code=allow_code, locked=locked)
+        known = load(
+            path / "identified", allow_code=allow_code, locked=locked, unmeasured=unmeasured
+        )
         return _unknown_again(known, path / "fit.json")
     toml = _toml_of(path)
     top, urdf, name = TomlTable(str(path)), path, path.stem
@@ -103,12 +110,13 @@ def load(
         parts = {joint.find("child").get("link") for joint in joined}
         every = parameters.words("unknown")
         asked = [x for x in every if x not in parts and x.rpartition(".")[0] not in parts]
+    constraints = tuple(read_closure(table, context) for table in (*loops, *closures, *mimics))
     mechanism = Mechanism(
         name=name,
         model=tree.model,
         bodies=bodies,
         joints=joints,
-        closures=tuple(read_closure(table, context) for table in (*loops, *closures, *mimics)),
+        closures=constraints,
         driven=tuple(joint.name for joint in joints if joint.name not in passive),
         passive=tuple(joint.name for joint in joints if joint.name in passive),
         start=start,
@@ -123,6 +131,7 @@ def load(
         urdf=urdf,
         toml=toml,
         locked=held,
+        unmeasured=_unmeasured(top.table("joints"), unmeasured, joints, passive, bool(constraints)),
         consistency=read_consistency(parameters, bodies),
         covariance=read_covariance(parameters, folder),
     )
@@ -301,7 +310,7 @@ def _outside(robot: Any, held: Mapping[str, float], where: str) -> list[str]:
 def _passive_and_start(
     section: TomlTable, tree: Tree, joints: tuple[Joint, ...], held: Collection[str]
 ) -> tuple[set[str], np.ndarray]:
-    section.check("passive", "start", "locked")
+    section.check("passive", "start", "locked", "unmeasured")
     q, places = pin.neutral(tree.model), {joint.name: joint.index for joint in joints}
     passive, table = section.words("passive"), section.data.get("start", {})
     start = TomlTable(f"{section.where} start", table)
@@ -312,6 +321,28 @@ def _passive_and_start(
     for name in {*table} & {*places}:
         q[places[name]] = start.number(name)
     return {*passive, *(mimic["joints"][0] for mimic in tree.mimics)}, q
+
+
+def _unmeasured(
+    section: TomlTable,
+    asked: Collection[str],
+    joints: tuple[Joint, ...],
+    passive: Collection[str],
+    closed: bool,
+) -> tuple[str, ...]:
+    """Return the driven joints without a torque sensor, of [joints] unmeasured and asked for."""
+    driven = [joint.name for joint in joints if joint.name not in passive]
+    names = {*section.words("unmeasured"), *asked}
+    for name in sorted(names - {*driven}):
+        raise section.error(f"unmeasured: '{name}' is no driven joint; {one_of(name, driven)}")
+    if names == {*driven}:
+        raise section.error("unmeasured: names every driven joint, so no torque is left")
+    if names and closed:
+        raise section.error(
+            f"unmeasured: {listed(sorted(names))}: closures pass its torque on to all equations, "
+            "so none can do without it; put it among the passive joints if it has no motor"
+        )
+    return tuple(name for name in driven if name in names)
 
 
 def _remarks(mechanism: Mechanism) -> list[str]:

@@ -101,6 +101,8 @@ class Mechanism(Displayed):
         urdf: path of the URDF; toml: of its mechanism.toml, if it has one.
         notes: what was understood otherwise than it is written.
         locked: joints held at a coordinate [rad | m]; they are in none of the above.
+        unmeasured: driven joints of a tree whose torque has no sensor: their equations, which the
+            torques of no other joint need, are left out.
         consistency: bounds on parameters and the total mass, for a consistent fit.
         covariance: of known values, where an earlier fit has found them.
     """
@@ -121,8 +123,14 @@ class Mechanism(Displayed):
     toml: Path | None = None
     notes: tuple[str, ...] = ()
     locked: Mapping[str, float] = field(default_factory=dict)
+    unmeasured: tuple[str, ...] = ()
     consistency: Consistency = field(default_factory=Consistency)
     covariance: Covariance | None = None
+
+    @cached_property
+    def unmeasured_rows(self) -> list[int]:
+        """Rows of the equations of a tree whose torque is not measured."""
+        return [self.joint(name).index for name in self.unmeasured]
 
     # --- kinematics -----------------------------------------------------------------------------
 

@@ -130,6 +130,8 @@ def _document(mechanism: Mechanism) -> tomlkit.TOMLDocument:
         locked = tomlkit.inline_table()
         locked.update({**joints.get("locked", {}), **missing})
         document.setdefault("joints", tomlkit.table())["locked"] = locked
+    if {*mechanism.unmeasured} - {*joints.get("unmeasured", [])}:
+        document.setdefault("joints", tomlkit.table())["unmeasured"] = [*mechanism.unmeasured]
     return document
 
 

@@ -184,10 +184,11 @@ def _scene(
     at = np.flatnonzero(signals.usable)
     most = min(SAMPLES, EQUATIONS // mechanism.model.nv)
     at = at[:: max(1, len(at) // most)]
-    tau = np.stack([signals.columns[f"tau.{name}"] for name in mechanism.driven], axis=1)
+    none = np.zeros(len(signals.t))  # of a torque that is not measured
+    tau = [signals.columns.get(f"tau.{name}", none) for name in mechanism.driven]
     e = State(
-        name=signals.log.name, t=signals.t, tau=tau, usable=signals.usable, logged=names,
-        independent=names,
+        name=signals.log.name, t=signals.t, tau=np.stack(tau, axis=1), usable=signals.usable,
+        logged=names, independent=names,
     ).at(mechanism, derived.known, names, start="follow").at_samples(at)  # fmt: skip
     if mechanism.closures:
         e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
@@ -210,6 +211,8 @@ def torque_errors(mechanism: Mechanism, e: State) -> np.ndarray:
     edges = np.linspace(0, len(e), FOLDS + 1).astype(int)
     blocks = []
     for u, y in enumerate(b.T):
+        if u in mechanism.unmeasured_rows:
+            continue
         x = np.concatenate([part[:, u] for part in parts], axis=1)
         own = np.flatnonzero(x.any(axis=0))  # in a tree, the bodies that the coordinate carries
         blocks.append(Part(u, own, x[:, own], y[:, None], edges))

@@ -178,7 +178,10 @@ def complete(
             "inertias will suffer; log faster, or give --cutoff"
         )
     complete_torques = all(
-        f"tau.{name}" in s.columns for s in measured for name in mechanism.driven
+        f"tau.{name}" in s.columns
+        for s in measured
+        for name in mechanism.driven
+        if name not in mechanism.unmeasured
     )
     if smoothing == AUTO and complete_torques and not white:
         if progress:
@@ -284,7 +287,8 @@ def _unmapped_joints(mechanism: Mechanism, columns: Iterable[str]) -> dict[str, 
 
 def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) -> list[str]:
     columns, log = signals.columns, signals.log.name
-    missing = [name for name in mechanism.driven if f"tau.{name}" not in columns]
+    needing = [name for name in mechanism.driven if name not in mechanism.unmeasured]
+    missing = [name for name in needing if f"tau.{name}" not in columns]
     moved = any(f"q.{joint.name}" in columns for joint in mechanism.joints)
     if missing and needed and moved:  # else no position is mapped either, which is said first
         name, free = missing[0], _unmapped(mechanism, columns)
@@ -297,6 +301,8 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
             f"{log}: joint '{name}' is driven, but {lacking}; log it, map it in mechanism.toml: "
             f"{entry}, put '{name}' among the passive joints, or hold it: "
             f"--lock {name}, in Python load(…, locked={{'{name}': None}})"
+            + f"; without a sensor, leave out its equation: --unmeasured {name}"
+            * (not mechanism.closures)
         )
     shown = ", ".join(f"tau.{name}" for name in missing)
     return [f"{log}: has no {shown}: a motion, no experiment"] if missing else []

@@ -193,6 +193,8 @@ def measure(
             )
             own[name] = own[name].astype(float)
             own[name][lone] = np.nan
+    for name in mechanism.unmeasured:
+        own.pop(f"tau.{name}", None)
     if still := _rates_of_nothing(own):
         notes.append(
             f"{listed(still)}: always 0 while the joint moves: no measurement; derived from the "

@@ -95,7 +95,7 @@ def _added(e: Exploration) -> list[Effect]:
 def confirmed(e: Exploration) -> str:
     """Return what the last change has done to the errors, the largest change first."""
     before, now = (rung.errors for rung in e.rungs[-2:])
-    bars = [Bar(j, before[j], x) for j, x in now.items()]
+    bars = [Bar(j, before[j], x) for j, x in now.items() if not x.unmeasured]
     bars.sort(key=lambda bar: -abs(bar.sizes[1] - bar.sizes[0]))
     return f"{changed(e.now)}: {some([f'{bar.joint} {bar.words}' for bar in bars], 2)}."
 

@@ -20,7 +20,8 @@ from ident.mechanism.load import has_identified
 from ident.mechanism.mechanism import Mechanism
 from ident.text import percent, places, significant, some, two_digits, width, wrapped
 
-PAIRS, FLAGS = ("--with", "--lock"), ("--absolute", "--allow-code")  # options of the model
+# options of the model
+PAIRS, FLAGS = ("--with", "--lock", "--unmeasured"), ("--absolute", "--allow-code")
 STRIP = 32  # characters of the longest bar in a terminal that has room for it
 BARS = 8  # joints that a terminal shows at most
 NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
@@ -81,7 +82,9 @@ def bars_of(
 ) -> tuple[Bar, ...]:
     """Return the bars of errors now, with those before where they are known."""
     return tuple(
-        Bar(j, before.get(j, e), e if j in before else None, noise[j]) for j, e in now.items()
+        Bar(j, before.get(j, e), e if j in before else None, noise[j])
+        for j, e in now.items()
+        if not e.unmeasured
     )
 
 
@@ -340,7 +343,7 @@ def next_command(
         verb = "identify"  # which writes the fit
     words = {
         # on a log that was not fitted
-        "compare": ["OTHER.csv", "--fit", f"{out}/fit.json", *own("--lock", *FLAGS)],
+        "compare": ["OTHER.csv", "--fit", f"{out}/fit.json", *own(*PAIRS[1:], *FLAGS)],
         "diagnose": [*given.logs, *options],
         "explore": [*given.logs, *options],
         "excite": [
@@ -359,5 +362,5 @@ def next_command(
     elif verb == "diagnose" and has_identified(Path(mechanism)):
         mechanism += "/identified"  # with known bodies a load can be the cause
     elif verb == "diagnose" and known and given.fit:  # effects are in it, with their values
-        mechanism, words[verb] = f"{given.fit}/identified", [*given.logs, *own("--lock", *FLAGS)]
+        mechanism, words[verb] = f"{given.fit}/identified", [*given.logs, *own(*PAIRS[1:], *FLAGS)]
     return shlex.join(["ident", verb, mechanism, *words[verb]])

@@ -69,7 +69,7 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     else:
         command = planned = planning(d, added)
         command = command or next_command("explore", added)
-    bars = tuple(Bar(j, e, after.get(j), d.floor[j]) for j, e in errors.items())
+    bars = tuple(Bar(j, e, after.get(j), d.floor[j]) for j, e in errors.items() if not e.unmeasured)
     searched, doubts = d.verdict == "nothing", d.health.findings
     good = good_enough(errors, d.floor, d.fit.residual.away, searched, doubts=doubts)
     known = "The earlier model lacked it too: its own log shows as much. "

@@ -96,14 +96,20 @@ def changed(step: Step) -> str:
 def noise_rung(history: History) -> str:
     """Return the last row of the ladder: what noise alone would leave."""
     joints = history.fit.motion.independent
-    return _row(NOISE, cells(noise_errors(history.fit), joints), joints)
+    noise, train = noise_errors(history.fit), history.fit.train
+    noise = {j: e for j, e in noise.items() if not train[j].unmeasured}
+    return _row(NOISE, cells(noise, joints), joints)
 
 
 def cells(errors: Mapping[str, Error], joints: Sequence[str]) -> list[str]:
     """Return relative errors; of a joint without torque its rms."""
     found = (errors.get(joint) for joint in joints)
     return [
-        "–" if e is None else significant(e.rms, 2) if e.relative is None else percent(e.relative)
+        "–"
+        if e is None or e.unmeasured
+        else significant(e.rms, 2)
+        if e.relative is None
+        else percent(e.relative)
         for e in found
     ]
 

@@ -194,7 +194,8 @@ def check_card(
     able = max(identifiable(mechanism)["rank"], rank)
     size = f"{rank} of {able} base parameters"
     channels = {name for log in motion.logs for name in log.columns}
-    without = [f"tau.{name}" for name in mechanism.driven if f"tau.{name}" not in channels]
+    torques = [f"tau.{name}" for name in mechanism.driven if name not in mechanism.unmeasured]
+    without = [name for name in torques if name not in channels]
     logs = some(motion.names, 2)
     if without or not rank:
         why, verb = "its motion determines no parameter", "excite"
@@ -235,7 +236,8 @@ def data_findings(mechanism: Mechanism, motion: Motion | None) -> list[Finding]:
     if motion is None:
         return []
     channels = {name for log in motion.logs for name in log.columns}
-    measured = all(f"tau.{name}" in channels for name in mechanism.driven)
+    driven = (name for name in mechanism.driven if name not in mechanism.unmeasured)
+    measured = all(f"tau.{name}" in channels for name in driven)
     if measured and motion.experiments and mechanism.unknown:
         model = mechanism
         for effect in mechanism.candidates(motion.experiments[0].logged):

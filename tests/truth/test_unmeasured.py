@@ -1,0 +1,96 @@
+"""Joints of a tree without a torque sensor: their equations are left out, all others are exact."""
+
+import json
+
+import numpy as np
+import pytest
+
+import ident
+from helpers import ROBOTS
+from ident import Log, Noise
+from ident.errors import MechanismError
+from identification import motion_log, plant, robot
+
+
+@pytest.fixture(scope="module")
+def planted():
+    mechanism = robot("arm").with_effect("viscous").with_effect("coulomb")
+    return plant(mechanism, motion_log("arm"), noise=[Noise("tau", 0.01, relative=True)], seed=2)
+
+
+def without(log, *names):
+    columns = {k: x for k, x in log.columns.items() if k not in names}
+    return Log.from_arrays(log.name, log.t, columns)
+
+
+def arm(*names):
+    mechanism = ident.load(ROBOTS / "arm", unmeasured=names)
+    return mechanism.with_effect("viscous").with_effect("coulomb")
+
+
+@pytest.mark.parametrize("joint", ["wrist", "elbow", "yaw"])
+def test_planted_values_are_found_from_the_other_joints(planted, joint):
+    mechanism = arm(joint)
+    motion = ident.complete(mechanism, without(planted.log, f"tau.{joint}"), cutoff="auto")
+    fit = ident.identify(mechanism, motion)
+    x = np.array([planted.values.get(name, 0.0) for name in fit.columns.names])
+    base = fit.estimate.base
+    true = base.combined(x)
+    off = np.abs(fit.estimate.solution.beta - true) / np.sqrt(np.diag(fit.covariance))
+    assert 0 < fit.rank < planted.fit(cutoff="auto").rank
+    assert np.sqrt(np.mean(off**2)) < 1.5
+    assert off.max() < 5
+    assert fit.train[joint].unmeasured
+    assert all(not e.unmeasured and e.relative < 0.02 for j, e in fit.train.items() if j != joint)
+
+
+def test_what_a_column_of_that_joint_holds_does_not_matter(planted):
+    found = []
+    for x in (
+        np.zeros(len(planted.log.t)),
+        np.random.default_rng(0).normal(size=len(planted.log.t)),
+    ):
+        columns = {**planted.log.columns, "tau.wrist": x}
+        log = Log.from_arrays("run.csv", planted.log.t, columns)
+        found.append(ident.identify(arm("wrist"), ident.complete(arm("wrist"), log)).estimate.x)
+    np.testing.assert_array_equal(*found)
+
+
+def test_a_diagnosis_names_what_is_missing_in_the_others_and_nothing_there(planted):
+    bare = ident.load(ROBOTS / "arm", unmeasured=["wrist"]).with_effect("viscous")
+    motion = ident.complete(bare, without(planted.log, "tau.wrist"), cutoff="auto")
+    found = ident.diagnose(ident.identify(bare, motion))
+    assert found.best is not None
+    assert found.best.kind == "coulomb"
+    assert not {"wrist"} & {j for e in (found.best, *found.group) for j in e.joints}
+    whole = ident.diagnose(ident.identify(arm("wrist"), motion))
+    assert whole.verdict == "nothing"
+    assert not whole.fit.residual.traces[0].residual[:, 3].any()
+
+
+def test_grow_and_files(planted, tmp_path):
+    bare = ident.load(ROBOTS / "arm", unmeasured=["wrist"])
+    log = without(planted.log, "tau.wrist")
+    log.write(tmp_path / "run.csv")
+    history = ident.grow(bare, ident.complete(bare, log, cutoff="auto"))
+    assert {e.label for e in history.added} >= {"coulomb:yaw", "coulomb:shoulder", "coulomb:elbow"}
+    assert not any("wrist" in e.joints for e in history.added)
+    history.fit.write(tmp_path / "fit")
+    again = ident.load(tmp_path / "fit" / "identified")
+    assert again.unmeasured == ("wrist",)
+    compared = ident.compare(history.fit, motion=ident.complete(again, tmp_path / "run.csv"))
+    assert json.dumps({j: e.rms for each in compared.errors.values() for j, e in each.items()})
+
+
+@pytest.mark.parametrize(
+    ("name", "joints", "said"),
+    [
+        ("arm", ["wris"], "did you mean 'wrist'"),
+        ("arm", ["yaw", "shoulder", "elbow", "wrist"], "no torque is left"),
+        ("five_bar", ["left"], "closures pass its torque on"),
+        ("five_bar", ["left_elbow"], "is no driven joint"),
+    ],
+)
+def test_what_cannot_be_left_out_is_refused(name, joints, said):
+    with pytest.raises(MechanismError, match=said):
+        ident.load(ROBOTS / name, unmeasured=joints)
