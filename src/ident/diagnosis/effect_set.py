@@ -107,6 +107,11 @@ class EffectSet:
         return frozenset(each.label for each in self.members)
 
     @property
+    def required(self) -> set[str]:
+        """Labels of effects that its effects change, without which they are nothing."""
+        return {label for each in self.members for label in each.effect.required}
+
+    @property
     def loss(self) -> float:
         """Weighted squared error of left-out blocks."""
         return float(self.regression.loss.sum())

@@ -321,8 +321,9 @@ def led_at_reversals(search: Search, found: EffectSet, seen: Collection[str]) ->
     left = [m for m in new if m.label in seen]
     if not left and first is not None and first.effect.at_reversals:
         left = [m for m in new if m.effect.at_reversals]
+    required = {label for each in left for label in each.effect.required}
     for each in new:
-        if each not in left:
+        if each not in left and each.label not in required:
             found = found.minus(each)
     return found if left else None
 
@@ -354,6 +355,7 @@ def undetermined(fit: Fit, new: Collection[Effect]) -> str:
     there is none.
     """
     labels = {each.label for each in new}
+    labels -= {label for each in fit.mechanism.effects for label in each.required}
     loose = []
     for e in fit.effects:
         own = e.parameters[: len(e.effect.unknowns) or None]

@@ -154,6 +154,7 @@ class Search:
             doubtful = [
                 e
                 for e in now.members
+                if e.label not in now.required
                 if now.shares[e.label] < 2 * self.limit(now, e)
                 or any(
                     e.effect.joints == other.effect.joints
@@ -394,7 +395,7 @@ class Search:
     def exchanged(self, now: EffectSet) -> EffectSet | None:
         """The set with one effect exchanged for a better one of its joints, beyond chance."""
         for each in now.members:
-            if each.evidence is None:
+            if each.evidence is None or each.label in now.required:
                 continue
             bare = now.minus(each)
             ranking = self.beside(bare, each)
