@@ -32,7 +32,7 @@ from ident.errors import FitError, check_whole
 from ident.files import json_bytes, version, write_all
 from ident.fit import Fit, identify
 from ident.information.blocks import Error
-from ident.information.chance import ALPHA, RIVAL
+from ident.information.chance import ALPHA, CERTAIN, RIVAL
 from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
@@ -350,9 +350,9 @@ def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple
 
 
 def undetermined(fit: Fit, new: Collection[Effect]) -> str:
-    """Return the label of an added effect all values of which are smaller than their errors, or one
-    of which cannot be, the one with most parameters first, and what every machine has last; "" if
-    there is none.
+    """Return the label of an added effect all values of which are smaller than their errors, or
+    than CERTAIN times these where it moves the machine's geometry or clock, or one of which cannot
+    be, the one with most parameters first, and what every machine has last; "" if there is none.
     """
     labels = {each.label for each in new}
     labels -= {label for each in fit.mechanism.effects for label in each.required}
@@ -361,7 +361,8 @@ def undetermined(fit: Fit, new: Collection[Effect]) -> str:
         own = e.parameters[: len(e.effect.unknowns) or None]
         values = np.array([v.value for v in own])
         errors = np.array([np.inf if v.stderr is None else v.stderr for v in own])
-        small = bool(e.effect.unknowns) and all(abs(v.value) < (v.stderr or 0.0) for v in own)
+        least = CERTAIN if e.effect.corrects else 1.0
+        small = all(abs(v.value) < least * (v.stderr or 0.0) for v in own)
         possible = can_be(fit.mechanism, e.effect, values, errors)
         if e.effect.label in labels and (small or not possible):
             loose.append(e.effect)

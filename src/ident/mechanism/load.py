@@ -335,7 +335,7 @@ def _unmeasured(
     names = {*section.words("unmeasured"), *asked}
     for name in sorted(names - {*driven}):
         raise section.error(f"unmeasured: '{name}' is no driven joint; {one_of(name, driven)}")
-    if names == {*driven}:
+    if names and names == {*driven}:
         raise section.error("unmeasured: names every driven joint, so no torque is left")
     if names and closed:
         raise section.error(

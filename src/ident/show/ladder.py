@@ -30,11 +30,12 @@ from ident.show.diagnosis import card, errors_with, short
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.html import Section, Sheet, report_page, table
 from ident.show.verdict import noise_errors, verdict_line
-from ident.text import percent, rounded, significant, width, wrapped
+from ident.text import percent, rounded, significant, some, width, wrapped
 
 NAME, CELL = 30, 7  # characters of the columns
 LONG = "+ viscous friction in "  # and a joint: as long as most names are
 NOISE = "noise alone"
+HIGHER = 1.1  # times its least on the ladder: an error on a validation log that is told
 SIZES = 4  # numbers of what was added that stand in the first lines
 CAPTION = "Held-out error, rung by rung"
 
@@ -186,7 +187,7 @@ def history_card(history: History) -> Card:
     bars = bars_of(first, errors, d.floor)
     if d.verdict == "nothing":
         top = replace(top, command=next_command("compare", history.added))
-    sure = f"Added: {_added(history)}{_sizes(history)}. {top.sure}"
+    sure = f"Added: {_added(history)}{_sizes(history)}. {_larger(history)}{top.sure}"
     change = "as given → with all that is named"
     first_bar = next(filter(None, own), "")
     return replace(top, sure=sure, bars=bars, change=change, first=first_bar)
@@ -203,6 +204,24 @@ def _added(history: History) -> str:
             rivals = f"{named(kept)} or {named(step.rivals, 'or')}"
             parts.append(f"{rivals}, which this data cannot tell apart")
     return "; ".join(parts) or "nothing"
+
+
+def _larger(history: History) -> str:
+    """Return which errors on validation logs were clearly smaller on an earlier rung."""
+    text, fits = "", history.fits
+    for log, errors in history.fit.validation.items():
+        rises = []
+        for joint, error in errors.items():
+            least = min(fit.validation[log][joint].rms for fit in fits)
+            if error.relative and error.rms > HIGHER * least:
+                before = percent(least / error.rms * error.relative)
+                rises.append(f"{joint} ({before} instead of {percent(error.relative)})")
+        if rises:
+            text += (
+                f"On {log} an earlier rung predicts {some(rises, 3)} better: not all that was "
+                "added after it helps there. "
+            )
+    return text
 
 
 def _sizes(history: History) -> str:

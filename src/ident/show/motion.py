@@ -28,6 +28,7 @@ from ident.show.html import Section, Sheet, definitions, headed, items, origin, 
 from ident.text import significant, some
 from ident.text import table as text_table
 
+IMPOSSIBLE = 10.0  # times a drive's effort limit, nominal in many a URDF
 ROUNDING = 1e-6  # of positions and speeds beyond a limit
 CHANNELS = "what was measured of the motion: its white noise, and measured less smoothed (rms)"
 
@@ -97,7 +98,21 @@ def beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
         "the machine must not be asked for this motion; if it was measured, check the encoder's "
         "zero, sign and scale"
     )
-    return [f"beyond the limits of the URDF: {'; '.join(found)}: {why}"] if found else []
+    notes = [f"beyond the limits of the URDF: {'; '.join(found)}: {why}"] if found else []
+    return notes + _beyond_effort(mechanism, motion)
+
+
+def _beyond_effort(mechanism: Mechanism, motion: Motion) -> list[str]:
+    """Return a note on the torques that no drive of the URDF could make: their unit is another."""
+    found = []
+    for i, name in enumerate(mechanism.driven):
+        limit = mechanism.joint(name).effort
+        most = max(float(np.abs(e.tau[:, i]).max(initial=0.0)) for e in motion.experiments)
+        if 0 < limit < most / IMPOSSIBLE:
+            unit = mechanism.joint(name).force_unit
+            found.append(f"tau.{name} {significant(most)} {unit} (limit {limit:.4g})")
+    why = "check their units (mN m, counts, currents?), and the effort limits of the URDF"
+    return [f"beyond what the URDF's drives can do: {'; '.join(found)}: {why}"] if found else []
 
 
 # --- mechanisms ---------------------------------------------------------------------------------
