@@ -19,6 +19,7 @@ from ident.fit.channel_checks import log_findings
 from ident.fit.data_checks import DataChecks
 from ident.fit.faults import log_entry
 from ident.fit.small_errors import common_delay
+from ident.show.motion import beyond_limits
 from ident.text import stamp
 from identification import motion_log, plant, robot
 
@@ -564,3 +565,12 @@ def test_dry_friction_that_drives_a_joint_is_the_first_thing_said():
     assert "sign looks wrong of tau.wrist" in " ".join(str(fit).split())
     right = ident.identify(mechanism, ident.complete(mechanism, p.log))
     assert not [each for each in right.findings if each.code == "friction drives"]
+
+
+def test_a_torque_beyond_the_drive_is_told_by_check():
+    p = planted("arm")
+    log = changed(p.log, **{"tau.elbow": 1e3 * p.log.columns["tau.elbow"]})
+    (said,) = beyond_limits(p.mechanism, ident.complete(p.mechanism, log))
+    assert "tau.elbow" in said
+    assert "check their units" in said
+    assert not beyond_limits(p.mechanism, ident.complete(p.mechanism, p.log))

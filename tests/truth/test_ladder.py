@@ -1,9 +1,12 @@
 """Rungs of a ladder that are announced, and the fit that ends it."""
 
+from types import SimpleNamespace
+
 import ident
 from helpers import ROBOTS
-from ident.diagnosis.grow import _contradicted
+from ident.diagnosis.grow import _contradicted, undetermined
 from ident.information.blocks import Error
+from ident.show.ladder import _larger
 
 
 def test_a_fit_that_leaves_more_contradicts_what_was_announced():
@@ -23,3 +26,33 @@ def test_a_spring_with_preload_leaves_no_offset_beside_it():
     grown = ident.grow(arm, ident.complete(arm, log))
     found = {effect.label for effect in grown.added if "elbow" in effect.joints}
     assert found == {"viscous:elbow", "coulomb:elbow", "spring:elbow"}
+
+
+# --- validation ----------------------------------------------------------------------------------
+
+
+def test_an_error_that_was_smaller_on_an_earlier_rung_is_told():
+    def fit(**sizes):
+        errors = {joint: Error(size, size, "N m") for joint, size in sizes.items()}
+        return SimpleNamespace(validation={"other.csv": errors})
+
+    rungs = [fit(a=0.5, b=0.3), fit(a=0.2, b=0.1), fit(a=0.3, b=0.105)]
+    said = _larger(SimpleNamespace(fits=rungs, fit=rungs[-1]))
+    assert "On other.csv an earlier rung predicts a (20 % instead of 30 %) better" in said
+    assert "b (" not in said
+    assert not _larger(SimpleNamespace(fits=rungs[:2], fit=rungs[1]))
+
+
+def test_corrections_must_stand_out_of_their_errors():
+    """An encoder offset of 26° ± 10° is no name, an offset of a torque of that sureness stays."""
+    mechanism = ident.load(ROBOTS / "arm")
+    for label in ("encoder_offset:elbow", "torque_offset:elbow"):
+        mechanism = mechanism.with_effect(label)
+
+    def values(value, stderr):
+        own = (SimpleNamespace(value=value, stderr=stderr),)
+        effects = [SimpleNamespace(effect=e, parameters=own) for e in mechanism.effects]
+        return SimpleNamespace(mechanism=mechanism, effects=effects)
+
+    assert undetermined(values(-0.45, 0.18), mechanism.effects) == "encoder_offset:elbow"
+    assert undetermined(values(-0.45, 0.1), mechanism.effects) == ""
