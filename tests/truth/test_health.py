@@ -574,3 +574,16 @@ def test_a_torque_beyond_the_drive_is_told_by_check():
     assert "tau.elbow" in said
     assert "check their units" in said
     assert not beyond_limits(p.mechanism, ident.complete(p.mechanism, p.log))
+
+
+def test_terms_are_moments_inertias_and_effects():
+    """A x is the sum of the terms, and of the base's columns alone."""
+    mechanism = ident.load(ROBOTS / "arm").with_effect("viscous")
+    fit = ident.identify(mechanism, ident.complete(mechanism, ROBOTS / "arm" / "run.csv"))
+    terms = fit.columns.terms
+    first = [name for name, term in zip(fit.columns.names, terms, strict=True) if term == 0]
+    assert {name.rpartition(".")[2] for name in first} == {"m", "mx", "my", "mz"}
+    assert len({*terms}) == 2 + 4
+    alone = fit.estimate.base.alone(fit.estimate.x)
+    R = fit.estimate.triangle.R
+    np.testing.assert_allclose(R @ alone, R @ fit.estimate.x, atol=1e-6)

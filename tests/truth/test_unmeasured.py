@@ -1,6 +1,6 @@
 """Joints of a tree without a torque sensor: their equations are left out, all others are exact."""
 
-import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +8,8 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Log, Noise
-from ident.errors import MechanismError
+from ident.errors import FitError, MechanismError
+from ident.mechanism.load import absolute
 from identification import motion_log, plant, robot
 
 
@@ -79,7 +80,9 @@ def test_grow_and_files(planted, tmp_path):
     again = ident.load(tmp_path / "fit" / "identified")
     assert again.unmeasured == ("wrist",)
     compared = ident.compare(history.fit, motion=ident.complete(again, tmp_path / "run.csv"))
-    assert json.dumps({j: e.rms for each in compared.errors.values() for j, e in each.items()})
+    ((errors, where),) = zip(compared.errors.values(), compared.where.values(), strict=True)
+    assert errors["wrist"].unmeasured
+    assert {each.joint for each in where} == {"yaw", "shoulder", "elbow"}
 
 
 @pytest.mark.parametrize(
@@ -94,3 +97,37 @@ def test_grow_and_files(planted, tmp_path):
 def test_what_cannot_be_left_out_is_refused(name, joints, said):
     with pytest.raises(MechanismError, match=said):
         ident.load(ROBOTS / name, unmeasured=joints)
+
+
+def test_one_name_is_no_list():
+    with pytest.raises(MechanismError, match=r"\['wrist'\]"):
+        ident.load(ROBOTS / "arm", unmeasured="wrist")
+
+
+def test_a_locked_joint_needs_no_torque_either():
+    mechanism = ident.load(ROBOTS / "arm", unmeasured=["wrist"], locked={"wrist": None})
+    assert mechanism.unmeasured == ()
+
+
+def test_a_time_basis_needs_all_torques(planted):
+    mechanism = replace(absolute(arm("wrist")), multipliers=ident.Multipliers("linear", 0.02))
+    motion = ident.complete(mechanism, without(planted.log, "tau.wrist"), cutoff="auto")
+    with pytest.raises(FitError, match="--basis free"):
+        ident.identify(mechanism, motion)
+
+
+def test_portions_are_the_log_in_one_piece(planted, tmp_path):
+    without(planted.log, "tau.wrist").write(tmp_path / "run.csv")
+    whole = ident.identify(arm("wrist"), ident.complete(arm("wrist"), tmp_path / "run.csv"))
+    parts = ident.gather(arm("wrist"), [tmp_path / "run.csv"]).fit
+    for joint in ("yaw", "shoulder", "elbow"):
+        assert parts.train[joint].rms == pytest.approx(whole.train[joint].rms, rel=0.05)
+    assert parts.train["wrist"].unmeasured
+
+
+def test_a_stream_needs_no_torque_there(planted):
+    log = without(planted.log, "tau.wrist")
+    online = ident.Online(arm("wrist"), like=ident.complete(arm("wrist"), log))
+    online.update(log)
+    found = online.finish()
+    assert found.rank == ident.identify(arm("wrist"), ident.complete(arm("wrist"), log)).rank

@@ -237,11 +237,11 @@ class Search:
 
     def grouped(self, now: EffectSet) -> EffectSet:
         """The set with what every machine has, without what of it is superfluous."""
-        for together in self.together(now):
+        for number, together in enumerate(self.together(now)):
             if self.beyond_chance(now, together):
                 found = self.tried(now, together)
-                self.all_common |= found is not None
                 if found is not None:
+                    self.all_common |= number == 0
                     return found
         return now
 

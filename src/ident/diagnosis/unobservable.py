@@ -81,6 +81,8 @@ def _motionless(fit: Fit, effect: Effect) -> str:
         return "no torque changes with it: gravity does not feel it in this motion"
     if fit.mechanism.closures:
         return f"the closures hide it: {effect.joints[0]} does not move with any drive"
+    if {*effect.joints} <= {*fit.mechanism.unmeasured}:
+        return f"the torque of {', '.join(effect.joints)} is not measured"
     return f"{', '.join(effect.joints)} does not move in this motion"
 
 

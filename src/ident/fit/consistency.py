@@ -76,7 +76,7 @@ PUSHED = 0.1  # level: standard errors of white noise by which a limit must push
 IMPOSSIBLE = -1e-9  # numerics: smallest eigenvalue of a prior that is no possible body
 MARGIN = 1e-6  # numerics: of the ball, what a body keeps: a simulator inverts its mass
 SMALL = 1e-3  # range: of a mean link, the least size that is believed
-# shown: share by which a joint is predicted better if it is named; all joints' mean must fall by
+# shown: shares by which the error of a joint that is named must fall, and the mean of all joints
 BETTER, EVERYWHERE = 0.1, 0.02
 CENTROID = {centroidal: about for about, centroidal in CENTROIDAL.items()}
 
@@ -196,7 +196,7 @@ def possible_bodies(
     if not any(finding.code == IMPOSSIBLE_BODY for finding in findings):
         return None
     try:
-        return Program.of(problem, Consistency()).solve(found).x
+        return Program.of(problem, problem.mechanism.consistency).solve(found).x
     except FitError:
         return None
 

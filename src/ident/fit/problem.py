@@ -254,7 +254,16 @@ def bands_of(
     point: Point | None = None,
     on_progress: Progress = quiet,
 ) -> list[EliminatedRun]:
-    """Return the stacks of all runs of samples, the multipliers of each eliminated."""
+    """Return the stacks of all runs of samples, the multipliers of each eliminated.
+
+    Raises:
+        FitError: if the torque of a joint is not measured, which is in the rows of other joints.
+    """
+    if mechanism.unmeasured:
+        raise FitError(
+            f"{mechanism.name}: unmeasured: {', '.join(mechanism.unmeasured)}: a time basis of the "
+            "multipliers needs all torques; give --basis free"
+        )
     found = []
     cutoff = motion.band.cutoff
     for number, e in enumerate(motion.experiments):

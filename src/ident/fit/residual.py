@@ -233,7 +233,8 @@ class Residual(Displayed):
     @cached_property
     def where(self) -> tuple[Failure, ...]:
         """Where the model fails: one entry a joint, the largest share first."""
-        return tuple(sorted(map(self.failure, self.joints), key=lambda each: -each.share))
+        joints = (name for name in self.joints if name not in self.model.mechanism.unmeasured)
+        return tuple(sorted(map(self.failure, joints), key=lambda each: -each.share))
 
     def failure(self, joint: str) -> Failure:
         """Return how the model fails in one joint."""

@@ -51,7 +51,7 @@ class Error:
     @property
     def unmeasured(self) -> bool:
         """Whether no row has a torque or an error: that of a joint without a torque sensor."""
-        return self.rms == 0 and self.relative is None
+        return self.rms == 0 and self.relative is None and not self.rms_with_standstill
 
     @property
     def with_standstill(self) -> Error:

@@ -131,7 +131,9 @@ def load(
         urdf=urdf,
         toml=toml,
         locked=held,
-        unmeasured=_unmeasured(top.table("joints"), unmeasured, joints, passive, bool(constraints)),
+        unmeasured=_unmeasured(
+            top.table("joints"), unmeasured, joints, passive, held, bool(constraints)
+        ),
         consistency=read_consistency(parameters, bodies),
         covariance=read_covariance(parameters, folder),
     )
@@ -328,11 +330,14 @@ def _unmeasured(
     asked: Collection[str],
     joints: tuple[Joint, ...],
     passive: Collection[str],
+    held: Collection[str],
     closed: bool,
 ) -> tuple[str, ...]:
     """Return the driven joints without a torque sensor, of [joints] unmeasured and asked for."""
     driven = [joint.name for joint in joints if joint.name not in passive]
-    names = {*section.words("unmeasured"), *asked}
+    if isinstance(asked, str):
+        raise section.error(f"unmeasured = '{asked}'; give a list of joints, as ['{asked}']")
+    names = {*section.words("unmeasured"), *asked} - {*held}
     for name in sorted(names - {*driven}):
         raise section.error(f"unmeasured: '{name}' is no driven joint; {one_of(name, driven)}")
     if names and names == {*driven}:

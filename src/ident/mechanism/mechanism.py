@@ -127,6 +127,11 @@ class Mechanism(Displayed):
     consistency: Consistency = field(default_factory=Consistency)
     covariance: Covariance | None = None
 
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Driven joints whose torque is measured."""
+        return tuple(name for name in self.driven if name not in self.unmeasured)
+
     @cached_property
     def unmeasured_rows(self) -> list[int]:
         """Rows of the equations of a tree whose torque is not measured."""

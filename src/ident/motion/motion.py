@@ -178,10 +178,7 @@ def complete(
             "inertias will suffer; log faster, or give --cutoff"
         )
     complete_torques = all(
-        f"tau.{name}" in s.columns
-        for s in measured
-        for name in mechanism.driven
-        if name not in mechanism.unmeasured
+        f"tau.{name}" in s.columns for s in measured for name in mechanism.measured
     )
     if smoothing == AUTO and complete_torques and not white:
         if progress:
@@ -287,8 +284,7 @@ def _unmapped_joints(mechanism: Mechanism, columns: Iterable[str]) -> dict[str, 
 
 def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) -> list[str]:
     columns, log = signals.columns, signals.log.name
-    needing = [name for name in mechanism.driven if name not in mechanism.unmeasured]
-    missing = [name for name in needing if f"tau.{name}" not in columns]
+    missing = [name for name in mechanism.measured if f"tau.{name}" not in columns]
     moved = any(f"q.{joint.name}" in columns for joint in mechanism.joints)
     if missing and needed and moved:  # else no position is mapped either, which is said first
         name, free = missing[0], _unmapped(mechanism, columns)

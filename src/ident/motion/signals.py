@@ -270,13 +270,14 @@ def measure(
 
 
 def _rates_of_nothing(own: dict[str, np.ndarray]) -> list[str]:
-    """Take out velocities and accelerations that are always zero though the position moves, beyond
-    its noise; return their names.
+    """Take out velocities that are always zero though the position moves, beyond its noise, and
+    accelerations beside them; return their names.
     """
-    still = [name for name, x in own.items() if name[:2] in ("v.", "a.") and not np.nansum(abs(x))]
+    zero = [name for name, x in own.items() if name[:2] in ("v.", "a.") and not np.nansum(abs(x))]
+    still = [name for name in zero if f"v.{name[2:]}" in zero]
     found = []
     for name in still:
-        q = own.get("q" + name[1:], np.zeros(0))
+        q = own.get(f"q.{name[2:]}", np.zeros(0))
         q = q[np.isfinite(q)]
         if len(q) > 1 and np.ptp(q) > MOVED * max(noise_level(q), NIL):
             found.append(name)

@@ -28,7 +28,7 @@ from ident.show.html import Section, Sheet, definitions, headed, items, origin, 
 from ident.text import significant, some
 from ident.text import table as text_table
 
-IMPOSSIBLE = 10.0  # times a drive's effort limit, nominal in many a URDF
+IMPOSSIBLE = 10.0  # times a drive's effort limit, which is nominal in many URDFs
 ROUNDING = 1e-6  # of positions and speeds beyond a limit
 CHANNELS = "what was measured of the motion: its white noise, and measured less smoothed (rms)"
 
@@ -112,7 +112,8 @@ def _beyond_effort(mechanism: Mechanism, motion: Motion) -> list[str]:
             unit = mechanism.joint(name).force_unit
             found.append(f"tau.{name} {significant(most)} {unit} (limit {limit:.4g})")
     why = "check their units (mN m, counts, currents?), and the effort limits of the URDF"
-    return [f"beyond what the URDF's drives can do: {'; '.join(found)}: {why}"] if found else []
+    text = f"over {IMPOSSIBLE:g} times the effort limits of the URDF: {'; '.join(found)}: {why}"
+    return [text] if found else []
 
 
 # --- mechanisms ---------------------------------------------------------------------------------
@@ -209,8 +210,7 @@ def check_card(
     able = max(identifiable(mechanism)["rank"], rank)
     size = f"{rank} of {able} base parameters"
     channels = {name for log in motion.logs for name in log.columns}
-    torques = [f"tau.{name}" for name in mechanism.driven if name not in mechanism.unmeasured]
-    without = [name for name in torques if name not in channels]
+    without = [f"tau.{name}" for name in mechanism.measured if f"tau.{name}" not in channels]
     logs = some(motion.names, 2)
     if without or not rank:
         why, verb = "its motion determines no parameter", "excite"
@@ -250,9 +250,8 @@ def data_findings(mechanism: Mechanism, motion: Motion | None) -> list[Finding]:
     """
     if motion is None:
         return []
-    channels = {name for log in motion.logs for name in log.columns}
-    driven = (name for name in mechanism.driven if name not in mechanism.unmeasured)
-    measured = all(f"tau.{name}" in channels for name in driven)
+    torques = [f"tau.{name}" for name in mechanism.measured]
+    measured = all(name in log.columns for log in motion.logs for name in torques)
     if measured and motion.experiments and mechanism.unknown:
         model = mechanism
         for effect in mechanism.candidates(motion.experiments[0].logged):

@@ -61,7 +61,8 @@ def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:
     joints = dict.fromkeys(joint for title in titles for joint in named[title])
     rows = [["joint", *(cell for title in titles for cell in (title, ""))]]
     for joint in joints:
-        if named[titles[0]][joint].unmeasured:
+        first = named[titles[0]].get(joint)
+        if first is not None and first.unmeasured:
             continue
         errors = (named[title].get(joint) for title in titles)
         cells = (

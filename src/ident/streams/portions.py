@@ -134,7 +134,7 @@ def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> 
 def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Workers) -> Plan:
     """Return the plan with these logs and with what long ones decide for all of their portions."""
     wanted = [f"q.{name}" for name in plan.logged]
-    wanted += [f"tau.{name}" for name in plan.mechanism.driven]
+    wanted += [f"tau.{name}" for name in plan.mechanism.measured]
     parts = []
     for log in logs:
         if log.name in workers.broken:

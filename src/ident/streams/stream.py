@@ -97,8 +97,10 @@ class Stream:
             recipe_of(like.experiments, like.band), limits=torque_limits(log.columns)
         )
         self._dt, self._decimator = 1 / e.rate, Decimator.of(like.band.cutoff, e.rate)
-        motion = [f"{k}.{name}" for name in e.logged for k in ORDERS if f"{k}.{name}" in log]
-        names = [*motion, *(f"tau.{name}" for name in mechanism.driven)]
+        used = {channel.column for channel in e.channels} or {*log.columns}  # zero rates are none
+        motion = [f"{k}.{name}" for name in e.logged for k in ORDERS]
+        motion = [name for name in motion if name in log and name in used]
+        names = [*motion, *(f"tau.{name}" for name in mechanism.measured)]
         names += [name for name in log.columns if name.startswith("wrench.")]
         names += [name for effect in mechanism.effects for name in effect.reads()]
         usual = {name: usual_range(x) for name, x in log.columns.items() if is_signal(name)}
