@@ -271,13 +271,13 @@ class DataChecks(FaultSearch):
         """
         worst = max(turned.values())
         text = (
-            f"{listed(turned)}: the bodies that were identified need the torque of the URDF's with "
-            f"the other sign (correlation {worst:.2f}): the sign of these torques, or of gravity, "
-            "is wrong"
+            f"{listed(turned)}: the bodies that were identified need a torque of another shape "
+            f"than the URDF's, its negative (correlation {worst:.2f}): the sign of these torques, "
+            "or of gravity, is wrong"
         )
         entry = log_entry(self.mechanism, next(iter(turned)), -1.0)
         remedy = f"write {entry}, and the same of all torques that have this sign, most likely all"
-        return Finding("sign", text, remedy, tuple(turned), worst, -LIKE)
+        return Finding("unlike", text, remedy, tuple(turned), worst, -LIKE)
 
     def _scaled_alike(self, gains: Mapping[str, float]) -> tuple[float, float] | None:
         """Return the errors before and after each torque is divided by its gain, by joint, if that

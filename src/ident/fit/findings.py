@@ -92,9 +92,7 @@ def findings_of(
     # unknowns of one term may cancel, as moments of two parallel links do; gravity and inertia do
     # where a joint swings freely
     terms = problem.columns.terms
-    parted = np.where(
-        terms[:, None] == np.unique(terms), estimate.base.alone(estimate.x)[:, None], 0.0
-    )
+    parted = np.where(terms[:, None] == np.unique(terms), estimate.x[:, None], 0.0)
     found = [
         *_equations(problem, estimate),
         *_held(problem.columns, estimate),

@@ -46,12 +46,6 @@ class Base:
         """Return the base parameters (rank,) of all unknowns (k,): x_I + K x_D."""
         return np.asarray(x[self.independent] + self.K @ x[self.dependent])
 
-    def alone(self, x: Array) -> Array:
-        """Return unknowns (k,) with the same A x, of which all but the base's are zero."""
-        found = np.zeros(len(x))
-        found[self.independent] = self.combined(x)
-        return found
-
 
 @dataclass(frozen=True, eq=False)
 class Solution:

@@ -270,11 +270,11 @@ def measure(
 
 
 def _rates_of_nothing(own: dict[str, np.ndarray]) -> list[str]:
-    """Take out velocities that are always zero though the position moves, beyond its noise, and
-    accelerations beside them; return their names.
+    """Take out velocities that are always zero though the position moves, beyond its noise, where
+    no acceleration says otherwise; return their names.
     """
-    zero = [name for name, x in own.items() if name[:2] in ("v.", "a.") and not np.nansum(abs(x))]
-    still = [name for name in zero if f"v.{name[2:]}" in zero]
+    zero = [name for name, x in own.items() if name.startswith("v.") and not np.nansum(abs(x))]
+    still = [name for name in zero if f"a.{name[2:]}" not in own]
     found = []
     for name in still:
         q = own.get(f"q.{name[2:]}", np.zeros(0))

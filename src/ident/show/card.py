@@ -12,7 +12,7 @@ from pathlib import Path
 from ident.display import acceptable, folder, inputs
 from ident.effects import Effect
 from ident.fit.faults import UNITS
-from ident.fit.findings import Finding
+from ident.fit.findings import DRIVING, Finding
 from ident.information.blocks import Error
 from ident.information.chance import LEAVES
 from ident.information.estimate import MATERIAL
@@ -144,6 +144,17 @@ OTHER = "is this a log of this machine, with its load and units?"
 def scale_doubts(findings: Iterable[Finding]) -> list[Finding]:
     """Return the findings on the size of torques: a fit follows them, whatever their unit is."""
     return [each for each in findings if each.code == "magnitude"]
+
+
+def sign_doubts(findings: Iterable[Finding]) -> list[Finding]:
+    """Return the findings on torques that look turned over: driving friction, the negative of what
+    the URDF's bodies need.
+    """
+    return [
+        each
+        for each in findings
+        if each.code == DRIVING or (each.code == "unlike" and (each.threshold or 0.0) < 0)
+    ]
 
 
 def wrong_unit(findings: Iterable[Finding]) -> list[Finding]:

@@ -11,7 +11,6 @@ from ident.display import renders
 from ident.errors import FitError
 from ident.fit.consistency import Binding
 from ident.fit.files import Saved, write_fit, write_urdf
-from ident.fit.findings import DRIVING
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Reactions, predict
 from ident.fit.residual import residual_of
@@ -26,6 +25,7 @@ from ident.show.card import (
     good_enough,
     next_command,
     scale_doubts,
+    sign_doubts,
     wrong_unit,
 )
 from ident.show.charts import PRIOR, Chart, Dots, Panel
@@ -250,7 +250,7 @@ def card(fit: Fit) -> Card:
     command = next_command(following if fine else "diagnose")
     wrong = [f"The data look wrong: {each}." for each in fit.health.faults]
     wrong += [f"The size looks wrong of {each}." for each in scale_doubts(doubts)]
-    wrong += [f"The sign looks wrong of {each}." for each in fit.findings if each.code == DRIVING]
+    wrong += [f"The sign looks wrong of {each}." for each in sign_doubts((*doubts, *fit.findings))]
     if fit.changes is None:
         first, grave = headline(fit), bool(fit.health.faults or wrong_unit(doubts))
         line, *rest = [*wrong, first] if grave and bars else [first, *wrong]
