@@ -233,7 +233,7 @@ class Residual(Displayed):
     @cached_property
     def where(self) -> tuple[Failure, ...]:
         """Where the model fails: one entry a joint, the largest share first."""
-        joints = (name for name in self.joints if name not in self.model.mechanism.unmeasured)
+        joints = (name for name in self.joints if not self.errors[name].unmeasured)
         return tuple(sorted(map(self.failure, joints), key=lambda each: -each.share))
 
     def failure(self, joint: str) -> Failure:
