@@ -87,6 +87,13 @@ class LoggedChannel:
         return grain(self.x)
 
     @property
+    def left_out(self) -> str:
+        """What else helps in a tree, where a joint has no torque sensor."""
+        if self.mechanism.closures:
+            return ""
+        return f", or leave out its equation if it has no sensor (--unmeasured {self.joint.name})"
+
+    @property
     def entry(self) -> str:
         """The line of [log] that maps another column."""
         return f'map the measured one: [log] "{self.name}" = {{ column = …, scale = … }}'
@@ -105,10 +112,8 @@ def constant(c: LoggedChannel) -> Judgement:
         0.0,
         0.0,
         f"always {significant(c.x[0] + 0.0, 4)} while the joint moves: no measurement",
-        "map the right column in [log]"
-        + f", leave out its equation if it has no sensor (--unmeasured {c.joint.name})"
-        * (not c.mechanism.closures)
-        + f", or put '{c.joint.name}' among the passive joints",
+        f"map the right column in [log]{c.left_out}, or put '{c.joint.name}' among the passive "
+        "joints",
     )
 
 
@@ -118,10 +123,7 @@ def zero(c: LoggedChannel) -> Judgement:
     text = (
         f"exactly zero in {100 * share:.0f} % of the samples at which the joint moves: {MEASURED}"
     )
-    remedy = c.entry
-    if not c.mechanism.closures:
-        remedy += f"; without a sensor, --unmeasured {c.joint.name} leaves out its equation"
-    return (share, ZERO, text, remedy) if share > ZERO and c.x.any() else None
+    return (share, ZERO, text, c.entry + c.left_out) if share > ZERO and c.x.any() else None
 
 
 def noise_only(c: LoggedChannel) -> Judgement:
@@ -292,7 +294,7 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
                 yield from _moving_lock(log, name, mechanism.locked[joint])
             if joint not in mechanism.joint_index or (state := states[log.name]) is None:
                 continue
-            if kind == "tau" and joint not in {*mechanism.driven} - {*mechanism.unmeasured}:
+            if kind == "tau" and joint not in mechanism.measured:
                 continue
             t, x = log.series(name)
             measured = np.abs(x) < LARGEST

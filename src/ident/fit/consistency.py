@@ -38,7 +38,7 @@ from ident.errors import FitError, one_of
 from ident.fit.findings import IMPOSSIBLE_BODY, Finding, bodies_with_unknowns
 from ident.fit.problem import Problem, body_scales
 from ident.fit.shapes import shape_bounds
-from ident.information.blocks import Error, Squares
+from ident.information.blocks import Squares
 from ident.information.chance import MATTERS, held_out, rise
 from ident.information.cone import (
     SLACK,
@@ -63,7 +63,6 @@ from ident.mechanism.parameters import (
     pseudo_inertia,
     split,
 )
-from ident.text import percent, some
 
 STILL = 0.1  # numerics: rows that all rows of a coordinate at standstill count as
 PULL = 0.01  # numerics: ρ: bodies' own sizes in which the prior counts as one standard deviation
@@ -76,8 +75,6 @@ PUSHED = 0.1  # level: standard errors of white noise by which a limit must push
 IMPOSSIBLE = -1e-9  # numerics: smallest eigenvalue of a prior that is no possible body
 MARGIN = 1e-6  # numerics: of the ball, what a body keeps: a simulator inverts its mass
 SMALL = 1e-3  # range: of a mean link, the least size that is believed
-# shown: shares by which the error of a joint that is named must fall, and the mean of all joints
-BETTER, EVERYWHERE = 0.1, 0.02
 CENTROID = {centroidal: about for about, centroidal in CENTROIDAL.items()}
 
 
@@ -199,31 +196,6 @@ def possible_bodies(
         return Program.of(problem, problem.mechanism.consistency).solve(found).x
     except FitError:
         return None
-
-
-def predicts_better(
-    log: str, before: Mapping[str, Error], after: Mapping[str, Error]
-) -> list[Finding]:
-    """Say where possible bodies predict a validation log better, if they do over all joints.
-
-    Args:
-        log: its name.
-        before, after: its errors by joint, with the bodies of the fit and with possible ones.
-    """
-    ratio = {
-        name: after[name].rms / error.rms
-        for name, error in before.items()
-        if error.rms > 0 and error.relative is not None and after[name].relative is not None
-    }
-    joints = sorted((name for name in ratio if ratio[name] < 1 - BETTER), key=ratio.__getitem__)
-    if not joints or np.mean(np.log(np.maximum(list(ratio.values()), 1e-12))) > -EVERYWHERE:
-        return []
-    falls = [
-        f"{name} from {percent(before[name].relative)} to {percent(after[name].relative)}"
-        for name in joints
-    ]
-    text = f"with bodies that are possible, {log} is predicted better: {some(falls, 3)}"
-    return [Finding("possible bodies", text, "identify with --consistent", tuple(joints))]
 
 
 @dataclass(frozen=True, eq=False)

@@ -196,8 +196,7 @@ class FaultSearch:
     def _torques(self, now: FaultTrial) -> list[FaultTrial]:
         """Return the faults of torques, each beside those before it."""
         equations, found = self.equations, list[FaultTrial]()
-        off = self.mechanism.unmeasured
-        measured = [j for j, name in enumerate(equations.driven) if name not in off]
+        measured = [equations.driven.index(name) for name in self.mechanism.measured]
         while len(found) < len(equations.driven):
             poor, lags = now.noise > POOR, equations.lags[: equations.near]
 

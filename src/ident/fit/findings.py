@@ -27,7 +27,7 @@ from ident.mechanism.parameters import pseudo_inertia
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.motion import prescribed
-from ident.text import significant, some, two_digits
+from ident.text import percent, significant, some, two_digits
 
 IN_PROPORTION = (
     "in proportion to the torques' scale, whose error is not in their standard errors"  # of a load
@@ -43,6 +43,8 @@ FREELY = 0.1
 LITTLE = 0.1  # shown: of the farthest joint's way: one that moves less is named
 DRIVING = "friction drives"  # code of a finding
 IMPOSSIBLE_BODY = "impossible body"  # code of a finding
+# shown: shares by which the error of a joint that is named must fall, and the mean of all joints
+BETTER, EVERYWHERE = 0.1, 0.02
 POSSIBLE = -1e-6  # numerics: of a body's largest eigenvalue: what rounding may leave below zero
 
 
@@ -328,6 +330,31 @@ def _driving(effects: Sequence[EffectValues], errors: Mapping[str, Error]) -> It
             )
             remedy = f'if it is the sign, [log] "tau.{joint}" = {{ column = …, scale = -1 }}'
             yield Finding(DRIVING, text, remedy, (f"tau.{joint}",), share, LEAVES)
+
+
+def predicts_better(
+    log: str, before: Mapping[str, Error], after: Mapping[str, Error]
+) -> list[Finding]:
+    """Say where possible bodies predict a validation log better, if they do over all joints.
+
+    Args:
+        log: its name.
+        before, after: its errors by joint, with the bodies of the fit and with possible ones.
+    """
+    ratio = {
+        name: after[name].rms / error.rms
+        for name, error in before.items()
+        if error.rms > 0 and error.relative is not None and after[name].relative is not None
+    }
+    joints = sorted((name for name in ratio if ratio[name] < 1 - BETTER), key=ratio.__getitem__)
+    if not joints or np.mean(np.log(np.maximum(list(ratio.values()), 1e-12))) > -EVERYWHERE:
+        return []
+    falls = [
+        f"{name} from {percent(before[name].relative)} to {percent(after[name].relative)}"
+        for name in joints
+    ]
+    text = f"with bodies that are possible, {log} is predicted better: {some(falls, 3)}"
+    return [Finding("possible bodies", text, "identify with --consistent", tuple(joints))]
 
 
 def bodies_with_unknowns(mechanism: Mechanism) -> list[str]:

@@ -14,9 +14,9 @@ from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
 from ident.files import Written
 from ident.fit.channel_checks import copies
-from ident.fit.consistency import nearest_possible, possible_bodies, predicts_better
+from ident.fit.consistency import nearest_possible, possible_bodies
 from ident.fit.files import Saved
-from ident.fit.findings import Finding, basis_bias, findings_of
+from ident.fit.findings import Finding, basis_bias, findings_of, predicts_better
 from ident.fit.likelihood import Likelihood, weighed
 from ident.fit.prediction import Prediction, predict
 from ident.fit.problem import Problem, information_of

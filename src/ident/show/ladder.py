@@ -35,7 +35,7 @@ from ident.text import percent, rounded, significant, some, width, wrapped
 NAME, CELL = 30, 7  # characters of the columns
 LONG = "+ viscous friction in "  # and a joint: as long as most names are
 NOISE = "noise alone"
-HIGHER = 1.1  # times its least on the ladder: an error on a validation log that is told
+HIGHER = 1.1  # times its least on the ladder: from there an error on a validation log is listed
 SIZES = 4  # numbers of what was added that stand in the first lines
 CAPTION = "Held-out error, rung by rung"
 
