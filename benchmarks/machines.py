@@ -30,14 +30,14 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from machines import located
+from machines import SHARED, located
 from matplotlib.patches import Patch
 
 import ident
 
-ROOT = Path(__file__).resolve().parents[1]
 NAMES = (
-    "tx40", "kr300", "panda", "lwr4", "ur10e", "baxter", "xl330", "airbot", "ur10", "xmate",
+    "tx40", "kr300", "kr300_slow", "panda", "lwr4", "ur10e", "baxter", "xl330", "airbot", "ur10",
+    "xmate",
 )  # fmt: skip
 COLUMNS = (
     "machine", "published", "viscous + Coulomb", "by hand", "possible bodies", "grown", "effects",
@@ -58,7 +58,7 @@ def main() -> None:
     if options.one:
         print(json.dumps(measured(options.names[0], options.one)))
         return
-    places = [*options.data, Path(os.environ.get("IDENT_DATA", ROOT.parent / "shared" / "data"))]
+    places = [*options.data, SHARED]
     print(f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}")
     bars: dict[str, dict[str, list[float]]] = {}
     for name in options.names or NAMES:

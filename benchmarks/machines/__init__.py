@@ -6,12 +6,16 @@ measurements is in this repository; facts carry over with their source.
 
 from __future__ import annotations
 
+import os
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
+# folders of shared data
+SHARED = Path(os.environ.get("IDENT_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 
 
 @dataclass(frozen=True)

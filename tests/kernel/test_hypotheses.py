@@ -94,6 +94,28 @@ def test_last_columns_that_are_zero_everywhere_gain_nothing():
     assert regression.place(np.array([K + 1])) == regression.d
 
 
+def test_what_is_projected_already_stays_when_the_model_changes():
+    regression = PartialRegression(parts(), np.arange(4), WEIGHT)
+    assert regression.loss.all()  # is projected here
+    twin = [3 * part.taken(np.array([0, 5])) for part in regression.parts]
+    wide, new = regression.added(twin)
+    bare = regression.extended(np.array([4, 5, 5])).without(np.array([1, 4]))
+    twice = wide.extended(np.array([5, *new]))
+    for changed, model in (
+        (regression.extended(np.array([4, 6])), [0, 1, 2, 3, 4, 6]),
+        (bare, [0, 2, 3, 5]),
+        (regression.without(np.arange(4)), []),
+        (twice, [0, 1, 2, 3, 5]),
+        (twice.without(np.array([0, 5])), [0, 1, 2, 3, 5]),
+    ):
+        fresh = PartialRegression(parts(), np.array(model, dtype=int), WEIGHT)
+        assert changed.rank == fresh.rank
+        np.testing.assert_allclose(changed.losses, fresh.losses, rtol=1e-10)
+        np.testing.assert_allclose(changed.null_losses, fresh.null_losses, rtol=1e-10)
+        group = [np.array([7, 8])]
+        np.testing.assert_allclose(changed.gains(group).D, fresh.gains(group).D, atol=1e-9)
+
+
 def test_columns_that_the_model_has_are_not_visible():
     given = parts()
     twin = tuple(

@@ -277,12 +277,7 @@ class Contest:
 
     def added(self, C: Sequence[np.ndarray]) -> tuple[Contest, np.ndarray]:
         """The contest with further columns C (m, u) of each part, and which they are."""
-        new = self.regression.columns + np.arange(C[0].shape[1])
-        parts = tuple(
-            replace(part, X=np.column_stack([part.X, c]), columns=np.append(part.columns, new))
-            for part, c in zip(self.regression.parts, C, strict=True)
-        )
-        regression = replace(self.regression, parts=parts, count=int(new[-1]) + 1)
+        regression, new = self.regression.added(C)
         return replace(self, regression=regression), new
 
 

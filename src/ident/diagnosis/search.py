@@ -96,11 +96,14 @@ class Search:
 
     def with_rivals(self, now: EffectSet, member: Member) -> Member:
         """The member; one that came with others with its rivals beside the rest of the set: of what
-        every machine has none with more numbers, for it is there in any case.
+        every machine has none with more numbers, for it is there in any case. In a loop the same
+        effect of another joint may have its columns.
         """
         if not member.grouped:
             return member
-        beside = self.beside(now.minus(member), member)
+        kind = member.effect.kind if now.contest.fit.mechanism.closures else None
+        same = {e.effect.label for e in now.contest.laws if e.effect.kind == kind}
+        beside = self.beside(now.minus(member), member, same)
         own = next((e for e in beside.evidence if e.effect.label == member.label), None)
         if own is None:
             return member
@@ -108,8 +111,10 @@ class Search:
         equal = (e for e in rivals(own, beside, self.decision) if e.numbers <= most)
         return replace(member, rivals=tuple(equal))
 
-    def beside(self, bare: EffectSet, member: Member) -> Ranking:
-        """Return what could take the place of a member, of its joints, in a set without it."""
+    def beside(self, bare: EffectSet, member: Member, others: Collection[str] = ()) -> Ranking:
+        """Return what could take the place of a member in a set without it: effects of its joints,
+        and others that are given by their labels.
+        """
         return rank(
             bare.contest,
             bare.regression,
@@ -121,6 +126,7 @@ class Search:
             chance=self.chance,
             least=NEAR,
             joints=member.effect.joints,
+            others=others,
         )
 
     def ranked(self, now: EffectSet) -> Ranking:

@@ -310,8 +310,9 @@ class Part:
     Attributes:
         coordinate: whose weight they have.
         columns: (s,) which of all columns these rows have; the others are zero in them.
-        X: (m, s); Y: (m, 1 + B).
+        X: (m, ·) the first of these columns; Y: (m, 1 + B).
         edges: (blocks + 1,) rows at which blocks begin, equally many in all parts.
+        more: (m, ·) columns that were added later; X is large and is not copied for each of them.
     """
 
     coordinate: int
@@ -319,6 +320,16 @@ class Part:
     X: Array
     Y: Array
     edges: Index
+    more: tuple[Array, ...] = ()
+
+    def added(self, C: Array, columns: Index) -> Part:
+        """The same rows with further columns C (m, u), which are those of all columns."""
+        return replace(self, columns=np.append(self.columns, columns), more=(*self.more, C))
+
+    @property
+    def squares(self) -> Array:
+        """(s,) squares of each column."""
+        return np.concatenate([np.einsum("ij,ij->j", X, X) for X in (self.X, *self.more)])
 
     def block(self, k: int) -> slice:
         """Rows of one block."""
@@ -327,20 +338,22 @@ class Part:
     def taken(self, columns: Index) -> Array:
         """Some of all columns (m, u); zero where these rows do not have them."""
         last = max(self.columns.max(initial=0), columns.max(initial=0))
-        return columns_at(self.X, places(self.columns, int(last) + 1)[columns])
+        return self.at(places(self.columns, int(last) + 1)[columns])
+
+    def at(self, places: Index) -> Array:
+        """Columns (m, u) at some places among these; zero where a place is −1."""
+        if not self.more and (places >= 0).all():
+            return self.X[:, places]
+        found, first = np.zeros((len(self.X), len(places))), 0
+        for X in (self.X, *self.more):
+            mine = (places >= first) & (places < first + X.shape[1])
+            found[:, mine] = X[:, places[mine] - first]
+            first += X.shape[1]
+        return found
 
 
 def places(columns: Index, total: int) -> Index:
     """(total,) where each column is among a part's, −1 where it is not."""
     found = np.full(total, -1, dtype=np.intp)
     found[columns] = np.arange(len(columns))
-    return found
-
-
-def columns_at(X: Array, at: Index) -> Array:
-    """Columns `at` of X, zero where `at` is −1."""
-    if (at >= 0).all():
-        return X[:, at]
-    found = np.zeros((len(X), len(at)))
-    found[:, at >= 0] = X[:, at[at >= 0]]
     return found

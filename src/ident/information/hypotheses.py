@@ -25,7 +25,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.information import linear
-from ident.information.blocks import Part, columns_at, places
+from ident.information.blocks import Part, places
 from ident.information.linear import Array, Index
 from ident.information.projection import VISIBLE, Projection
 
@@ -194,7 +194,7 @@ class PartialRegression(Projection):
         """Which groups (n, u) have columns in a part, and those (m, ·), weighted."""
         at = places(part.columns, self.columns)[groups]
         mine = np.flatnonzero((at >= 0).any(axis=1))
-        return mine, columns_at(part.X, at[mine].ravel()) * self._factor(part)[groups[mine].ravel()]
+        return mine, part.at(at[mine].ravel()) * self._factor(part)[groups[mine].ravel()]
 
     def gain(self, refit: Refit) -> float:
         """Return the share g that a group of columns explains."""

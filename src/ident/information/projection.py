@@ -13,7 +13,7 @@ downdating: Belsley, Kuh, Welsch, Regression Diagnostics, 1980).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Self
 
@@ -102,7 +102,7 @@ class Projection:
         """(columns, d) squares of each column in each coordinate, unweighted."""
         found = np.zeros((self.columns, self.d))
         for part in self.parts:
-            found[part.columns, part.coordinate] += np.einsum("ij,ij->j", part.X, part.X)
+            found[part.columns, part.coordinate] += part.squares
         return found
 
     @cached_property
@@ -259,12 +259,48 @@ class Projection:
         return self.losses.sum(axis=1)
 
     def extended(self, columns: Index) -> Self:
-        """The same rows with further columns in the model."""
-        return replace(self, model=np.append(self.model, columns))
+        """The same rows with further columns in the model.
+
+        What is projected already stays: with q orthonormal, spanning what the columns C have that
+        the model does not, Q' = [Q q] and Ỹ' = Ỹ − q qᵀỸ.
+        """
+        found = replace(self, model=np.append(self.model, columns))
+        if "_residual" not in vars(self):
+            return found
+        C = self._projected(np.concatenate([self._taken(part, columns) for part in self.parts]))
+        q, R = np.linalg.qr(C)
+        U, s, _ = linear.svd(R)
+        q = np.linalg.qr(self._projected(q @ U[:, s > RANK * np.sqrt(len(found.model))]))[0]
+        return found._with(np.hstack([self._Q, q]), self._residual - q @ (q.T @ self._residual))
 
     def without(self, columns: Index) -> Self:
-        """The same rows without some of the model's columns."""
-        return replace(self, model=self.model[~np.isin(self.model, columns)])
+        """The same rows without some of the model's columns A.
+
+        What is projected already stays: the left singular vectors U of Qᵀ times the columns that
+        are left turn Q into Q' and what is gone, q, so that Ỹ' = Ỹ + q qᵀY.
+        """
+        found = replace(self, model=self.model[~np.isin(self.model, columns)])
+        if "_residual" not in vars(self):
+            return found
+        both = [*zip(self.parts, self.Q, strict=True)]
+        U, s, _ = linear.svd(sum(Q.T @ self._taken(part, found.model) for part, Q in both))
+        rank = int((s > RANK * s.max(initial=0.0)).sum())
+        U, V = U[:, :rank], U[:, rank:]
+        qY = sum(self.weight[part.coordinate] * (Q @ V).T @ part.Y for part, Q in both)
+        return found._with(self._Q @ U, self._residual + (self._Q @ V) @ qY)
+
+    def _with(self, Q: Array, residual: Array) -> Self:
+        vars(self).update(_Q=Q, _residual=residual)
+        return self
+
+    def added(self, C: Sequence[Array]) -> tuple[Self, Index]:
+        """The same rows with further candidates C (m, u), one array a part, and which they are."""
+        new = self.columns + np.arange(C[0].shape[1])
+        parts = (part.added(c, new) for part, c in zip(self.parts, C, strict=True))
+        found = replace(self, parts=tuple(parts), count=int(new[-1]) + 1)
+        own = {"columns", "squares", "size", *(field.name for field in fields(self))}
+        vars(found).update({name: x for name, x in vars(self).items() if name not in own})
+        return found, new
 
     def weighted(self, weight: Array) -> Self:
         """The same rows with other weights."""

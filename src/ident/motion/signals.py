@@ -211,13 +211,16 @@ def measure(
     own_clock = clock or Clock.of(log)
     t, even = own_clock.within(log), own_clock.even
     n, dt = len(t), float(np.median(np.diff(log.t)))
-    if not even:
-        largest, rms = log.jitter
+    notes += _unevenness(log.t, n, even)
+    usable = ~gaps(t, log.t)
+    if (count := int((~usable).sum())) > 0:
+        holes = log.gaps(GAP)
+        longest = max(after - before for before, after in holes)
+        several = f"{len(holes)} gaps of up to" if len(holes) > 1 else "a gap of"
         notes.append(
-            f"time stamps are uneven (step {1e3 * dt:.4g} ms ± {1e3 * rms:.2g} ms rms, largest "
-            f"{1e3 * largest:.3g} ms); everything is evaluated on a uniform clock of {n} samples"
+            f"{several} {longest:.3g} s (first at t = {holes[0][0]:.4g} s): no sample near {count} "
+            f"of {n} instants, which are left out"
         )
-    usable = np.ones(n, dtype=bool)
     columns, steps = {}, [dt]
     for name in log.columns:
         at, x = log.series(name)
@@ -267,6 +270,18 @@ def measure(
     for joint in mechanism.joints if clock is None else ():
         check_units(log.name, columns, signals.dt, joint)
     return signals
+
+
+def _unevenness(t: np.ndarray, count: int, even: bool) -> list[str]:
+    """Say how far the steps of t are from uniform, but for gaps, if the clock is another one."""
+    step, dt = np.diff(t), float(np.median(np.diff(t)))
+    off = np.abs(step - dt)[step <= GAP * dt]
+    if even or off.max(initial=0.0) <= UNEVEN * dt:
+        return []
+    return [
+        f"time stamps are uneven (step {1e3 * dt:.4g} ms ± {1e3 * np.sqrt((off**2).mean()):.2g} ms rms, largest "
+        f"{1e3 * off.max():.3g} ms); everything is evaluated on a uniform clock of {count} samples"
+    ]
 
 
 def _rates_of_nothing(own: dict[str, np.ndarray]) -> list[str]:
