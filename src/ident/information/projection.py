@@ -283,10 +283,11 @@ class Projection:
         if "_residual" not in vars(self):
             return found
         both = [*zip(self.parts, self.Q, strict=True)]
-        U, s, _ = linear.svd(sum(Q.T @ self._taken(part, found.model) for part, Q in both))
+        K = np.sum([Q.T @ self._taken(part, found.model) for part, Q in both], axis=0)
+        U, s, _ = linear.svd(K)
         rank = int((s > RANK * s.max(initial=0.0)).sum())
         U, V = U[:, :rank], U[:, rank:]
-        qY = sum(self.weight[part.coordinate] * (Q @ V).T @ part.Y for part, Q in both)
+        qY = np.sum([self.weight[p.coordinate] * (Q @ V).T @ p.Y for p, Q in both], axis=0)
         return found._with(self._Q @ U, self._residual + (self._Q @ V) @ qY)
 
     def _with(self, Q: Array, residual: Array) -> Self:

@@ -276,11 +276,12 @@ def _unevenness(t: np.ndarray, count: int, even: bool) -> list[str]:
     """Say how far the steps of t are from uniform, but for gaps, if the clock is another one."""
     step, dt = np.diff(t), float(np.median(np.diff(t)))
     off = np.abs(step - dt)[step <= GAP * dt]
-    if even or off.max(initial=0.0) <= UNEVEN * dt:
+    largest, rms = off.max(initial=0.0), np.sqrt((off**2).mean())
+    if even or largest <= UNEVEN * dt:
         return []
     return [
-        f"time stamps are uneven (step {1e3 * dt:.4g} ms ± {1e3 * np.sqrt((off**2).mean()):.2g} ms rms, largest "
-        f"{1e3 * off.max():.3g} ms); everything is evaluated on a uniform clock of {count} samples"
+        f"time stamps are uneven (step {1e3 * dt:.4g} ms ± {1e3 * rms:.2g} ms rms, largest "
+        f"{1e3 * largest:.3g} ms); everything is evaluated on a uniform clock of {count} samples"
     ]
 
 
