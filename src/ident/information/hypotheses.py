@@ -101,7 +101,8 @@ class PartialRegression(Projection):
     def _gains(self, groups: Index) -> Gains:
         """Gains of groups (n, u) of equal size, those of r_1 … r_B in single precision."""
         n, u = groups.shape
-        (G, M), q = self._downdated, self._inside
+        (G, M), q = self._downdated, self._inside.sum(axis=0)
+        G = G.sum(axis=0)
         blocks, rank, B = self.blocks, self.rank, q.shape[2] - 1
         columns = [self._columns_of(part, groups) for part in self.parts]
         p = np.zeros((blocks, rank, n * u))
@@ -172,21 +173,17 @@ class PartialRegression(Projection):
         return Gains(D, by, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
 
     @cached_property
-    def _inside(self) -> Array:
-        """QᵀỸ (blocks, rank, 1 + B) of each block."""
-        return self.by_block(self._Q, self._residual)
-
-    @cached_property
     def _left(self) -> list[list[tuple[np.ndarray, ...]]]:
         """By part and block QᵀQ, e = L b̃ and Qᵀe, and of r_1 … r_B in single precision."""
         found = []
-        for part, Q, E in zip(self.parts, self.Q, self.errors, strict=True):
+        G, M = self._downdated
+        inside = self._inside + G @ (M @ self._inside.sum(axis=0))  # Qᵀe, as L = I + Q M Qᵀ
+        for u, (part, E) in enumerate(zip(self.parts, self.errors, strict=True)):
             mine = list[tuple[np.ndarray, ...]]()
-            for rows in map(part.block, range(self.blocks)):
-                q, e = Q[rows], E[rows]
-                qe = q.T @ e
+            for k in range(self.blocks):
+                e, qe = E[part.block(k)], inside[u, k]
                 random, q_random = (y[:, 1:].astype(np.float32) for y in (e, qe))
-                mine.append((q.T @ q, e[:, :1], qe[:, :1], random, q_random))
+                mine.append((G[u, k], e[:, :1], qe[:, :1], random, q_random))
             found.append(mine)
         return found
 

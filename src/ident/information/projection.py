@@ -159,8 +159,10 @@ class Projection:
     @cached_property
     def _residual(self) -> Array:
         """Ỹ (rows, 1 + B), weighted, part after part."""
-        Y = [part.Y * self.weight[part.coordinate] for part in self.parts]
-        return self._projected(np.concatenate(Y))
+        Y = np.concatenate([part.Y * self.weight[part.coordinate] for part in self.parts])
+        b = self._projected(Y[:, :1])
+        Y -= self._Q @ (self._Q.T @ Y)
+        return np.hstack([b, Y[:, 1:]])
 
     @property
     def residual(self) -> tuple[Array, ...]:
@@ -169,14 +171,19 @@ class Projection:
 
     @cached_property
     def _downdated(self) -> tuple[Array, Array]:
-        """By block G = QᵀQ and M = (I − G)⁻¹ (blocks, rank, rank)."""
-        G = self.by_block(self._Q, self._Q)
-        return G, linear.pinv(np.eye(self.rank) - G, rcond=1e-10, hermitian=True)
+        """QᵀQ (parts, blocks, rank, rank), and by block M = (I − G)⁻¹, G = QᵀQ of all parts."""
+        G = self.by_part(self._Q, self._Q)
+        return G, linear.pinv(np.eye(self.rank) - G.sum(axis=0), rcond=1e-10, hermitian=True)
+
+    @cached_property
+    def _inside(self) -> Array:
+        """QᵀỸ (parts, blocks, rank, 1 + B)."""
+        return self.by_part(self._Q, self._residual)
 
     @cached_property
     def _errors(self) -> Array:
         """L Ỹ (rows, 1 + B): the errors of blocks that were left out."""
-        return self._left_out(self._residual)
+        return self._plus(self._residual, self._Q, self._downdated[1] @ self._inside.sum(axis=0))
 
     @property
     def errors(self) -> tuple[Array, ...]:
@@ -226,13 +233,14 @@ class Projection:
         edges = np.stack([part.edges + a for part, a in zip(self.parts, first, strict=False)])
         return np.stack([edges[:, :-1], edges[:, 1:]], axis=2)
 
+    def by_part(self, x: Array, y: Array) -> Array:
+        """Return xᵀy (parts, blocks, u, v) of each block of each part; x, y (rows, …)."""
+        cells = self.cells.tolist()
+        return np.array([[x[a:b].T @ y[a:b] for a, b in part] for part in cells])
+
     def by_block(self, x: Array, y: Array) -> Array:
         """Return xᵀy (blocks, u, v) of each block; x, y (rows, …)."""
-        found = np.zeros((self.blocks, x.shape[1], y.shape[1]))
-        for part in self.cells.tolist():
-            for k, (a, b) in enumerate(part):
-                found[k] += x[a:b].T @ y[a:b]
-        return found
+        return np.asarray(self.by_part(x, y).sum(axis=0))
 
     def by_coordinate(self, x: Array) -> Array:
         """(blocks, d) sums of x (rows,)."""
