@@ -102,8 +102,7 @@ class Search:
         if not member.grouped:
             return member
         kind = member.effect.kind if now.contest.fit.mechanism.closures else None
-        same = {e.effect.label for e in now.contest.laws if e.effect.kind == kind}
-        beside = self.beside(now.minus(member), member, same)
+        beside = self.beside(now.minus(member), member, kind)
         own = next((e for e in beside.evidence if e.effect.label == member.label), None)
         if own is None:
             return member
@@ -111,10 +110,16 @@ class Search:
         equal = (e for e in rivals(own, beside, self.decision) if e.numbers <= most)
         return replace(member, rivals=tuple(equal))
 
-    def beside(self, bare: EffectSet, member: Member, others: Collection[str] = ()) -> Ranking:
+    def beside(self, bare: EffectSet, member: Member, kind: str | None = None) -> Ranking:
         """Return what could take the place of a member in a set without it: effects of its joints,
-        and others that are given by their labels.
+        or of a kind.
         """
+        effects, joints = (each.effect for each in bare.contest.candidates), member.effect.joints
+        mine = {
+            each.label
+            for each in effects
+            if not each.joints or not joints or {*joints} & {*each.joints} or each.kind == kind
+        }
         return rank(
             bare.contest,
             bare.regression,
@@ -125,8 +130,7 @@ class Search:
             curved=False,
             chance=self.chance,
             least=NEAR,
-            joints=member.effect.joints,
-            others=others,
+            only=mine,
         )
 
     def ranked(self, now: EffectSet) -> Ranking:

@@ -223,15 +223,12 @@ def rank(
     curved: bool = True,
     chance: Chance | None = None,
     least: float = 0.0,
-    joints: Collection[str] = (),
     only: Collection[str] = (),
-    others: Collection[str] = (),
 ) -> Ranking:
     """Weighs all candidates beside a model, `curved`: the curves as well as the laws.
 
     With the limits of a `chance` no null distribution is made. Candidates below the share `least`
-    of the largest gain are not looked at in detail; `joints`: only candidates of one of these, and
-    `others`; `only`: these.
+    of the largest gain are not looked at in detail; `only`: these are weighed, by their labels.
     """
     mine = [
         each
@@ -239,12 +236,6 @@ def rank(
         if each.effect.label not in without
         and (curved or not each.curve)
         and (not only or each.effect.label in only)
-        and (
-            not joints
-            or set(joints) & set(each.effect.joints)
-            or not each.effect.joints
-            or each.effect.label in others
-        )
     ]
     if chance is None and mine:
         regression = judging(contest, regression, noise, seed)
