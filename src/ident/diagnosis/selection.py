@@ -36,6 +36,7 @@ MOST = 0.5  # level: of a joint's squares: what explains less of them is not its
 ALIKE = 0.7  # level: cosine of what two candidates explain: half of the squares are the same part
 PASSED = 1 / 3  # tuned: of the samples, at least, at which the filter must pass waves of position
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
+EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
 OnProgress = Callable[[str, float], None]
 
@@ -421,11 +422,13 @@ def simplicity(each: Evidence) -> tuple[bool, bool, int, float]:
     """Return the sort key of candidates that explain as much: a cause before what only describes a
     curve, what many machines have before what few have, then by the number of parameters.
     """
-    return each.effect.descriptive, each.effect.rare, each.numbers, -each.gain
+    return each.effect.descriptive, each.effect.rare, each.numbers, -round(each.gain, EQUAL)
 
 
 def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
-    """The credible candidate with the fewest numbers among those as good as the best."""
+    """The credible candidate with the fewest numbers among those as good as the best; of those with
+    the same columns in a loop that of a drive, whose gears and bearings carry more.
+    """
     credible = [
         each
         for each in ranking.credible
@@ -434,7 +437,8 @@ def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
     if not credible:
         return None
     equal = as_good(credible[0], credible, ranking.regression.rows, decision)
-    return min(equal, key=simplicity)
+    driven = {*ranking.contest.fit.mechanism.driven}
+    return min(equal, key=lambda each: (*simplicity(each), not driven & {*each.effect.joints}))
 
 
 def rivals(best: Evidence, ranking: Ranking, decision: Decision) -> tuple[Evidence, ...]:
