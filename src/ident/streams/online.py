@@ -348,16 +348,15 @@ class Online:
 
     def _begin(self, like: Motion | Fit) -> Stream:
         """Make the stream of rows and the triangles that absorb it, as in a motion or a fit."""
-        motion = like.motion if isinstance(like, Fit) else like
+        motion: object = like.motion if isinstance(like, Fit) else like
         if not isinstance(motion, Motion):
             raise FitError(
                 f"like needs a motion or a fit, given: {type(like).__name__}; write "
                 "like=ident.complete(mechanism, log)"
             )
-        start, self._repeated = (
-            (like.point, like.repeated) if isinstance(like, Fit) else (None,) * 2
-        )
-        point = working_point(self.mechanism, motion, start)
+        fit = like if isinstance(like, Fit) else None
+        self._repeated = fit.repeated if fit else None
+        point = working_point(self.mechanism, motion, fit.point if fit else None)
         mechanism = _with_known_shapes(self.mechanism, point)
         columns, first = Columns.of(mechanism), motion.experiments[0]
         stream = Stream(mechanism, columns, motion, point, self._latency)
