@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import IdentError, LogError
+from ident.errors import IdentError, LogError, line_of
 from ident.log import Log
 from ident.log.pieces import STRIDE, Pieces, open_log
 from ident.log.read import expanded
@@ -66,12 +66,11 @@ class LogOnDisk:
         rows = self.file.rows
         if rows <= 1.5 * samples:
             return [replace(self.file.piece(0, rows), name=self.name)]
-        each, results = samples // STRETCHES, []
-        for k in range(STRETCHES):
-            first = rows * (2 * k + 1) // (2 * STRETCHES) - each // 2
-            log = self.file.piece(first, first + each)
-            results.append(replace(log, name=f"{self.name}, {log.t[0]:.6g} to {log.t[-1]:.6g} s"))
-        return results
+        each = samples // STRETCHES
+        middles = [rows * (2 * k + 1) // (2 * STRETCHES) for k in range(STRETCHES)]
+        logs = [self.file.piece(m - each // 2, m - each // 2 + each) for m in middles]
+        names = [f"{self.name}, {log.t[0]:.6g} to {log.t[-1]:.6g} s" for log in logs]
+        return [replace(log, name=name) for log, name in zip(logs, names, strict=True)]
 
 
 def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Path]:
@@ -80,9 +79,8 @@ def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Pat
     They are absolute for a scheduler, whose workers are in folders of their own.
     """
     given = [given] if isinstance(given, str | os.PathLike) else given
-    for each in given:
-        if not isinstance(each, str | os.PathLike):
-            raise LogError(f"{type(each).__name__} is no path; give paths of logs and folders")
+    for each in (x for x in given if not isinstance(x, str | os.PathLike)):
+        raise LogError(f"{type(each).__name__} is no path; give paths of logs and folders")
     paths = expanded(given)
     return paths if scheduler is None else [path.absolute() for path in paths]
 
@@ -186,10 +184,8 @@ def excerpt(
 ) -> Excerpt:
     """Complete stretches of the logs."""
     remaining = [each for each in summaries if each.name not in broken]
-    every = max(1, -(-len(remaining) // LOGS))
-    chosen = (
-        remaining if sum(each.file.rows for each in remaining) <= SAMPLES else remaining[::every]
-    )
+    long = sum(each.file.rows for each in remaining) > SAMPLES
+    chosen = remaining[:: max(1, -(-len(remaining) // LOGS))] if long else remaining
 
     def completed(some: Sequence[LogOnDisk]) -> tuple[Motion, list[Log]]:
         pieces = [each.stretches(SAMPLES // len(chosen)) for each in some]
@@ -205,8 +201,7 @@ def excerpt(
             try:
                 completed([each])
             except IdentError as error:
-                why = " ".join(str(error).split())
-                faults[each.name] = why.removeprefix(f"{each.name}: ")
+                faults[each.name] = line_of(error).removeprefix(f"{each.name}: ")
         if len(summaries) == 1 or not faults or len(faults) == len(remaining):
             raise
         broken.update(faults)
