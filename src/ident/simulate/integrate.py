@@ -132,13 +132,12 @@ def _by_joint(gains: Gains, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarra
     """Return Kp, Kd (driven,)."""
     names = mechanism.driven
     table = gains if isinstance(gains, Mapping) else dict.fromkeys(names, gains)
-    for name in table:
+    for name in dict.fromkeys((*table, *names)):
         if name not in names:
             raise MotionError(f"gains of '{name}', which has no drive; {one_of(name, names)}")
-    for name in names:
         if name not in table:
             raise MotionError(f"gains: none for '{name}'; give every driven joint (Kp, Kd)")
-        if not all(np.isfinite(x) and x >= 0 for x in table[name]):
+        if not all(0 <= x < np.inf for x in table[name]):
             raise MotionError(f"gains of '{name}': {table[name]}; give Kp, Kd of 0 or more")
     Kp, Kd = np.array([table[name] for name in names], dtype=float).reshape(-1, 2).T
     return Kp, Kd

@@ -83,11 +83,6 @@ class WatchedInterval:
         """Return s (k,) at x."""
         return self.triangle.gradient(x)
 
-    @property
-    def information(self) -> np.ndarray:
-        """(k,) I."""
-        return (self.triangle.R**2).sum(axis=0)
-
 
 class Cutter:
     """Cuts rows at multiples of `seconds`; holds the rows of the interval that is not over yet."""
@@ -168,11 +163,6 @@ class NormalRunning:
         felt = np.isfinite(self.least)
         return float(np.median(self.spread[felt])) if felt.any() else MARGIN
 
-    def wider(self, factor: float) -> NormalRunning:
-        """Return normal running that scatters more."""
-        spread, least = factor * self.spread, factor**0.5 * self.least
-        return replace(self, spread=spread, least=least, freedom=self.freedom / factor)
-
     def beyond_error(self, R: np.ndarray, r: np.ndarray) -> float:
         """Return min |r − R δ|² + |A_n δ|², in which δ (k,) is the reference's own error."""
         felt = np.isfinite(self.least)
@@ -211,10 +201,8 @@ class NormalRunning:
         now = NormalRunning.of(since, self.sigma, x, 0.0, np.isfinite(self.least))
         grown = np.full(len(self.energy), remains)
         if known:
-            squares, rows = (
-                np.sum([getattr(e, n) for e in known], axis=0) for n in ("squares", "rows")
-            )
-            grown = squares / np.maximum(rows * self.energy, 1e-300)
+            usual = np.sum([each.rows for each in known], axis=0) * self.energy
+            grown = np.sum([each.squares for each in known], axis=0) / np.maximum(usual, 1e-300)
         return replace(
             self,
             spread=np.maximum(self.spread, now.spread),
@@ -258,7 +246,7 @@ def _step(triangle: Triangle, x: np.ndarray, felt: np.ndarray | bool) -> tuple[n
 
 def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.ndarray, ...]:
     """Collect score, information (n, k), squares, rows (n, d) of intervals at x (k,)."""
-    each = [(i.score(x), i.information, i.squares, i.rows) for i in intervals]
+    each = [(i.score(x), (i.triangle.R**2).sum(axis=0), i.squares, i.rows) for i in intervals]
     return tuple(np.array(some) for some in zip(*each, strict=True))
 
 
@@ -357,7 +345,9 @@ def calibrated(
     order = (first + np.arange(length)[:, None]).reshape(-1, STREAMS)[:STEPS]
     threshold, raised = float(np.log(STEPS * STREAMS / OFTEN)), 1.0
     for _ in range(MOST):
-        design, alarms = Design.of(normal.wider(raised), mask), 0
+        wider = {"spread": raised * normal.spread, "least": raised**0.5 * normal.least}
+        wide = replace(normal, freedom=normal.freedom / raised, **wider)
+        design, alarms = Design.of(wide, mask), 0
         evidence = design.evidence(*data)
         charts = Charts.fresh(evidence.shape[1], (STREAMS,))
         for at in order:

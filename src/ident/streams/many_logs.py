@@ -159,11 +159,11 @@ def compare_logs(
     known = {"prior": joint.x, "torque": r.torque, "sigma": joint.sigma, "held": joint.held}
     own = dict.fromkeys(by_log, joint.x)  # fits of one log; the joint one in what is open in it
     error, rows = np.zeros((2, whole.d))  # of own fits, in which logs do not differ
-    for log, mine in by_log.items():
-        if len(joint.x) and any(each.rows for each in mine.totals):
-            own[log] = estimate(mine.totals, **known).x
-        error += [each.residual_norm(own[log]) ** 2 for each in mine.totals]
-        rows += [each.rows for each in mine.totals]
+    for log, some in by_log.items():
+        if len(joint.x) and any(each.rows for each in some.totals):
+            own[log] = estimate(some.totals, **known).x
+        error += [each.residual_norm(own[log]) ** 2 for each in some.totals]
+        rows += [each.rows for each in some.totals]
     sigma = np.maximum(np.sqrt(error / np.maximum(rows, 1)), LEAST_NOISE[1] * joint.sigma)
     weighed = estimate(whole.totals, r.prior, r.torque, sigma=sigma, held=joint.held)
     odd = disagreements(whole, weighed, r.columns)
