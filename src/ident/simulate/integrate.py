@@ -264,23 +264,19 @@ def integrate(
     )
     integration = Integration(dynamics, tolerance, longest, knots)
     integration.run((q, v, np.zeros(len(plant.laws.states))), t, progress)
-    terms, balances, modes = zip(*integration.samples, strict=True)
-
-    def series(things: Sequence[object], key: str) -> np.ndarray:
-        return np.array([getattr(each, key) for each in things]).reshape(len(t), -1)
-
-    q, v = series(terms, "q"), series(terms, "v")
-    a, tau = series(balances, "a"), series(balances, "tau")
+    series = [
+        (m.q, m.v, b.a, b.tau, b.multipliers, b.friction, x) for m, b, x in integration.samples
+    ]
+    q, v, a, tau, forces, friction, modes = (
+        np.array(each).reshape(len(t), -1) for each in zip(*series, strict=True)
+    )
     y, yd, ydd = joint_coordinates(model, q, v, a, {})
     logged = _columns(model, point, t, (y, yd, ydd), tau, columns, joints)
     logged = with_noise(logged, noise, seed) | {key: x(t) for key, x in extra.items()}
-    friction = series(balances, "friction").T
-    stuck = np.array(modes).reshape(len(t), -1).T == STICK
     return Run(
-        model, Log.from_arrays(name, t, logged), t, q, v, a, y, yd, ydd, tau,
-        series(balances, "multipliers"),
-        dict(zip(integration.names, friction, strict=True)),
-        dict(zip(integration.names, stuck, strict=True)),
+        model, Log.from_arrays(name, t, logged), t, q, v, a, y, yd, ydd, tau, forces,
+        dict(zip(integration.names, friction.T, strict=True)),
+        dict(zip(integration.names, modes.T == STICK, strict=True)),
         tuple(integration.transitions),
         float(np.abs(model.kinematics.closure_rows(q).value).max(initial=0.0)),
         integration.evaluations,
