@@ -9,7 +9,7 @@ rests in a window is not judged: its torque may well be constant or noise.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -220,8 +220,7 @@ class DataWatch:
             name=name, t=t, tau=np.empty((len(t), 0)), usable=np.ones(len(t), dtype=bool),
             yd=yd, ydd=ydd, still=still,
         )  # fmt: skip
-        like = self._like
-        motion = Motion((state,), like.independent, like.band, 0.0, (), (log,), self._mechanism)
+        motion = replace(self._like, experiments=(state,), logs=(log,), mechanism=self._mechanism)
         return self.note(log_findings(self._mechanism, motion), start)
 
     def note(self, findings: Iterable[Finding], start: float) -> list[Since]:

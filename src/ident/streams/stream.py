@@ -98,8 +98,8 @@ class Stream:
         )
         self._dt, self._decimator = 1 / e.rate, Decimator.of(like.band.cutoff, e.rate)
         used = {channel.column for channel in e.channels} or {*log.columns}  # zero rates are none
-        motion = [f"{k}.{name}" for name in e.logged for k in ORDERS]
-        motion = [name for name in motion if name in log and name in used]
+        used &= {*log.columns}
+        motion = [f"{k}.{name}" for name in e.logged for k in ORDERS if f"{k}.{name}" in used]
         names = [*motion, *(f"tau.{name}" for name in mechanism.measured)]
         names += [name for name in log.columns if name.startswith("wrench.")]
         names += [name for effect in mechanism.effects for name in effect.reads()]
@@ -181,34 +181,31 @@ class Stream:
         new, self._old = stop - self._old, stop
         if len(X) <= (SHORTEST if last and self._around else max(1, self._around)):
             return []
-        end = float(X[-1, 0])
-        until = end - (0 if last else self._around) * dt
+        end, made = float(X[-1, 0]), list[Rows]()
+        kept = 2 * (half + self._around + self._decimator.factor) + SHORTEST
+        first = int(np.searchsorted(X[:, 0], end - kept * dt))
         try:
-            e = self._state(X)
+            if (e := self._state(X)) is not None:
+                made += self._made(e, end - (0 if last else self._around) * dt)
+                self._q = e.q[min(int(np.searchsorted(e.t, X[first, 0])), len(e) - 1)]
         except MotionError as error:
             self._lose(new, str(error))
             self._X = self._X[stop:]
             self._cut()
             return []
-        made = [] if e is None else [*self._made(e, until)]
-        kept = 2 * (half + self._around + self._decimator.factor) + SHORTEST
-        first = int(np.searchsorted(X[:, 0], end - kept * dt))
-        if e is not None:
-            self._q = e.q[min(int(np.searchsorted(e.t, X[first, 0])), len(e) - 1)]
         self._X, self._old = self._X[first:], stop - first
         return made
 
     def _state(self, X: np.ndarray) -> State | None:
         """Return the state over a window (n, columns); None if no sample of it is usable."""
-        log = Log(self.mechanism.name, dict(zip(self._parser.columns[1:], X.T[1:], strict=True)),
-                  X[:, 0])  # fmt: skip
+        columns = dict(zip(self._parser.columns[1:], X.T[1:], strict=True))
+        log = Log(self.mechanism.name, columns, X[:, 0])
         clock = Clock(self._t0, self._dt, 0, Clock.of(log).even)
         t = clock.within(log)
         if len(t) < 2:
             return None
-        columns = {
-            name: x if clock.even else np.interp(t, log.t, x) for name, x in log.columns.items()
-        }
+        if not clock.even:
+            columns = {name: np.interp(t, log.t, x) for name, x in columns.items()}
         signals = LogSignals(log, t, columns, np.ones(len(t), dtype=bool), clock.even)
         mechanism = self.mechanism
         if mechanism.closures:
