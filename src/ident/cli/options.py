@@ -159,12 +159,10 @@ class MechanismOptions:
         """The options that are given, as words of a command line."""
         words: list[str] = []
         for each in fields(self):
-            given = getattr(self, each.name)
-            if each.default is MISSING or given == each.default:
-                continue
-            name = f"--{each.name.rstrip('_').replace('_', '-')}"
-            for one in given if isinstance(given, list) else [given]:
-                words += [name] if one is True else [name, str(one)]
+            given, name = getattr(self, each.name), each.name.rstrip("_").replace("_", "-")
+            if each.default is not MISSING and given != each.default:
+                for one in given if isinstance(given, list) else [given]:
+                    words += [f"--{name}"] if one is True else [f"--{name}", str(one)]
         return tuple(words)
 
 
@@ -458,11 +456,9 @@ def named(
         name, content = value(text, given, remedy, pair)
         if found.setdefault(name, content) != content and name:
             raise IdentError(f"{given} {text}: '{name}' has another value already; give one")
-    if "" in found and len(texts or ()) > 1:
-        raise IdentError(
-            f"{given} {' '.join(texts or ())}: give one {bare} for all drives, or JOINT={bare} for "
-            "each"
-        )
+    if "" in found and texts and texts[1:]:
+        how = f"give one {bare} for all drives, or JOINT={bare} for each"
+        raise IdentError(f"{given} {' '.join(texts)}: {how}")
     return found
 
 
@@ -476,16 +472,15 @@ def finite(text: str) -> float:
 
 def interval(text: str) -> tuple[float, float]:
     """Return the two values of LOW:HIGH; one that is left out is infinite."""
-    low, colon, high = text.partition(":")
-    if not colon or not (low or high):
+    low, high = text.split(":")
+    if not low + high:
         raise ValueError
     return float(low or "-inf"), float(high or "inf")
 
 
 def share(text: str) -> tuple[float, bool]:
     """Return a number from 0, 20% as 0.2, and whether it was in percent."""
-    number = finite(text.removesuffix("%"))
+    number, percent = finite(text.removesuffix("%")), text.endswith("%")
     if number < 0:
         raise ValueError
-    percent = text.endswith("%")
     return number / 100 if percent else number, percent

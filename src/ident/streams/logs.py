@@ -128,14 +128,13 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
     every = (before - first) / (instants - 1)
     drift = every - guess
     uneven = max(max(high - i * drift, i * drift - low) for i, low, high in deviations)
-    even = bool(instants == count and uneven < UNEVEN * dt)
-    messages = [
+    clock = Clock(first, every, instants, bool(instants == count and uneven < UNEVEN * dt))
+    messages = tuple(
         each[0] + (f" (and so in {len(each) - 1} more pieces)" if len(each) > 1 else "")
         for each in repairs.values()
         if not each[0].endswith(" is empty")
-    ]
-    clock, starts = Clock(first, every, instants, even), np.concatenate(times)
-    return LogOnDisk(log, clock, starts, values, tuple(messages), digest.hexdigest())
+    )
+    return LogOnDisk(log, clock, np.concatenate(times), values, messages, digest.hexdigest())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -147,8 +146,9 @@ class Excerpt(Motion):
     def without(self, logs: Container[str]) -> Excerpt:
         """Return the excerpt without some logs, if any is left to be shown."""
         recorded = tuple(each for each in self.recorded if each[0] not in logs)
-        out = [name for name in self.names if name in logs]
-        retained = tuple(e for e in self.experiments if not any(_is_of(e.name, n) for n in out))
+        retained = tuple(
+            e for e in self.experiments if any(_is_of(e.name, name) for name, *_ in recorded)
+        )
         return replace(self, recorded=recorded, experiments=retained or self.experiments)
 
     @property
