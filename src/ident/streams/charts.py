@@ -150,7 +150,7 @@ class NormalRunning:
         torque = sum(each.torque for each in intervals)
         least = np.sqrt(np.maximum(FLOOR**2 * spread, material**2 * torque) / total)
         squares, rows = (np.array([getattr(e, n) for e in intervals]) for n in ("squares", "rows"))
-        _, fitted = _step(triangle, x, felt)  # numbers of the reference: other rows leave more
+        _, fitted = moved_reference(triangle, x, felt)  # numbers of x: other rows leave more
         free = max(1.0 - fitted / max(triangle.rows, 1), 0.5)
         energy = squares.sum(axis=0) / np.maximum(free * rows.sum(axis=0), 1)
         each = squares / (np.maximum(rows, 1) * np.where(energy > 0, energy, 1.0))
@@ -228,20 +228,16 @@ def felt_columns(triangle: Triangle, units: Sequence[str]) -> np.ndarray:
 
 def moved_reference(
     triangle: Triangle, x: np.ndarray, felt: np.ndarray | bool = True
-) -> np.ndarray:
-    """Move the reference to where normal running has it, in the directions that it knows well.
+) -> tuple[np.ndarray, int]:
+    """Move the reference x (k,) to where normal running has it, in the directions that it knows
+    well; return how many those are too.
 
     x ← x + A⁺ (b − A x)
     """
-    return x + _step(triangle, x, felt)[0]
-
-
-def _step(triangle: Triangle, x: np.ndarray, felt: np.ndarray | bool) -> tuple[np.ndarray, int]:
-    """Return A⁺ (b − A x) (k,) in the directions that are known well, and how many those are."""
     size = triangle.column_norms()
     safe = np.where(felt & (size > 0), size, np.inf)
     step, rank = linear.lstsq(triangle.R / safe, triangle.d - triangle.R @ x, KNOWN)
-    return step / safe, rank
+    return x + step / safe, rank
 
 
 def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -255,11 +255,10 @@ def _summed(
         messages.append(f"{saved.file}: {saved.unused}; not used, all portions are read")
     remaining = list(plan.portions())[resumed:]
     names = [plan.parts[portion.log].name for portion in remaining]
-    count = resumed
-    for portion, done in workers.over(absorbed, remaining, plan, names, "equations"):
+    tasks = workers.over(absorbed, remaining, plan, names, "equations")
+    for count, (portion, done) in enumerate(tasks, start=resumed + 1):
         more, notes, findings = done or ((), (), ())
         summed(total, more)
-        count += 1
         messages += notes
         for each in findings:
             key = plan.parts[portion.log].name, each.code, each.where
@@ -267,8 +266,7 @@ def _summed(
                 gravest[key] = each
         if saved is not None:
             saved.write(count, total.values(), workers.broken)
-    out = {i for i, part in enumerate(plan.parts) if part.name in workers.broken}
-    blocks = [each for each in total.values() if each.log not in out]
+    blocks = [b for b in total.values() if plan.parts[b.log].name not in workers.broken]
     if not blocks:
         cut = plan.band.cutoff
         whys = [f"{name}: {each}" for name, each in workers.broken.items()]
@@ -278,7 +276,7 @@ def _summed(
             f"{[*whys, 'give a longer log or a higher --cutoff'][0]}"
         )
     found = [each for (name, *_), each in gravest.items() if name not in workers.broken]
-    return blocks, [*dict.fromkeys(messages)], found, count - resumed, resumed
+    return blocks, [*dict.fromkeys(messages)], found, len(remaining), resumed
 
 
 def _copied(plan: Plan, parts: Sequence[LogOnDisk], harm: str, remedy: str) -> list[Finding]:

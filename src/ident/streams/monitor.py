@@ -228,7 +228,7 @@ class Monitor(Displayed):
             )
         triangle = Triangle.merge([each.triangle for each in first])
         felt = felt_columns(triangle, watched.columns.units)
-        x = moved_reference(triangle, x, felt)
+        x, _ = moved_reference(triangle, x, felt)
         intervals = intervals_of(parts, interval, sigma, x)
         normal = NormalRunning.of(intervals, sigma, x, material, felt)
         direct = [i for suspect in watched.suspects for i in suspect.places[:DIRECT]]
