@@ -209,7 +209,7 @@ def simulate(
         "noise": [Noise(channel, *level) for channel, level in levels.items()],
         "seed": seed,
         "columns": [each.strip() for each in columns.split(",")],
-        "joints": joints and [each.strip() for each in joints.split(",")],
+        "joints": None if joints is None else [each.strip() for each in joints.split(",")],
     }
     if forward:
         if tolerance is not None:

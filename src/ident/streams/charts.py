@@ -91,22 +91,18 @@ class Cutter:
         self._seconds, self._usual = seconds, 0
         self.waiting: list[Rows] = []
 
-    def cut(self, rows: Rows) -> Iterator[Rows]:
-        """Yield the rows of every interval that these rows complete."""
+    def cut(self, rows: Rows, last: bool = False) -> Iterator[Rows]:
+        """Yield the rows of every interval that these rows complete, if they are about as many as
+        usual; `last`: no more come.
+        """
         rows = Rows.joined([*self.waiting, rows])
         edges = np.flatnonzero(np.diff(np.floor(rows.t / self._seconds))) + 1
-        *whole, last = (rows[a:b] for a, b in pairwise([0, *edges, len(rows)]))
-        self.waiting = [last]
-        return filter(self._is_usual, whole)
-
-    def flush(self) -> Iterator[Rows]:
-        """Yield the rows held, if they are about as many as usual."""
-        waiting, self.waiting = self.waiting, []
-        return filter(self._is_usual, waiting)
-
-    def _is_usual(self, rows: Rows) -> bool:
-        self._usual = max(self._usual, len(rows))
-        return len(rows) >= USUAL * self._usual
+        whole = [rows[a:b] for a, b in pairwise([0, *edges, len(rows)])]
+        self.waiting = [] if last else [whole.pop()]
+        for each in whole:
+            self._usual = max(self._usual, len(each))
+            if len(each) >= USUAL * self._usual:
+                yield each
 
 
 def intervals_of(
@@ -114,8 +110,8 @@ def intervals_of(
 ) -> list[WatchedInterval]:
     """Cut rows into intervals of so many seconds; sigma (d,) weighs them, x (k,) the reference."""
     cutter = Cutter(seconds)
-    parts = [part for each in rows for part in cutter.cut(each)]
-    return [WatchedInterval.of(part, sigma, x) for part in [*parts, *cutter.flush()]]
+    parts = (part for each in rows for part in cutter.cut(each, each is rows[-1]))
+    return [WatchedInterval.of(part, sigma, x) for part in parts]
 
 
 @dataclass(frozen=True, eq=False)

@@ -260,8 +260,7 @@ class Naming:
     def sound(self) -> bool:
         """Whether the best is likely enough by itself, and leaves nothing to be explained."""
         likely = self.best is not None and self.best.gain >= self.least
-        enough = self.surplus < SURPLUS and self.explained >= MOSTLY
-        return likely and (self.explained >= EXPLAINS or enough)
+        return likely and self.explained >= (MOSTLY if self.surplus < SURPLUS else EXPLAINS)
 
 
 def name_change(
