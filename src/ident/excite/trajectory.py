@@ -299,9 +299,7 @@ def at_rest(mechanism: Mechanism, names: tuple[str, ...], home: np.ndarray, t: n
 
 def moved_joints(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the drives whose positions determine the motion; refuse fewer than freedoms."""
-    names = tuple(joint.name for joint in mechanism.joints)
-    if mechanism.closures:
-        names = best_conditioned(mechanism, mechanism.assembled[None])
+    names = best_conditioned(mechanism, mechanism.assembled[None])
     if free := [name for name in names if name not in mechanism.driven]:
         raise MotionError(
             f"{mechanism.name}: {', '.join(free)} moves freely, without a drive, so no motion can "
