@@ -170,10 +170,8 @@ class Session(contextlib.ExitStack):
         self._tables: dict[str, Any] = {}
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
-            m = online.mechanism
-            names = m.kinematics.multipliers if m.closures else ()
-            headers = {"parameters": PARAMETERS, "alarms": ALARMS}
-            if names:
+            headers: dict[str, Sequence[str]] = {"parameters": PARAMETERS, "alarms": ALARMS}
+            if names := online.mechanism.kinematics.multipliers:
                 headers["multipliers"] = ("t", *names, *(f"{name}.stderr" for name in names))
             for name, header in headers.items():
                 stream = self.enter_context(_appended(folder / f"{name}.csv", header))

@@ -140,7 +140,8 @@ class MechanismOptions:
         inputs.set(Inputs(str(self.mechanism), tuple(files), self._words, tuple(normal)))
         for place in reversed(self.mesh_path or ()):
             if not place.is_dir():
-                raise IdentError(f"--mesh-path {place}: is no folder; give one with packages in it")
+                why = "is no folder; give one that contains packages"
+                raise IdentError(f"--mesh-path {place}: {why}")
             known = os.environ.get("ROS_PACKAGE_PATH", "")
             os.environ["ROS_PACKAGE_PATH"] = f"{place.resolve()}{os.pathsep}{known}"
         locked = locked_joints(self.lock)
