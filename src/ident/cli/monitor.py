@@ -121,14 +121,9 @@ class Watch:
 
         self.monitor = Monitor.of(fit, fit.motion)
         watched = self.monitor.watched
-        self._stream = Stream(
-            watched.mechanism,
-            watched.columns,
-            fit.motion,
-            watched.point,
-            latency=self.monitor.seconds / 2,  # alarms come by intervals
-            sticking=STANDING,
-        )
+        mechanism, columns, point = watched.mechanism, watched.columns, watched.point
+        latency = self.monitor.seconds / 2  # alarms come by intervals
+        self._stream = Stream(mechanism, columns, fit.motion, point, latency, STANDING)
 
     def alarms(self, samples: Mapping[str, np.ndarray] | None) -> list[Alarm]:
         """Return the alarms that further samples raise; None: those that still wait."""

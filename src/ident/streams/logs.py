@@ -208,13 +208,12 @@ def excerpt(
         return excerpt(mechanism, summaries, cutoff, smoothing, broken)
     notes = [f"{each.name}: {repair}" for each in remaining for repair in each.repairs]
     for note in motion.notes:  # once for each log, and nothing about the ends of stretches
-        note = "" if NO_MEASUREMENT in note else note  # each log reports it itself
         for each in remaining:
-            head, comma, tail = note.partition(f"{each.name}, ")
-            if not head and comma:
-                text = tail.partition(" s:")[2]
+            if note.startswith(f"{each.name}, "):
+                text = note.partition(" s:")[2]
                 note = "" if text.endswith("left out") else f"{each.name}:{text}"
-        notes += [note] if note else []
+        # each log reports itself what is no measurement
+        notes += [note] if note and NO_MEASUREMENT not in note else []
     return Excerpt(
         motion.experiments, motion.independent, motion.band, motion.closure_error,
         tuple(dict.fromkeys(notes)), tuple(logs), mechanism,
