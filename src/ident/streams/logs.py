@@ -210,7 +210,7 @@ def excerpt(
     for note in motion.notes:  # once for each log, and nothing about the ends of stretches
         for each in remaining:
             if note.startswith(f"{each.name}, "):
-                text = note.partition(" s:")[2]
+                text = note.removeprefix(f"{each.name}, ").partition(" s:")[2]
                 note = "" if text.endswith("left out") else f"{each.name}:{text}"
         # each log reports itself what is no measurement
         notes += [note] if note and NO_MEASUREMENT not in note else []
