@@ -38,7 +38,7 @@ from ident.display import render
 from ident.errors import IdentError, LogError, MechanismError, line_of, near, one_of
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint, EntryPoints
+    from importlib.metadata import EntryPoints
 
 LARGEST = 4.0  # work: GB of a log's numbers in memory: half a billion values
 ABANDONED = 600.0  # range: s without a change, after which the writer of a part is taken to be dead
@@ -313,10 +313,10 @@ class TomlTable:
         """Return `count` finite numbers, any number of them for count 0."""
         value = self.data.get(key, None if default is None else list(default))
         good = isinstance(value, list) and all(map(is_number, value))
-        if not isinstance(value, list) or not good or (count and len(value) != count):
+        if not isinstance(value, list) or not good or count not in (0, len(value)):
             need = f"{count} finite numbers" if count else "finite numbers"
             raise self.error(f"{key} = {value!r}; a list of {need} is expected")
-        return tuple(float(x) for x in value)
+        return tuple(map(float, value))
 
     def words(self, key: str) -> tuple[str, ...]:
         """Return a list of texts, empty if it is missing."""
@@ -378,31 +378,28 @@ def reader_of(kind: Kind, suffix: str) -> Callable[..., Any] | None:
     if name in OWN:
         module, _, function = OWN[name].partition(":")
         return getattr(import_module(module), function)
-    for entry in _of_others():
-        if entry.name.lower() == name:
-            return _guarded(entry, ERRORS[kind])
-    return None
+    entry = next((each for each in _of_others() if each.name.lower() == name), None)
+    if entry is None:
+        return None
 
-
-def _of_others() -> EntryPoints:
-    from importlib.metadata import entry_points  # `ident --help` need not wait for it
-
-    return entry_points(group=GROUP)
-
-
-def _guarded(entry: EntryPoint, error_class: type[IdentError]) -> Callable[[Path], Any]:
     def read(path: Path) -> Any:
         try:
             return entry.load()(path)
         except (IdentError, OSError):
             raise
         except Exception as error:
-            raise error_class(
+            raise ERRORS[kind](
                 f"{path}: cannot be read by {entry.value} ({line_of(error)}); correct the file, or "
                 "the package that brings this format"
             ) from error
 
     return read
+
+
+def _of_others() -> EntryPoints:
+    from importlib.metadata import entry_points  # `ident --help` need not wait for it
+
+    return entry_points(group=GROUP)
 
 
 def version(package: str = "ident", missing: str = "0") -> str:

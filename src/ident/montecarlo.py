@@ -87,16 +87,13 @@ ESTIMATORS: Mapping[str, Estimator] = {"paper": paper()} | {
 
 def estimators_of(given: Sequence[str | Estimator | Estimate]) -> tuple[Estimator, ...]:
     """Return estimators given by name, as they are, or as functions; refuse all else."""
-    if isinstance(given, str | Estimator) or callable(given):
-        given = [given]
     estimators: dict[str, Estimator] = {}
-    for each in given:
-        if isinstance(each, str) and each in ESTIMATORS:
-            each = ESTIMATORS[each]
-        elif callable(each):
+    for each in [given] if isinstance(given, str | Estimator) or callable(given) else given:
+        if callable(each):
             words = (each.__doc__ or "").strip().partition("\n")[0]
             each = Estimator(getattr(each, "__name__", type(each).__name__), each, words)
-        elif not isinstance(each, Estimator):
+        each = ESTIMATORS.get(each, each) if isinstance(each, str) else each
+        if not isinstance(each, Estimator):
             raise FitError(f"estimator {each!r}: cannot be called; {one_of(str(each), ESTIMATORS)}")
         if each.name in estimators:
             raise FitError(f"estimator '{each.name}' is given twice; give each a name of its own")
@@ -201,30 +198,27 @@ class TrialPlan:
             key = (estimator.name, snr, run)
             try:
                 fit = estimator.find(self.mechanism, log)
-                values = [
-                    (*key, name, *_value_and_stderr(fit, name), true, truth.units[name])
-                    for name, true in truth.values.items()
-                ]
+                values = []
+                for name, true in truth.values.items():
+                    value = stderr = np.nan  # with noise the data may determine other combinations
+                    with suppress(KeyError):
+                        one = fit[name]
+                        if getattr(one, "identifiable", True):
+                            value, stderr = one.value, np.nan if one.stderr is None else one.stderr
+                    values.append(
+                        (*key, name, float(value), float(stderr), true, truth.units[name])
+                    )
                 rms = truth.errors(fit)
             except Exception as error:  # of whatever estimator
                 failures.append((*key, line_of(error)))
                 continue
             samples += values
-            every = list(zip(truth.multipliers, rms, truth.multiplier_units, strict=True))
+            every = [*zip(truth.multipliers, rms, truth.multiplier_units, strict=True)]
             errors += [(*key, *each) for each in every]
             for name, unit in SUMS.items():
                 same = [x for _, x, its in every if its == unit and np.isfinite(x)]
                 errors += [(*key, name, float(np.linalg.norm(same)), unit)] if same else []
         return samples, errors, failures
-
-
-def _value_and_stderr(fit: Fit, name: str) -> tuple[float, float]:
-    """Return NaN for a value that this fit does not determine."""
-    with suppress(KeyError):  # with noise the data may determine other combinations
-        one = fit[name]
-        if getattr(one, "identifiable", True):
-            return float(one.value), np.nan if one.stderr is None else float(one.stderr)
-    return np.nan, np.nan
 
 
 Z95 = 1.96  # level: standard errors: the central 95 % of a normal distribution
@@ -286,13 +280,10 @@ class MonteCarlo(Displayed, Written):
         Columns: `runs`, `mean` and `std` of the rms errors, `size` (rms of the true one), `unit`.
         """
         truth, rms = self.plan.truth, pl.col("rms")
-        sizes = dict(zip(truth.multipliers, rms_of(truth.reactions), strict=True))
-        units = dict(zip(truth.multipliers, truth.multiplier_units, strict=True))
-        sums = {
-            total: float(np.sqrt(np.nansum([sizes[n] ** 2 for n in units if units[n] == unit])))
-            for total, unit in SUMS.items()
-        }
-        size = pl.col("multiplier").replace_strict(sizes | sums, return_dtype=pl.Float64)
+        each, units = rms_of(truth.reactions), np.array(truth.multiplier_units)
+        sizes = dict(zip(truth.multipliers, each, strict=True))
+        sizes |= {s: float(np.sqrt(np.nansum(each[units == u] ** 2))) for s, u in SUMS.items()}
+        size = pl.col("multiplier").replace_strict(sizes, return_dtype=pl.Float64)
         return (
             self.errors.group_by("estimator", "snr", "multiplier", maintain_order=True)
             .agg(
@@ -318,15 +309,13 @@ class MonteCarlo(Displayed, Written):
     @property
     def notes(self) -> tuple[str, ...]:
         """Runs that failed or did not determine a parameter."""
-        notes, failed = [], {}
-        for own, frame in self.failures.group_by("estimator", "snr", maintain_order=True):
-            failed[own] = frame.height
-            what = f"{frame.height} of {self.runs} runs failed; the first: {frame['error'][0]}"
-            notes.append(f"{own[0]} at {own[1]:g} dB: {what}")
+        notes, failed, of = [], {}, f"of {self.runs} runs"
+        for (name, snr), frame in self.failures.group_by("estimator", "snr", maintain_order=True):
+            failed[name, snr] = n = frame.height
+            notes.append(f"{name} at {snr:g} dB: {n} {of} failed; the first: {frame['error'][0]}")
         for name, snr, parameter, runs, *_ in self.table.iter_rows():
             if (less := self.runs - failed.get((name, snr), 0) - runs) > 0:
-                what = f"{less} of {self.runs} runs do not determine {parameter}"
-                notes.append(f"{name} at {snr:g} dB: {what}")
+                notes.append(f"{name} at {snr:g} dB: {less} {of} do not determine {parameter}")
         return tuple(notes)
 
     def plot(self, parameters: Sequence[str] | None = None) -> Any:
@@ -388,7 +377,13 @@ def monte_carlo(
     """
     check_whole("runs", runs, 1)
     check_whole("seed", seed)
-    ratios, applied = _ratios(snr), estimators_of(estimators)
+    values = np.atleast_1d(np.asarray(snr, dtype=object))
+    bad = [x for x in values if not (isinstance(x, int | float | np.number) and np.isfinite(x))]
+    if bad or not len(values):
+        given = f"SNR {bad[0]!r}" if bad else "no SNR given"
+        raise FitError(f"{given}; valid: numbers of dB, as snr=(60, 40, 30)")
+    ratios = tuple(sorted(set(map(float, values)), reverse=True))  # each once
+    applied = estimators_of(estimators)
     log = log if isinstance(log, Log) else read_log(log, mechanism.sources)
     columns = noisy_columns(log, channels)
     if reactions is not None and not isinstance(reactions, Log):
@@ -422,13 +417,3 @@ def monte_carlo(
         for frame, kinds in zip(rows, types, strict=True)
     )
     return MonteCarlo(plan, ratios, runs, *frames)
-
-
-def _ratios(snr: float | Sequence[float]) -> tuple[float, ...]:
-    """Return signal-to-noise ratios, each once, highest first."""
-    ratios = np.atleast_1d(np.asarray(snr, dtype=object))
-    numbers = [isinstance(x, int | float | np.number) and np.isfinite(x) for x in ratios]
-    if not numbers or not all(numbers):
-        given = f"SNR {ratios[numbers.index(False)]!r}" if numbers else "no SNR given"
-        raise FitError(f"{given}; valid: numbers of dB, as snr=(60, 40, 30)")
-    return tuple(sorted(set(map(float, ratios)), reverse=True))

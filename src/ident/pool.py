@@ -190,25 +190,19 @@ def _call(shared: str | bytes, function: Function, task: Any) -> tuple[Any, str 
     return _outcome(function, _common(shared), task)
 
 
-def _killed(times: int) -> str:
-    return f"its process died each of the {times} times it was tried"
-
-
-def _died(future: Future[Any]) -> bool:
-    return isinstance(future.exception(), BrokenProcessPool)
+KILLED = "its process died each of the {} times it was tried"
 
 
 @contextlib.contextmanager
 def _not_interrupted() -> Iterator[None]:
     """Ignore Ctrl-C for a moment: processes that are started in it never get it, nor print it."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        if main:
+            signal.signal(signal.SIGINT, before)
 
 
 def _in_processes(
@@ -221,9 +215,14 @@ def _in_processes(
     from joblib.externals.loky import get_reusable_executor
 
     executor = partial(get_reusable_executor, jobs, timeout=IDLE, env=ONE_THREAD)
+
+    def died(future: Future[Any]) -> bool:
+        return isinstance(future.exception(), BrokenProcessPool)
+
     with tempfile.TemporaryDirectory(prefix="ident-") as folder:
         file = Path(folder) / "common"
         file.write_bytes(common)
+        call = partial(_call, str(file), function)
         running: dict[Future[tuple[Any, str | None]], tuple[int, Any]] = {}
         ended: list[Done] = []
         try:
@@ -231,7 +230,7 @@ def _in_processes(
                 while len(running) < jobs and (numbered := next(tasks, None)) is not None:
                     try:
                         with _not_interrupted():
-                            future = executor().submit(_call, str(file), function, numbered[1])
+                            future = executor().submit(call, numbered[1])
                         running[future] = numbered
                     except BrokenProcessPool:
                         tasks = chain([numbered], tasks)
@@ -241,18 +240,19 @@ def _in_processes(
                 if not running:
                     return
                 futures = wait(running, return_when=FIRST_COMPLETED).done
-                if any(map(_died, futures)):
+                if any(map(died, futures)):
                     futures = wait(running).done
                 ended = []
-                for future, (index, task) in [(each, running.pop(each)) for each in futures]:
+                for future in futures:
+                    index, task = running.pop(future)
                     for _ in range(TRIES - 1):
-                        if _died(future):
-                            future = executor().submit(_call, str(file), function, task)
+                        if died(future):
+                            future = executor().submit(call, task)
                             wait([future])
                     if (error := future.exception()) is None:
                         ended.append(Done(index, *future.result()))
                     else:  # else the task or its result cannot be pickled
-                        why = _killed(TRIES) if _died(future) else line_of(error)
+                        why = KILLED.format(TRIES) if died(future) else line_of(error)
                         ended.append(Done(index, error=why))
         except BaseException:  # Ctrl-C, or nobody wants the rest
             until = time.monotonic() + HANDED_OUT
@@ -293,15 +293,17 @@ def _on_cluster(
                         ended.append(_done_on_worker(running.pop(future), future))
                 without = 0 if workers else without + LOOK
                 if without >= EMPTY:
-                    raise IdentError(
-                        f"scheduler {scheduler}: had no worker for {EMPTY} s; start some "
-                        f"(dask worker {scheduler}) and run this again"
-                    )
+                    why = f"had no worker for {EMPTY} s; start some (dask worker {scheduler}) and "
+                    raise _fault(scheduler, f"{why}run this again")
         except CancelledError:
-            raise IdentError(f"scheduler {scheduler}: {STOPPED}") from None
+            raise _fault(scheduler, STOPPED) from None
         finally:
             with contextlib.suppress(Exception):
                 client.cancel(list(running), force=True)
+
+
+def _fault(scheduler: str, why: str) -> IdentError:
+    return IdentError(f"scheduler {scheduler}: {why}")
 
 
 def _done_on_worker(index: int, future: Any) -> Done:
@@ -312,7 +314,7 @@ def _done_on_worker(index: int, future: Any) -> Done:
     except (UnfitWorker, CancelledError):  # an unfit worker would fail all tasks: it is always free
         raise
     except KilledWorker as error:
-        return Done(index, error=_killed(error.allowed_failures + 1))
+        return Done(index, error=KILLED.format(error.allowed_failures + 1))
     except Exception as error:
         return Done(index, error=line_of(error))
 
@@ -332,9 +334,9 @@ def _client(scheduler: str) -> Iterator[Any]:
         security = Security()
         args = security.get_connection_args("client")
     except (OSError, ValueError, TypeError) as error:  # files that are named and cannot be read
-        raise IdentError(f"scheduler {scheduler}: {line_of(error)}; {CERTIFICATES}") from None
+        raise _fault(scheduler, f"{line_of(error)}; {CERTIFICATES}") from None
     if scheduler.startswith("tls:") and args.get("ssl_context") is None:
-        raise IdentError(f"scheduler {scheduler}: needs certificates; {CERTIFICATES}")
+        raise _fault(scheduler, f"needs certificates; {CERTIFICATES}")
     client = Client.__new__(Client)
     try:
         Client.__init__(client, scheduler, set_as_default=False, timeout=ANSWER, security=security)
@@ -342,31 +344,25 @@ def _client(scheduler: str) -> Iterator[Any]:
         # left to the garbage collector, it may end in the thread that the next client starts: both
         # then wait for the lock of all clients' loops
         client.close()
-        raise IdentError(
-            f"scheduler {scheduler}: does not answer ({line_of(error)}); valid: an address as "
-            "tcp://host:8786, which 'dask scheduler' prints; it needs workers: dask worker "
-            f"{scheduler}"
-        ) from None
+        why = f"does not answer ({line_of(error)}); valid: an address as tcp://host:8786, which "
+        why += f"'dask scheduler' prints; it needs workers: dask worker {scheduler}"
+        raise _fault(scheduler, why) from None
     # lost connections end in one line here; Dask would write tracebacks of them, too
     with silence_logging_cmgr(logging.CRITICAL), client:
         try:
             client.wait_for_workers(1, timeout=ANSWER)
         except TimeoutError:
-            raise IdentError(
-                f"scheduler {scheduler}: has no workers; start some: dask worker {scheduler} "
-                "--nworkers 4 --nthreads 1"
-            ) from None
+            some = f"dask worker {scheduler} --nworkers 4 --nthreads 1"
+            raise _fault(scheduler, f"has no workers; start some: {some}") from None
         try:
             client.run(_check_worker, versions())
         except UnfitWorker:
             raise
         except (OSError, CancelledError):
-            raise IdentError(f"scheduler {scheduler}: {STOPPED}") from None
+            raise _fault(scheduler, STOPPED) from None
         except Exception as error:
-            raise IdentError(
-                f"scheduler {scheduler}: a worker cannot be used ({line_of(error)}); install ident "
-                "there"
-            ) from None
+            why = f"a worker cannot be used ({line_of(error)}); install ident there"
+            raise _fault(scheduler, why) from None
         yield client
 
 

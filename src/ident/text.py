@@ -28,9 +28,8 @@ def rounded(value: float, stderr: float | None) -> str:
         return f"{value:.9g}"
     digits = int(np.floor(np.log10(abs(value) / stderr))) + 2 if value else 2
     texts = f"{value:.{int(np.clip(digits, 2, 12))}g}", f"{stderr:.2g}"
-    if abs(value) < LARGE:  # hundreds and thousands as they are read, not as 1e+02
-        return " ± ".join(f"{float(text):.0f}" if "e+" in text else text for text in texts)
-    return " ± ".join(texts)
+    small = abs(value) < LARGE  # hundreds and thousands as they are read, not as 1e+02
+    return " ± ".join(f"{float(text):.0f}" if small and "e+" in text else text for text in texts)
 
 
 def significant(x: float, digits: int = 3) -> str:

@@ -91,11 +91,11 @@ def test_the_reference_moves_to_the_clean_log_where_it_knows(clean):
     x, seen, _ = clean
     triangle = Triangle.merge([each.triangle for each in seen])
     np.testing.assert_allclose(
-        moved_reference(triangle, x + 0.1), moved_reference(triangle, x), atol=1e-9
+        moved_reference(triangle, x + 0.1)[0], moved_reference(triangle, x)[0], atol=1e-9
     )
     rng = np.random.default_rng(7)
     A = rng.standard_normal((300, 3)) @ np.diag([1.0, 1.0, 0.0])  # nothing feels the third
-    moved = moved_reference(
+    moved, _ = moved_reference(
         Triangle.of(A, A @ np.array([1.0, 2.0, 0.0])), np.array([0.0, 0.0, 5.0])
     )
     np.testing.assert_allclose(moved, [1.0, 2.0, 5.0], atol=1e-9)
@@ -184,7 +184,7 @@ def test_another_motion_is_judged_by_the_error_of_the_reference():
     """Normal running of little motion leaves a reference that errs in ten times as much of it."""
     rng, x = np.random.default_rng(13), np.zeros(K)
     seen = intervals(pieces(rng, 40, x), x)
-    reference = moved_reference(Triangle.merge([each.triangle for each in seen]), x)
+    reference, _ = moved_reference(Triangle.merge([each.triangle for each in seen]), x)
     normal = NormalRunning.of(intervals(pieces(rng, 40, x), reference), np.ones(D), reference, 0.0)
     piece = pieces(rng, 40, x)
     piece.A[:] *= 10.0

@@ -121,7 +121,7 @@ def test_shapes_are_held_where_a_fit_has_them():
     fit = ident.identify(case.mechanism, motion, estimator="least-squares")
     online = Online(case.mechanism, like=fit)
     found = fed(online, given(case.log, "blocks"))
-    held = online._known_mechanism.effects[-1].values["vs"]
+    held = online._stream.mechanism.effects[-1].values["vs"]
     assert held == pytest.approx(fit["stribeck.elbow.vs"].value, rel=1e-9)
     assert found["stribeck.elbow.Fs"].value == pytest.approx(
         fit["stribeck.elbow.Fs"].value, rel=0.02

@@ -78,12 +78,11 @@ def remark(text: str) -> None:
 def result(text: object) -> None:
     """Write a result to standard output, as it is, at once, and without a bar of progress in it."""
     _begun()
-    bar = _bars[-1] if _bars else None
-    if bar is not None:
+    for bar in _bars:
         bar.stop()
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()
-    if bar is not None:
+    for bar in _bars:
         bar.start()
 
 

@@ -189,28 +189,24 @@ def demo(
             for _, command in (BEFORE[0], BEFORE[3]):
                 styled(f"   $ ident {command.format(made.folder).partition(' --out')[0]}", "cyan")
             return
-        _story(made)
+        for step in BEFORE:
+            _step(*step, made.folder)
+        file = made.folder / "diagnosis" / "diagnosis.json"
+        found = json.loads(file.read_text(encoding="utf-8"))
+        outcome = f"gave no name: {found['verdict']}"
+        if best := found["best"]:
+            name = f"{best['effect']}:{','.join(best['joints'])}"
+            outcome = f"named {name}"
+            for step in AFTER:
+                _step(*step, made.folder, name)
+        styled("\nThe answer", "bold")
+        result("\n".join(wrapped(f"Hidden was {made.hidden}. The diagnosis {outcome}.")))
     if out is not None:
         notes([f"wrote {out}; open {out / 'diagnosis' / 'report.html'}"])
         return
     result("\nTo go on by hand, or for another machine to find out by yourself:")
     for options in (f"--seed {seed}", "--puzzle"):
         styled(f"   $ ident demo {options} --out {MACHINE}", "cyan")
-
-
-def _story(made: Puzzle) -> None:
-    folder = made.folder
-    for step in BEFORE:
-        _step(*step, folder)
-    found = json.loads((folder / "diagnosis" / "diagnosis.json").read_text(encoding="utf-8"))
-    outcome = f"gave no name: {found['verdict']}"
-    if best := found["best"]:
-        name = f"{best['effect']}:{','.join(best['joints'])}"
-        outcome = f"named {name}"
-        for step in AFTER:
-            _step(*step, folder, name)
-    styled("\nThe answer", "bold")
-    result("\n".join(wrapped(f"Hidden was {made.hidden}. The diagnosis {outcome}.")))
 
 
 def _step(title: str, command: str, *names: object) -> None:

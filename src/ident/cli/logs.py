@@ -146,8 +146,6 @@ def identify(
                 jobs=1 if jobs is None and len(expanded(logs)) == 1 else jobs,
                 progress=on_progress,
             )
-        if since is not None:
-            gathered = replace(gathered, fit=gathered.fit.since(since))
         fit = gathered.fit
     else:
         from ident.fit.identify import identify as identify_
@@ -162,8 +160,8 @@ def identify(
                 estimator="likelihood" if refine else "auto",
                 progress=part(on_progress, 0.3, 1.0),
             )
-        fit = fit if since is None else fit.since(since)
-    _show(fit, gathered, reactions, json, out)
+    fit = fit if since is None else fit.since(since)
+    _show(fit, gathered and replace(gathered, fit=fit), reactions, json, out)
     if good_enough is not None:
         sets: dict[str, Judged] = {"": (fit.held_out or fit.train, fit.noise)}
         sets |= {f" of {log}": (e, fit.noise_on(log)) for log, e in fit.validation.items()}

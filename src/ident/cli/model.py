@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 import shlex
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
 from itertools import count
@@ -71,10 +72,10 @@ def add(
     if before.toml is None:
         words = f"{mechanism} by itself stays as it is; the mechanism is now"
         notes([f"{words} {path}: ident diagnose {shlex.quote(str(path))} LOG"])
-    free = {each.label for each in before.effects}
-    own = [x.label for x in new if x.label not in free]
-    changes = [f"added {', '.join(own)}"] * bool(own)
-    changes += [f"unknown again: {x.label}, which had a value" for x in new if x.label in free]
+    labels, free = [each.label for each in new], {each.label for each in before.effects}
+    added = ", ".join(label for label in labels if label not in free)
+    changes = [f"added {added}"] * bool(added)
+    changes += [f"unknown again: {x}, which had a value" for x in labels if x in free]
     result(f"{path}: {'; '.join(changes)}")
 
 
@@ -134,12 +135,9 @@ def view(
         count = shown.moments
         result(f"{out}: {count} moment{'s' * (count != 1)}; open it in a browser")
         return
-    with shown.serve(port) as page:
+    with shown.serve(port) as page, suppress(KeyboardInterrupt):
         result(f"{page.address}    (Ctrl-C ends it)")
-        try:
-            wait()
-        except KeyboardInterrupt:
-            return
+        wait()
 
 
 if TYPE_CHECKING:
@@ -198,21 +196,20 @@ def simulate(
     output_file(out, LOGS, [motion])
     output_file(multipliers, LOGS, [motion, out])
     values = named(set_, "--set", "write NAME=NUMBER, as viscous.elbow.Fv=0.4", finite)
-    pi = None
+    levels, pi = named(noise, "--noise", "write CHANNEL=LEVEL, as tau=2% or q=1e-5", share), None
     if fit is not None:
         saved = read_fit(fit, mechanism, allow_code=model.allow_code)
         known = (*replace(model, with_=None).load().effects, *saved.mechanism.effects)
         more = [e for e in mechanism.effects if e.label not in {each.label for each in known}]
         mechanism, pi = reduce(operator.add, more, saved.mechanism), saved.dynamic_parameters
         values = {**saved.point.values, **values}
-    levels = named(noise, "--noise", "write CHANNEL=LEVEL, as tau=2% or q=1e-5", share)
     common: dict[str, Any] = {
         "values": values,
         "pi": pi,
         "noise": [Noise(channel, *level) for channel, level in levels.items()],
         "seed": seed,
-        "columns": _list(columns),
-        "joints": None if joints is None else _list(joints),
+        "columns": [each.strip() for each in columns.split(",")],
+        "joints": None if joints is None else [each.strip() for each in joints.split(",")],
     }
     if forward:
         if tolerance is not None:
@@ -243,10 +240,6 @@ def simulate(
         result(run)
 
 
-def _list(text: str) -> list[str]:
-    return [part.strip() for part in text.split(",")]
-
-
 def _drive(
     mechanism: Mechanism, motion: Path | None, control: str | None, gains: Texts
 ) -> Drive | None:
@@ -268,14 +261,14 @@ def _drive(
     log = read_log(motion, mechanism.sources)
     if control == "torque":
         return Torques(log)
+
+    def pair(text: str) -> tuple[float, float]:
+        Kp, Kd = map(float, text.split(","))
+        return Kp, Kd
+
     remedy = "write KP,KD or JOINT=KP,KD, as 400,30"
-    pairs = named(gains, "--gains", remedy, _pair, bare="pair")
+    pairs = named(gains, "--gains", remedy, pair, bare="pair")
     return (PD if control == "pd" else ComputedTorque)(log, pairs.get("", pairs) or None)
-
-
-def _pair(text: str) -> tuple[float, float]:
-    Kp, Kd = (float(x) for x in text.split(","))
-    return Kp, Kd
 
 
 def excite(
@@ -364,16 +357,15 @@ def excite(
     if out is None and not found.finished:  # no seed repeats it
         free = (Path(f"{found.name}_excited{i or ''}.csv") for i in count())
         out = next(path for path in free if not path.exists())
-    files = ((out, found.write), (plot, lambda path: found.plot().save(path)))
-    for path, write in files:
-        if path is not None:
-            write(path)
-    look = f"look at it: ident view {place_of(mechanism)} {out}" if out else (
-        "no file was written: repeat the command with --out next.csv"
-    )  # fmt: skip
+    look = "no file was written: repeat the command with --out next.csv"
+    if out is not None:
+        found.write(out)
+        look = f"look at it: ident view {place_of(mechanism)} {out}"
+    if plot is not None:
+        found.plot().save(plot)
     of = "values and friction of the fit" if fitted else "masses of the file"
     remarks = [f"planned with the {of}; collisions are not checked; {look}"]
-    conclude(found, [path for path, _ in files if path is not None], remarks)
+    conclude(found, filter(None, (out, plot)), remarks)
     if not found.finished:
         notes([f"interrupted: {out} has the best motion so far"])
         sys.exit(130)
@@ -419,13 +411,9 @@ def montecarlo(
         )
     output_folder(out, ("runs.csv", "multiplier_errors.csv"), [log, reactions])
     mechanism = model.load()
+    remedy = "write numbers of dB with commas, as 60,40,30"
     common: dict[str, Any] = {
-        "snr": value(
-            snr,
-            "--snr",
-            "write numbers of dB with commas, as 60,40,30",
-            lambda text: [float(part) for part in text.split(",")],
-        ),
+        "snr": value(snr, "--snr", remedy, lambda text: [*map(float, text.split(","))]),
         "runs": runs,
         "estimators": [paper(spacing) if name == "paper" else name for name in names],
         "truth": named(truth, "--truth", "write NAME=NUMBER, as rod.Ixx=0.004", finite),
@@ -453,9 +441,9 @@ def montecarlo(
         conclude(found, [] if out is None else found.write(out / each.name if several else out))
         if found.runs < runs:
             text = f"interrupted: {found.runs} of {runs} runs are done"
-            text += " and kept" if out is not None else ""
-            again = f"all of them, these too, with: {running.get()}" * bool(running.get())
-            notes([f"{text}; the same seed repeats them{again and f'; {again}'}"])
+            text += f"{' and kept' * (out is not None)}; the same seed repeats them"
+            again = f"; all of them, these too, with: {running.get()}" if running.get() else ""
+            notes([f"{text}{again}"])
             sys.exit(130)
         studies.append(found)
     if not studies:

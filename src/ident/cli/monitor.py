@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ident.log.pieces import CsvLines
     from ident.show.streams import MonitorHistory
     from ident.streams.monitor import Alarm
-    from ident.streams.online import Forces, Online, Snapshot
+    from ident.streams.online import Online, Snapshot
 
 MOST_NOTED = 20  # lines that are left out, of which each is noted; then they are counted
 PARAMETERS = ("t", "quantity", "value", "stderr", "unit", "state")
@@ -104,12 +104,11 @@ def monitor(
                 time.sleep(0.2)
     if session.raised:
         count = f"{n} alarms, first" if (n := len(session.raised)) > 1 else "1 alarm,"
-        mean = (
-            "; parameters of all samples are a mean of before and after it: --forget S, or a new "
-            "start, tells what they are now"
-        )
-        now = all(alarm.from_start for alarm in session.raised)
-        notes([f"{count} {session.raised[0].headline}{'' if now else mean}"])
+        text = f"{count} {session.raised[0].headline}"
+        if not all(alarm.from_start for alarm in session.raised):
+            text += "; parameters of all samples are a mean of before and after it: --forget S, or "
+            text += "a new start, tells what they are now"
+        notes([text])
 
 
 class Watch:
@@ -122,14 +121,9 @@ class Watch:
 
         self.monitor = Monitor.of(fit, fit.motion)
         watched = self.monitor.watched
-        self._stream = Stream(
-            watched.mechanism,
-            watched.columns,
-            fit.motion,
-            watched.point,
-            latency=self.monitor.seconds / 2,  # alarms come by intervals
-            sticking=STANDING,
-        )
+        mechanism, columns, point = watched.mechanism, watched.columns, watched.point
+        latency = self.monitor.seconds / 2  # alarms come by intervals
+        self._stream = Stream(mechanism, columns, fit.motion, point, latency, STANDING)
 
     def alarms(self, samples: Mapping[str, np.ndarray] | None) -> list[Alarm]:
         """Return the alarms that further samples raise; None: those that still wait."""
@@ -171,10 +165,8 @@ class Session(contextlib.ExitStack):
         self._tables: dict[str, Any] = {}
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
-            m = online.mechanism
-            names = m.kinematics.multipliers if m.closures else ()
-            headers = {"parameters": PARAMETERS, "alarms": ALARMS}
-            if names:
+            headers: dict[str, Sequence[str]] = {"parameters": PARAMETERS, "alarms": ALARMS}
+            if names := online.mechanism.kinematics.multipliers:
                 headers["multipliers"] = ("t", *names, *(f"{name}.stderr" for name in names))
             for name, header in headers.items():
                 stream = self.enter_context(_appended(folder / f"{name}.csv", header))
@@ -196,7 +188,6 @@ class Session(contextlib.ExitStack):
 
     def _take(self, lines: CsvLines) -> None:
         online = self._online
-        left_out = []
         try:
             online.update(lines.columns)
             left_out = online.left_out
@@ -207,9 +198,7 @@ class Session(contextlib.ExitStack):
         rows = set(range(len(lines))) - {row for row, _ in left_out}
         self._waiting = int(lines.numbers[max(rows)]) if rows else self._waiting
         notes(map(str, online.findings))
-        self._record("multipliers", _multiplier_rows(online.multipliers))
-        if self._history is not None:
-            self._history.add_forces(online.multipliers)
+        self._record_forces()
         self._warn(lines.columns)
         if online.warm and online.t >= self._due:
             self._due = online.t + self._every
@@ -231,11 +220,27 @@ class Session(contextlib.ExitStack):
         return found
 
     def _snapshot(self, found: Snapshot) -> Snapshot:
-        self._record("multipliers", _multiplier_rows(self._online.multipliers))
-        self._record("parameters", _parameter_rows(found))
+        self._record_forces()
+        rows: list[tuple[object, ...]] = []
+        for v in found.parameters:
+            state = "identified" if v.identifiable else "prior"
+            state = "held" if v.name in found.held else state
+            rows.append((found.t, v.name, v.value, v.stderr, v.unit, state))
+        for name, e in found.errors.items():
+            rows.append((found.t, f"error.{name}", e.rms, None, e.unit, "all"))
+        self._record("parameters", rows)
         if self._history is not None:
-            self._history.add(found, self._online.multipliers)
+            self._history.add(found, None)
         return found
+
+    def _record_forces(self) -> None:
+        """Record a row a sample; a multiplier that is not determined has empty cells."""
+        if (found := self._online.multipliers) is None:
+            return
+        rows = np.column_stack([found.t, found.values, found.stderr]).tolist()
+        self._record("multipliers", [["" if x != x else x for x in row] for row in rows])
+        if self._history is not None:
+            self._history.add_forces(found)
 
     def _warn(self, samples: Mapping[str, np.ndarray] | None) -> None:
         for x in self._watch.alarms(samples) if self._watch else ():
@@ -282,25 +287,3 @@ def _appended(path: Path, header: Sequence[str]) -> TextIO:
     if not before:
         stream.write(",".join(header) + "\n")
     return stream
-
-
-def _parameter_rows(found: Snapshot) -> list[tuple[object, ...]]:
-    """Return a row a parameter, then the errors by joint, under `PARAMETERS`."""
-    t, held = found.t, found.held
-    rows: list[tuple[object, ...]] = [
-        (
-            t, v.name, v.value, v.stderr, v.unit,
-            "held" if v.name in held else "identified" if v.identifiable else "prior",
-        )
-        for v in found.parameters
-    ]  # fmt: skip
-    errors = found.errors.items()
-    return [*rows, *((t, f"error.{name}", e.rms, None, e.unit, "all") for name, e in errors)]
-
-
-def _multiplier_rows(found: Forces | None) -> list[list[object]]:
-    """Return a row a sample; a multiplier that is not determined has empty cells."""
-    if found is None:
-        return []
-    rows = np.column_stack([found.t, found.values, found.stderr]).tolist()
-    return [["" if x != x else x for x in row] for row in rows]

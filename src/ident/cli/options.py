@@ -138,7 +138,12 @@ class MechanismOptions:
 
         files, normal = map(str, logs or [Path("LOG.csv")]), map(str, like or ())
         inputs.set(Inputs(str(self.mechanism), tuple(files), self._words, tuple(normal)))
-        with_packages(self.mesh_path)
+        for place in reversed(self.mesh_path or ()):
+            if not place.is_dir():
+                why = "is no folder; give one that contains packages"
+                raise IdentError(f"--mesh-path {place}: {why}")
+            known = os.environ.get("ROS_PACKAGE_PATH", "")
+            os.environ["ROS_PACKAGE_PATH"] = f"{place.resolve()}{os.pathsep}{known}"
         locked = locked_joints(self.lock)
         read = partial(
             load, self.mechanism, allow_code=self.allow_code, unmeasured=self.unmeasured or ()
@@ -155,20 +160,11 @@ class MechanismOptions:
         """The options that are given, as words of a command line."""
         words: list[str] = []
         for each in fields(self):
-            given = getattr(self, each.name)
-            if each.default is MISSING or given == each.default:
-                continue
-            name = f"--{each.name.rstrip('_').replace('_', '-')}"
-            for one in given if isinstance(given, list) else [given]:
-                words += [name] if one is True else [name, str(one)]
+            given, name = getattr(self, each.name), each.name.rstrip("_").replace("_", "-")
+            if each.default is not MISSING and given != each.default:
+                for one in given if isinstance(given, list) else [given]:
+                    words += [f"--{name}"] if one is True else [f"--{name}", str(one)]
         return tuple(words)
-
-    def earlier(self, folder: Path, mechanism: Mechanism) -> Saved | None:
-        """Return the fit in a folder, of the same mechanism, if there is one."""
-        from ident.fit.files import read_fit
-
-        file = folder / "fit.json"
-        return read_fit(file, mechanism, allow_code=self.allow_code) if file.is_file() else None
 
 
 @dataclass(frozen=True)
@@ -218,9 +214,13 @@ class MotionOptions(MechanismOptions):
         """Return the options with the cut-off of the fit in whose folder the mechanism is, unless
         one is given, and that fit, if there is one: errors of both are then of one band.
         """
+        from ident.fit.files import read_fit
+
         identified, fit = self.mechanism.name == "identified", None
+        file = (self.mechanism.parent if identified else self.mechanism) / "fit.json"
         with suppress(*([FitError] if identified else [])):  # of another mechanism, or locked
-            fit = self.earlier(self.mechanism.parent if identified else self.mechanism, mechanism)
+            if file.is_file():
+                fit = read_fit(file, mechanism, allow_code=self.allow_code)
         if fit is None or self.cutoff != "auto" or fit.cutoff == "auto":
             return self, fit
         return self.filtered_at(fit.cutoff), fit
@@ -236,8 +236,8 @@ class MotionOptions(MechanismOptions):
         """Return the completed motion of logs, those in folders among them."""
         from ident.motion import complete
 
-        read = [each for each in logs if not isinstance(each, Path)]
-        read += read_logs(mechanism, [each for each in logs if isinstance(each, Path)])
+        paths = [each for each in logs if isinstance(each, Path)]
+        read = [each for each in logs if not isinstance(each, Path)] + read_logs(mechanism, paths)
         with naming_unused(mechanism):
             return complete(
                 mechanism, read, torques=torques, progress=on_progress, **self.treatment
@@ -257,8 +257,21 @@ class FitOptions(RunOptions):
     spacing: Spacing = None
 
     def load(self, logs: Paths = None, like: Paths = None) -> Mechanism:
-        """Return the mechanism with the time basis of its multipliers."""
-        return with_basis(super().load(logs, like), self.basis, self.spacing)
+        """Return the mechanism with another time basis of its multipliers, if one is given."""
+        from ident.mechanism import multipliers
+
+        mechanism = super().load(logs, like)
+        if self.basis is None and self.spacing is None:
+            return mechanism
+        basis, spacing = self.basis or mechanism.multipliers.basis, self.spacing
+        if basis == "free" and spacing is not None:
+            raise IdentError(
+                f"--spacing {spacing:g}: the basis is free, which has no knots; "
+                "add --basis linear, cubic or quintic"
+            )
+        if spacing is None:
+            spacing = 0.0 if basis == "free" else mechanism.multipliers.spacing
+        return mechanism.with_multipliers(multipliers(basis, spacing, "--basis, --spacing"))
 
 
 @dataclass(frozen=True)
@@ -289,10 +302,10 @@ def locked_joints(texts: Texts) -> dict[str, float | None]:
     """Return the values of --lock by joint, None for that at the start."""
     bare: dict[str, float | None] = {text: None for text in texts or () if "=" not in text}
     valued = named([text for text in texts or () if "=" in text], "--lock", LOCK, finite)
-    if both := [name for name in bare if name in valued]:
+    for name in (each for each in bare if each in valued):
         raise IdentError(
-            f"--lock {both[0]} and --lock {both[0]}={valued[both[0]]:g}: are two places for one "
-            "joint, its start and a value; give one of them"
+            f"--lock {name} and --lock {name}={valued[name]:g}: are two places for one joint, its "
+            "start and a value; give one of them"
         )
     return bare | valued
 
@@ -306,22 +319,11 @@ def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
 
     if logs is None or not unlogged_hands(mechanism, ()):
         return ()
-    if not logs:
-        mapped = [each.column for each in mechanism.columns.values() if not each.group]
-        return unlogged_hands(mechanism, mapped) if mapped else ()
+    columns = [each.column for each in mechanism.columns.values() if not each.group and not logs]
     with suppress(IdentError):  # reading the log reports what is wrong with it
         for first in expanded(logs)[:1]:
-            return unlogged_hands(mechanism, log_file(first, None).table().columns)
-    return ()
-
-
-def with_packages(places: Paths) -> None:
-    """Add folders to those in which `package://` is looked for."""
-    for place in reversed(places or ()):
-        if not place.is_dir():
-            raise IdentError(f"--mesh-path {place}: is no folder; give one that contains packages")
-        known = os.environ.get("ROS_PACKAGE_PATH", "")
-        os.environ["ROS_PACKAGE_PATH"] = f"{place.resolve()}{os.pathsep}{known}"
+            columns = [*log_file(first, None).table().columns]
+    return unlogged_hands(mechanism, columns) if columns else ()
 
 
 def with_effect(mechanism: Mechanism, text: str, *, allow_code: bool) -> Mechanism:
@@ -333,23 +335,6 @@ def with_effect(mechanism: Mechanism, text: str, *, allow_code: bool) -> Mechani
         return mechanism.with_effect(text)
     file, name, joints = own
     return mechanism + read_user_effect(file, name, allow_code=allow_code)(joints)
-
-
-def with_basis(mechanism: Mechanism, basis: str | None, spacing: float | None) -> Mechanism:
-    """Return the mechanism with another time basis of its multipliers, if one is given."""
-    from ident.mechanism import multipliers
-
-    if basis is None and spacing is None:
-        return mechanism
-    basis = basis or mechanism.multipliers.basis
-    if basis == "free" and spacing is not None:
-        raise IdentError(
-            f"--spacing {spacing:g}: the basis is free, which has no knots; "
-            "add --basis linear, cubic or quintic"
-        )
-    if spacing is None:
-        spacing = 0.0 if basis == "free" else mechanism.multipliers.spacing
-    return mechanism.with_multipliers(multipliers(basis, spacing, "--basis, --spacing"))
 
 
 def read_logs(mechanism: Mechanism, paths: Sequence[Path]) -> list[Log]:
@@ -472,11 +457,9 @@ def named(
         name, content = value(text, given, remedy, pair)
         if found.setdefault(name, content) != content and name:
             raise IdentError(f"{given} {text}: '{name}' has another value already; give one")
-    if "" in found and len(texts or ()) > 1:
-        raise IdentError(
-            f"{given} {' '.join(texts or ())}: give one {bare} for all drives, or JOINT={bare} for "
-            "each"
-        )
+    if "" in found and texts and texts[1:]:
+        how = f"give one {bare} for all drives, or JOINT={bare} for each"
+        raise IdentError(f"{given} {' '.join(texts)}: {how}")
     return found
 
 
@@ -490,16 +473,15 @@ def finite(text: str) -> float:
 
 def interval(text: str) -> tuple[float, float]:
     """Return the two values of LOW:HIGH; one that is left out is infinite."""
-    low, colon, high = text.partition(":")
-    if not colon or not (low or high):
+    low, high = text.split(":")
+    if not low + high:
         raise ValueError
     return float(low or "-inf"), float(high or "inf")
 
 
 def share(text: str) -> tuple[float, bool]:
     """Return a number from 0, 20% as 0.2, and whether it was in percent."""
-    number = finite(text.removesuffix("%"))
+    number, percent = finite(text.removesuffix("%")), text.endswith("%")
     if number < 0:
         raise ValueError
-    percent = text.endswith("%")
     return number / 100 if percent else number, percent

@@ -95,25 +95,24 @@ class DesignProblem:
         z = exact.z(family.rows(rest.at_samples(slice(0, 1))).e)
         if (at := exact.broken(z)) is not None:
             (joint, kind, unit), lower, upper = exact.quantities[at], exact.low[at], exact.high[at]
-            why = (
-                f"to stand still at home asks {z[0, at]:.4g} {unit} of {joint}, and its "
-                f"limit is {upper:.4g} {unit} (the reserve of {100 * limits.reserve:.3g} % taken "
-                "off); raise its limit of torque, lower the reserve, or give another [joints] start"
-            )
             if kind == "position":
-                why = (
-                    f"at home {joint} is at {z[0, at]:.4g} {unit}, its range is {lower:.4g} "
-                    f"to {upper:.4g}; widen it, or give another [joints] start"
-                )
-            raise MotionError(f"{mechanism.name}: the limits leave no motion: {why}")
+                why = f"at home {joint} is at {z[0, at]:.4g} {unit}, its range is {lower:.4g} "
+                why += f"to {upper:.4g}; widen it, or"
+            else:
+                why = f"to stand still at home asks {z[0, at]:.4g} {unit} of {joint}, and its "
+                why += f"limit is {upper:.4g} {unit} (the reserve of {100 * limits.reserve:.3g} % "
+                why += "taken off); raise its limit of torque, lower the reserve, or"
+            raise MotionError(
+                f"{mechanism.name}: the limits leave no motion: {why} give another [joints] start"
+            )
         self.family, self.exact = family, exact  # of motions; their limits
         self.box = box = exact.tightened(names, series.between(n), MARGIN)  # for samples
         self.limited = np.isfinite(box.low) | np.isfinite(box.high)  # of the quantities
         self.names, self.notes = names, tuple(notes)  # of the drives that are moved; assumptions
         self.pinv = size  # ‖K⁺‖ at home, 1 in a tree
         random = np.random.default_rng([seed, 1])
-        drawn = filter(None, (family.draw(box, random) for _ in range(PILOTS[1])))
-        pilots = [found[1] for found in islice(drawn, PILOTS[0])]
+        drawn = (family.draw(box, random) for _ in range(PILOTS[1]))
+        pilots = [found[1] for found in islice(filter(None, drawn), PILOTS[0])]
         if not pilots:
             raise MotionError(
                 f"{mechanism.name}: none of {PILOTS[1]} random motions from home keeps the limits; "
@@ -133,17 +132,15 @@ class DesignProblem:
         if separate is None:
             return Criterion.of_all(self.base.rank, balance)
         columns, independent = self.family.columns, list(self.base.independent)
-        places = []
-        for label in separate:
-            own = determined_places(columns, label, independent)
+        both = [determined_places(columns, label, independent) for label in separate]
+        for label, own in zip(separate, both, strict=True):
             if lost := [columns.names[i] for i in own if i not in independent]:
                 raise MotionError(
                     f"{self.family.mechanism.name}: no motion separates {label} from everything "
                     f"else: the column of {lost[0]} is made by the others in all motions that were "
                     "tried; open the loop, change the load or the base, or measure more torques"
                 )
-            places.append([independent.index(i) for i in own])
-        return Criterion.of_pair(self.base.rank, *places)
+        return Criterion.of_pair(self.base.rank, *([*map(independent.index, own)] for own in both))
 
     def W(self, rows: MotionRows) -> np.ndarray:
         """Return the rows (n d, r) of the base parameters, over the noise and the usual size."""

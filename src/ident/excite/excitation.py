@@ -209,13 +209,16 @@ class Determined:
     def expected(self, point: Point) -> tuple[ExpectedValue, ...]:
         """Return prior and standard error of every base parameter."""
         base, columns = self.base, self.columns
-        prior = base.combined(point.unknowns(columns))
+        # largest plausible size (k,) of every unknown, infinite where none is known
+        most = np.array([HALF_TURN if unit == "rad" else np.inf for unit in columns.units])
+        for effect, places in columns.effects:
+            for own, i in zip(effect.parameters, places, strict=True):
+                if i >= 0 and np.isfinite(own.largest):
+                    most[i] = own.largest
+        prior = base.combined(point.unknowns(columns)).tolist()
         units = [columns.units[i] for i in base.independent]
-        most = _largest(columns)[base.independent].tolist()
-        named = zip(base_names(columns, base), prior, self.stderr, units, most, strict=True)
-        return tuple(
-            ExpectedValue(name, float(p), float(s), unit, x) for name, p, s, unit, x in named
-        )
+        each = base_names(columns, base), prior, self.stderr.tolist(), units, most[base.independent]
+        return tuple(ExpectedValue(*own[:-1], float(own[-1])) for own in zip(*each, strict=True))
 
     def separation(self, pair: tuple[str, str]) -> Separation:
         """Return how well two effects are distinguished: by the canonical correlation of their
@@ -223,25 +226,15 @@ class Determined:
         """
         columns, place = self.columns, {i: k for k, i in enumerate(self.base.independent.tolist())}
         places = [determined_places(columns, label, place) for label in pair]
-        both = [[place[i] for i in own if i in place] for own in places]
-        errors = [self.stderr[place[i]] if i in place else np.inf for i, *_ in places]
-        cosine, (a, b) = 1.0, both
-        if np.isfinite(errors).all():
+        a, b = ([place[i] for i in own if i in place] for own in places)
+        e, f = (float(self.stderr[place[i]]) if i in place else np.inf for i, *_ in places)
+        cosine = 1.0
+        if np.isfinite(e + f):
             A, B = (np.linalg.cholesky(self.C[np.ix_(x, x)]) for x in (a, b))
             M = np.linalg.solve(A, np.linalg.solve(B, self.C[np.ix_(b, a)]).T)
             cosine = float(np.linalg.norm(M, 2))
         units = columns.units[places[0][0]], columns.units[places[1][0]]
-        return Separation(*pair, cosine, (float(errors[0]), float(errors[1])), units)
-
-
-def _largest(columns: Columns) -> np.ndarray:
-    """Return the largest plausible size (k,) of every unknown, infinite where none is known."""
-    found = np.array([HALF_TURN if unit == "rad" else np.inf for unit in columns.units])
-    for effect, places in columns.effects:
-        for own, i in zip(effect.parameters, places, strict=True):
-            if i >= 0 and np.isfinite(own.largest):
-                found[i] = own.largest
-    return found
+        return Separation(*pair, cosine, (e, f), units)
 
 
 def determined_places(columns: Columns, label: str, independent: Collection[int]) -> list[int]:
@@ -266,12 +259,10 @@ def with_rivals(mechanism: Mechanism, pair: tuple[str, str]) -> Mechanism:
     if len(set(pair)) != 2:
         raise MechanismError(f"separate {' '.join(pair)}: two different effects are expected")
     for label in pair:
-        own = {effect.label: effect for effect in mechanism.effects}
-        if label in own and not own[label].known:
-            continue
-        kind, joints, _ = parse(label)
-        if not joints and KINDS[kind].sits != "mechanism":
-            raise MechanismError(f"separate {label}: of which joint? write {label}:JOINT")
-        mechanism = mechanism.with_effect(label)
+        if not any(effect.label == label and not effect.known for effect in mechanism.effects):
+            kind, joints, _ = parse(label)
+            if not joints and KINDS[kind].sits != "mechanism":
+                raise MechanismError(f"separate {label}: of which joint? write {label}:JOINT")
+            mechanism = mechanism.with_effect(label)
     loads = {effect.label for effect in mechanism.effects if effect.loaded_link}
     return replace(mechanism, unknown=()) if loads & {*pair} else mechanism

@@ -50,7 +50,7 @@ class Limits:
                 if x is not None and not 0 < x < np.inf:
                     raise MechanismError(f"limit of {what}: {x:g}; a number above 0 is expected")
         for name, (low, high) in self.range.items():
-            if not (np.isfinite(low) and np.isfinite(high) and low < high):
+            if not -np.inf < low < high < np.inf:
                 raise MechanismError(
                     f"limit of range: {name} = {low:g} to {high:g}; two numbers, the lower first"
                 )
@@ -111,10 +111,8 @@ class LimitBox:
             for name in given if isinstance(given, Mapping) else ():
                 mechanism.joint(name)
                 if given is limits.torque and name not in mechanism.driven:
-                    raise MechanismError(
-                        f"{mechanism.name}: limit of torque: '{name}' is passive; "
-                        f"{one_of(name, mechanism.driven)}"
-                    )
+                    why = f"'{name}' is passive; {one_of(name, mechanism.driven)}"
+                    raise MechanismError(f"{mechanism.name}: limit of torque: {why}")
         rows: dict[Quantity, tuple[float, float]] = {}
         notes = []
         for j in mechanism.joints:
@@ -122,18 +120,16 @@ class LimitBox:
             low, high = limits.range.get(j.name, (j.lower, j.upper))
             speed = _limit(limits.speed, j.name, driven, j.velocity or np.inf)
             acceleration = _limit(limits.acceleration, j.name, driven, np.inf)
-            torque = (1 - limits.reserve) * _limit(
-                limits.torque, j.name, driven, j.effort or np.inf
-            )
-            if j.name in start and j.rotational and high - low > TURN:
+            torque = _limit(limits.torque, j.name, driven, j.effort or np.inf)
+            torque *= 1 - limits.reserve
+            moved = j.name in start
+            if moved and j.rotational and high - low > TURN:
                 low, high = start[j.name] - np.pi, start[j.name] + np.pi
                 notes.append(f"{j.name} may turn on and on: moved by up to half a turn either way")
-            if j.name in start and not np.isfinite(high - low):
-                raise MechanismError(
-                    f"joint '{j.name}' slides without limits; say how far: "
-                    f"--range {j.name}=LOWER:UPPER"
-                )
-            if j.name in start and not np.isfinite(speed):
+            if moved and not np.isfinite(high - low):
+                how = f"--range {j.name}=LOWER:UPPER"
+                raise MechanismError(f"joint '{j.name}' slides without limits; say how far: {how}")
+            if moved and not np.isfinite(speed):
                 speed = (high - low) / CROSSING
                 notes.append(f"{j.name} has no limit of speed: {speed:.3g} {j.unit}/s is taken")
             rows[j.name, "position", j.unit] = low, high
@@ -145,8 +141,7 @@ class LimitBox:
             rows["", "singularity", "1"] = -np.inf, limits.singular * size
         order = [*dict.fromkeys(kind for _, kind, _ in rows)]
         quantities = sorted(rows, key=lambda q: order.index(q[1]))
-        low_, high_ = np.array([rows[each] for each in quantities]).T
-        return cls(tuple(quantities), low_, high_), notes
+        return cls(tuple(quantities), *np.array([rows[each] for each in quantities]).T), notes
 
     def of_joints(self, kind: str, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Return both limits (d,) of one kind of some joints."""
@@ -156,16 +151,18 @@ class LimitBox:
 
     def z(self, e: State) -> np.ndarray:
         """Return z (n, Z) of an experiment that has its predicted torques."""
-        parts = [e.y, e.yd, e.ydd, e.tau]
-        if e.loop is not None:
-            parts.append(np.linalg.norm(e.pinv, axis=(1, 2))[:, None])
-        return np.hstack(parts)
+        size = [] if e.loop is None else [np.linalg.norm(e.pinv, axis=(1, 2))[:, None]]
+        return np.hstack([e.y, e.yd, e.ydd, e.tau, *size])
+
+    @property
+    def closed(self) -> np.ndarray:
+        """(Z,) quantities that have both limits."""
+        return np.isfinite(self.low) & np.isfinite(self.high)
 
     @property
     def middle(self) -> np.ndarray:
         """(Z,) centre of both limits; 0 where there are not both."""
-        closed = np.isfinite(self.low) & np.isfinite(self.high)
-        return 0.5 * (np.where(closed, self.low, 0.0) + np.where(closed, self.high, 0.0))
+        return 0.5 * np.where(self.closed, [self.low, self.high], 0.0).sum(axis=0)
 
     @property
     def half(self) -> np.ndarray:
@@ -196,16 +193,14 @@ class LimitBox:
 
     def uses(self, z: np.ndarray) -> tuple[LimitUse, ...]:
         """Return how z (n, Z) uses each limit."""
-        closed = np.isfinite(self.low) & np.isfinite(self.high)
         low, high = z.min(axis=0), z.max(axis=0)
-        covered = np.where(closed, (high - low) / (2 * self.half), 0.0)
+        covered = np.where(self.closed, (high - low) / (2 * self.half), 0.0)
         most = np.where(self.high > 0, self.high, np.inf)  # a joint without a drive has no torque
         ranges = [kind == "position" for _, kind, _ in self.quantities]
         share = np.where(ranges, covered, np.maximum(-low, high) / most)
-        numbers = np.stack([low, high, self.low, self.high, share], axis=1).tolist()
+        sizes = np.stack([low, high, self.low, self.high], axis=1).tolist()
+        each = zip(self.quantities, sizes, share.tolist(), strict=True)
         return tuple(
             LimitUse(joint, kind, a, b, lower, upper, unit, used)
-            for (joint, kind, unit), (a, b, lower, upper, used) in zip(
-                self.quantities, numbers, strict=True
-            )
+            for (joint, kind, unit), (a, b, lower, upper), used in each
         )

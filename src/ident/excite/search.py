@@ -83,7 +83,21 @@ def excite(
             distinguishes.
     """
     check_whole("seed", seed)
-    _check(duration, periods, rate, harmonics, tries)
+    if not 0 < duration < np.inf or not 0 < rate < np.inf:
+        raise MotionError(
+            f"duration {duration:g} s, rate {rate:g} Hz; numbers above 0 are expected"
+        )
+    if periods < 1 or harmonics < 2 or tries < 1:
+        raise MotionError(
+            f"periods {periods}, harmonics {harmonics}, tries {tries}; valid: 1 period and try or "
+            "more, 2 harmonics or more, for one alone cannot begin at rest"
+        )
+    top = harmonics * periods / duration
+    if rate < 10 * top:
+        raise MotionError(
+            f"rate {rate:g} Hz: the highest harmonic is at {top:.3g} Hz; give at least "
+            f"{10 * top:.3g} Hz, fewer harmonics or a longer period"
+        )
     if not 0 <= balance < np.inf:
         raise MotionError(f"balance {balance:g}; a number from 0 is expected")
     if separate is not None:
@@ -135,11 +149,10 @@ def _searches(
     most, begun = tries * ROUND + STEPS, []
     for i in range(tries):
         random = np.random.default_rng([seed, 2, i])
-        starts = [problem.draw(random, criterion) for _ in range(DRAWS)]
-        known = [start for start in starts if start is not None]
-        if not known:
+        starts = [*filter(None, (problem.draw(random, criterion) for _ in range(DRAWS)))]
+        if not starts:
             continue
-        start = max(known, key=lambda c: c.J)
+        start = max(starts, key=lambda c: c.J)
         centred = DIRECT if i % 2 and len(criterion.parts) > 1 else CENTRED
         steps, J = ascent(problem, start, criterion, centred), start.J
         for k, c in enumerate(chain([start], islice(steps, ROUND))):
@@ -168,24 +181,6 @@ def ascent(
     walls = Walls(*(np.tile(x[some], n) for x in (box.low, box.high)))
     first = centred / len(problem.names)
     return climb(start, at, lambda c: problem.slopes(c, criterion), walls, first)
-
-
-def _check(duration: float, periods: int, rate: float, harmonics: int, tries: int) -> None:
-    if not 0 < duration < np.inf or not 0 < rate < np.inf:
-        raise MotionError(
-            f"duration {duration:g} s, rate {rate:g} Hz; numbers above 0 are expected"
-        )
-    if periods < 1 or harmonics < 2 or tries < 1:
-        raise MotionError(
-            f"periods {periods}, harmonics {harmonics}, tries {tries}; valid: 1 period and try or "
-            "more, 2 harmonics or more, for one alone cannot begin at rest"
-        )
-    top = harmonics * periods / duration
-    if rate < 10 * top:
-        raise MotionError(
-            f"rate {rate:g} Hz: the highest harmonic is at {top:.3g} Hz; give at least "
-            f"{10 * top:.3g} Hz, fewer harmonics or a longer period"
-        )
 
 
 # --- interior points ------------------------------------------------------------------------------
@@ -248,11 +243,8 @@ def climb(
         H[np.diag_indices(k)] += DAMPING * np.trace(H) / k
         step = cho_solve(cho_factor(H), -slope)
         ds = Z @ step * np.array([[1.0], [-1.0]])
-        found = None
-        if -slope @ step >= SOLVED * mu:
-            found = _shortened(c, s, step, ds, float(slope @ step), mu, at, walls)
-        elif mu <= LAST:
-            return
+        falls = -slope @ step >= SOLVED * mu
+        found = _shortened(c, s, step, ds, float(slope @ step), mu, at, walls) if falls else None
         if found is None:
             if mu <= LAST:
                 return

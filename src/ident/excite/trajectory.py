@@ -57,7 +57,7 @@ class Fourier:
         """Shape of x: d joints, 2 H − 1 numbers each, of which the first moves the centre c."""
         return len(self.home), 2 * self.harmonics - 1
 
-    @cached_property
+    @property
     def _frequencies(self) -> np.ndarray:
         """k ω (H,) [rad/s]."""
         return 2 * np.pi / self.period * np.arange(1, self.harmonics + 1)
@@ -90,14 +90,10 @@ class Fourier:
         """Return (3, n, d, 2 H − 1): ∂(y, ẏ, ÿ)/∂x at the times t (n,) [s]."""
         w = self._frequencies
         sin, cos = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
-        one, none = np.ones((len(t), 1)), np.zeros((len(t), 1))
-        waves = np.stack(
-            [
-                np.hstack([one, sin, cos]),
-                np.hstack([none, w * cos, -w * sin]),
-                np.hstack([none, -(w**2) * sin, -(w**2) * cos]),
-            ]
-        )
+        waves = np.zeros((3, len(t), 2 * self.harmonics + 1))
+        waves[0, :, 0] = 1.0
+        a, b = [sin, w * cos, -(w**2) * sin], [cos, -w * sin, -(w**2) * cos]
+        waves[:, :, 1:] = np.concatenate([a, b], axis=2)
         return np.einsum("cnk,dkp->cndp", waves, self._free)
 
     def states(self, x: np.ndarray, basis: np.ndarray) -> np.ndarray:
@@ -259,14 +255,15 @@ class Family:
         shift = random.uniform(-1.0, 1.0, len(x))
         x[:, 0] = 0.0
         y, v, a = series.states(x, self.basis)
-        y = y - series.home
         joints = self.mechanism.joint_index
         middle = box.middle[[joints[name] for name in self.rest.independent]]
-        low, high = y.min(axis=0), y.max(axis=0)
-        rates = np.minimum(
-            series.speed / np.abs(v).max(axis=0), series.acceleration / np.abs(a).max(axis=0)
+        low, high = (y - series.home).min(axis=0), (y - series.home).max(axis=0)
+        of_speed, of_acceleration = (
+            series.speed / abs(v).max(0),
+            series.acceleration / abs(a).max(0),
         )
-        size = INSIDE * np.minimum(2 * series.half / (high - low), rates)
+        size = np.minimum(2 * series.half / (high - low), np.minimum(of_speed, of_acceleration))
+        size *= INSIDE
         x *= size[:, None]
         free = INSIDE * series.half - 0.5 * size * (high - low)
         x[:, 0] = (middle - series.home - 0.5 * size * (high + low) + shift * free) / series.half
@@ -302,12 +299,8 @@ def at_rest(mechanism: Mechanism, names: tuple[str, ...], home: np.ndarray, t: n
 
 def moved_joints(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the drives whose positions determine the motion; refuse fewer than freedoms."""
-    if mechanism.closures:
-        names = best_conditioned(mechanism, mechanism.assembled[None])
-    else:
-        names = tuple(joint.name for joint in mechanism.joints)
-    free = [name for name in names if name not in mechanism.driven]
-    if free:
+    names = best_conditioned(mechanism, mechanism.assembled[None])
+    if free := [name for name in names if name not in mechanism.driven]:
         raise MotionError(
             f"{mechanism.name}: {', '.join(free)} moves freely, without a drive, so no motion can "
             "be asked of it; `excite` needs as many drives as degrees of freedom"

@@ -212,13 +212,11 @@ class _Instant:
             return x.reshape(b.shape)
         mechanism = self.plant.mechanism
         bodies = zip(mechanism.bodies.links, self.plant.laws.pi.reshape(-1, COUNT), strict=True)
-        bad = [
-            link
-            for link, pi in bodies
-            if np.linalg.eigvalsh(pseudo_inertia(pi)).min() < -1e-9 * np.abs(pi).max()
-        ]
         why = "something that moves has no inertia"
-        if bad:
+        least = (
+            (x, np.linalg.eigvalsh(pseudo_inertia(pi)).min() / abs(pi).max()) for x, pi in bodies
+        )
+        if bad := [link for link, share in least if share < -1e-9]:
             why = f"no real body has the parameters of {', '.join(bad)}"
         raise MechanismError(
             f"{mechanism.name}: at t = {self.m.t:.4g} s the mass matrix is not positive definite, "

@@ -71,7 +71,7 @@ class Integration:
         self.modes = np.zeros(len(self.names), dtype=int)
         self._most = 0.0
         # speeds and accelerations (dry,) of the last evaluation, and whether stuck joints hold
-        self._rates: tuple[np.ndarray, np.ndarray, bool] | None = None
+        self._rates = np.empty(0), np.empty(0), True
 
     def run(
         self, start: tuple[np.ndarray, ...], times: np.ndarray, on_progress: Progress | None = None
@@ -159,23 +159,17 @@ class Integration:
         def states(t: float) -> np.ndarray:
             return np.asarray(dense()(t))
 
-        if not self._suspect(solver.t - solver.t_old, before):
+        # modes may have changed where the cubic through both ends says so
+        h, s = solver.t - solver.t_old, np.linspace(0, 1, LOOKS + 1)[1:, None]
+        (u0, du0, _), (u1, du1, holding), c = before, self._rates, 1 - s
+        cubic = c * c * ((1 + 2 * s) * u0 + s * h * du0) + s * s * ((3 - 2 * s) * u1 - c * h * du1)
+        if holding and not self._overrun(cubic).any():
             return states, None
         return states, self._change(solver.t_old, solver.t, states)
 
     def _overrun(self, u: np.ndarray) -> np.ndarray:
         """Return (dry,) or (n, dry) sliding joints whose speed has the other sign."""
         return self.modes * u < -REST
-
-    def _suspect(self, h: float, before: tuple[np.ndarray, np.ndarray, bool] | None) -> bool:
-        """Whether modes may have changed in a step of h [s]: by the cubic through both ends."""
-        assert before is not None
-        assert self._rates is not None
-        (u0, du0, _), (u1, du1, holding) = before, self._rates
-        s = np.linspace(0, 1, LOOKS + 1)[1:, None]
-        c = 1 - s
-        cubic = c * c * ((1 + 2 * s) * u0 + s * h * du0) + s * s * ((3 - 2 * s) * u1 - c * h * du1)
-        return not holding or bool(self._overrun(cubic).any())
 
     def _change(self, a: float, b: float, states: States) -> ModeChange | None:
         """Return the first change of mode between two times [s]."""
@@ -187,12 +181,12 @@ class Integration:
             return not self.dynamics.balance(self._terms(t, states(t)), self.modes).holding
 
         stop = _first(np.linspace(a, b, LOOKS + 1).tolist(), lambda t: bool(over(t).any()))
-        last = b if stop is None else stop
-        if (self.modes == STICK).any():
-            breaks = _first([a, 0.5 * (a + last), last], slips)
-            if breaks is not None and (stop is None or breaks < stop):
-                return breaks, over(breaks), True
-        return None if stop is None else (stop, over(stop), False)
+        last = min(b, stop)
+        breaks = (
+            _first([a, 0.5 * (a + last), last], slips) if (self.modes == STICK).any() else np.inf
+        )
+        first = min(breaks, stop)
+        return (first, over(first), breaks < stop) if first < np.inf else None
 
     def _decide(self, t: float, x: np.ndarray, resting: np.ndarray, broke: bool) -> None:
         """Decide the modes of joints at rest, and of all others by their speed."""
@@ -220,8 +214,10 @@ class Integration:
         return np.concatenate([q, v, z])
 
 
-def _first(times: list[float], is_bad: Callable[[float], bool]) -> float | None:
-    """Return the first time, to rounding, at which a condition is true; checked at these times."""
+def _first(times: list[float], is_bad: Callable[[float], bool]) -> float:
+    """Return the first time, to rounding, at which a condition is true; checked at these times, ∞
+    where it is at none.
+    """
     good = times[0]
     for bad in times[1:]:
         if is_bad(bad):
@@ -232,4 +228,4 @@ def _first(times: list[float], is_bad: Callable[[float], bool]) -> float | None:
                 good, bad = (good, middle) if is_bad(middle) else (middle, bad)
             return bad
         good = bad
-    return None
+    return np.inf

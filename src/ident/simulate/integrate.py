@@ -132,13 +132,12 @@ def _by_joint(gains: Gains, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarra
     """Return Kp, Kd (driven,)."""
     names = mechanism.driven
     table = gains if isinstance(gains, Mapping) else dict.fromkeys(names, gains)
-    for name in table:
+    for name in dict.fromkeys((*table, *names)):
         if name not in names:
             raise MotionError(f"gains of '{name}', which has no drive; {one_of(name, names)}")
-    for name in names:
         if name not in table:
             raise MotionError(f"gains: none for '{name}'; give every driven joint (Kp, Kd)")
-        if not all(np.isfinite(x) and x >= 0 for x in table[name]):
+        if not all(0 <= x < np.inf for x in table[name]):
             raise MotionError(f"gains of '{name}': {table[name]}; give Kp, Kd of 0 or more")
     Kp, Kd = np.array([table[name] for name in names], dtype=float).reshape(-1, 2).T
     return Kp, Kd
@@ -265,23 +264,19 @@ def integrate(
     )
     integration = Integration(dynamics, tolerance, longest, knots)
     integration.run((q, v, np.zeros(len(plant.laws.states))), t, progress)
-    terms, balances, modes = zip(*integration.samples, strict=True)
-
-    def series(things: Sequence[object], key: str) -> np.ndarray:
-        return np.array([getattr(each, key) for each in things]).reshape(len(t), -1)
-
-    q, v = series(terms, "q"), series(terms, "v")
-    a, tau = series(balances, "a"), series(balances, "tau")
+    series = [
+        (m.q, m.v, b.a, b.tau, b.multipliers, b.friction, x) for m, b, x in integration.samples
+    ]
+    q, v, a, tau, forces, friction, modes = (
+        np.array(each).reshape(len(t), -1) for each in zip(*series, strict=True)
+    )
     y, yd, ydd = joint_coordinates(model, q, v, a, {})
     logged = _columns(model, point, t, (y, yd, ydd), tau, columns, joints)
     logged = with_noise(logged, noise, seed) | {key: x(t) for key, x in extra.items()}
-    friction = series(balances, "friction").T
-    stuck = np.array(modes).reshape(len(t), -1).T == STICK
     return Run(
-        model, Log.from_arrays(name, t, logged), t, q, v, a, y, yd, ydd, tau,
-        series(balances, "multipliers"),
-        dict(zip(integration.names, friction, strict=True)),
-        dict(zip(integration.names, stuck, strict=True)),
+        model, Log.from_arrays(name, t, logged), t, q, v, a, y, yd, ydd, tau, forces,
+        dict(zip(integration.names, friction.T, strict=True)),
+        dict(zip(integration.names, modes.T == STICK, strict=True)),
         tuple(integration.transitions),
         float(np.abs(model.kinematics.closure_rows(q).value).max(initial=0.0)),
         integration.evaluations,

@@ -152,15 +152,14 @@ def with_noise(
     check_whole("seed", seed)
     random = np.random.default_rng(seed)
     for each in noise:
-        if not any(each.matches(name) for name in columns):
+        if not any(map(each.matches, columns)):
             valid = {name.partition(".")[0] for name in columns} | set(columns)
             raise MotionError(f"noise: no column '{each.channel}'; {one_of(each.channel, valid)}")
     noisy = {}
     for name, x in columns.items():
-        for each in noise:
-            if each.matches(name):
-                sigma = each.level * (float(np.std(x)) if each.relative else 1.0)
-                x = x + sigma * random.standard_normal(len(x))
+        for each in (one for one in noise if one.matches(name)):
+            sigma = each.level * (float(np.std(x)) if each.relative else 1.0)
+            x = x + sigma * random.standard_normal(len(x))
         noisy[name] = x
     return noisy
 
@@ -233,17 +232,13 @@ def point_of(
                 )
             own[name] = float(value)
     for name in given:
-        kind = name.partition(".")[0]
-        valid = [*bodies.names, *own]
-        hint = one_of(name, valid)
-        if kind in KINDS and not any(
-            each.rpartition(".")[0] == name.rpartition(".")[0] for each in own
-        ):
-            site = name.removeprefix(f"{kind}.").rpartition(".")[0]
+        place, hint = name.rpartition(".")[0], one_of(name, [*bodies.names, *own])
+        kind, _, site = (place or name).partition(".")
+        if kind in KINDS and place not in {each.rpartition(".")[0] for each in own}:
             label = f"{kind}:{site}" if site else kind
             hint = (
                 f"the model has no effect '{label}'; add it: --with {label}, or an [[effect]] in "
-                "mechanism.toml"
             )
+            hint += "mechanism.toml"
         raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {hint}")
     return Point(parameters, own)

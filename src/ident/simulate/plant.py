@@ -152,18 +152,15 @@ class ForwardLaws:
                 elif acts in ("dry", "level"):
                     joint = dry.setdefault(effect.joints, DryJoint(",".join(effect.joints), at))
                     joint.effects.append(effect.label)
-                    if acts == "level":
-                        joint.level += law.limit(rest)
-                    else:
-                        joint.parts.append(law)
+                    joint.level += law.limit(rest) if acts == "level" else 0.0
+                    joint.parts += [law] if acts == "dry" else []
                 else:
                     self.smooth.append(law)
-        self.dry = list(dry.values())
+        self.dry = [*dry.values()]
         laws = [*self.smooth, *(part for joint in self.dry for part in joint.parts)]
         # (signal, joint) of the predictions that some law asks for
-        self.asking = tuple(
-            dict.fromkeys((word, i) for law in laws for word in law.effect.asks for i in law.at)
-        )
+        asking = ((word, i) for law in laws for word in law.effect.asks for i in law.at)
+        self.asking = tuple(dict.fromkeys(asking))
         self.reads = {name for law in laws for name in law.effect.reads()}  # columns of a log
 
 
@@ -215,19 +212,15 @@ class Plant:
         self._index = [joints[i].index for i in self._tree]
         self._W = np.zeros((len(joints), model.nv))
         self._W[self._tree, self._index] = 1.0
-        self._qdot = None
+        self.qdot = lambda q, v: v  # q̇ (nq,); v itself where every joint has one coordinate
         if model.nq != model.nv:
             symbols = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
-            self._qdot = ca.Function("qdot", symbols, [rates(model, symbols[0]) @ symbols[1]])
-        self._closure = self._own = None
-        if mechanism.closures:
-            self._closure = Mapped(mechanism.kinematics.closure_function, 1)
-        if not {*laws.joints, *self.driven, *observed} <= {*self._tree}:  # closures' own joints
-            self._own = Mapped(mechanism.kinematics.own_function, 1)
-
-    def qdot(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return q̇ (nq,): v itself where every joint has one coordinate."""
-        return v if self._qdot is None else self._qdot(q, v).full().ravel()
+            qdot = ca.Function("qdot", symbols, [rates(model, symbols[0]) @ symbols[1]])
+            self.qdot = lambda q, v: qdot(q, v).full().ravel()
+        kinematics, wanted = mechanism.kinematics, {*laws.joints, *self.driven, *observed}
+        self._closure = Mapped(kinematics.closure_function, 1) if mechanism.closures else None
+        own = wanted - {*self._tree}  # closures' own joints
+        self._own = Mapped(kinematics.own_function, 1) if own else None
 
     def closures(self, q: np.ndarray, v: np.ndarray) -> Rows:
         """Return Φ (m,), J (m, nv), J̇v (m,)."""

@@ -117,11 +117,9 @@ def replay(
             )
     runs: dict[str, tuple[ReplayedLog, ...]] = {}
     for i, model in enumerate(models):
-        several = isinstance(model, Fit) and len(models) > 1
-        name = model.name if isinstance(model, Saved) else f"fit {i + 1}" if several else "fit"
-        runs[name] = tuple(
-            _replayed(model, motion, e, window, progress) for e in motion.experiments
-        )
+        own = f"fit {i + 1}" if len(models) > 1 else "fit"
+        logs = (_replayed(model, motion, e, window, progress) for e in motion.experiments)
+        runs[model.name if isinstance(model, Saved) else own] = tuple(logs)
     return Replay(runs, window)
 
 

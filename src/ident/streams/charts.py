@@ -83,11 +83,6 @@ class WatchedInterval:
         """Return s (k,) at x."""
         return self.triangle.gradient(x)
 
-    @property
-    def information(self) -> np.ndarray:
-        """(k,) I."""
-        return (self.triangle.R**2).sum(axis=0)
-
 
 class Cutter:
     """Cuts rows at multiples of `seconds`; holds the rows of the interval that is not over yet."""
@@ -96,22 +91,18 @@ class Cutter:
         self._seconds, self._usual = seconds, 0
         self.waiting: list[Rows] = []
 
-    def cut(self, rows: Rows) -> Iterator[Rows]:
-        """Yield the rows of every interval that these rows complete."""
+    def cut(self, rows: Rows, last: bool = False) -> Iterator[Rows]:
+        """Yield the rows of every interval that these rows complete, if they are about as many as
+        usual; `last`: no more come.
+        """
         rows = Rows.joined([*self.waiting, rows])
         edges = np.flatnonzero(np.diff(np.floor(rows.t / self._seconds))) + 1
-        *whole, last = (rows[a:b] for a, b in pairwise([0, *edges, len(rows)]))
-        self.waiting = [last]
-        return filter(self._is_usual, whole)
-
-    def flush(self) -> Iterator[Rows]:
-        """Yield the rows held, if they are about as many as usual."""
-        waiting, self.waiting = self.waiting, []
-        return filter(self._is_usual, waiting)
-
-    def _is_usual(self, rows: Rows) -> bool:
-        self._usual = max(self._usual, len(rows))
-        return len(rows) >= USUAL * self._usual
+        whole = [rows[a:b] for a, b in pairwise([0, *edges, len(rows)])]
+        self.waiting = [] if last else [whole.pop()]
+        for each in whole:
+            self._usual = max(self._usual, len(each))
+            if len(each) >= USUAL * self._usual:
+                yield each
 
 
 def intervals_of(
@@ -119,8 +110,8 @@ def intervals_of(
 ) -> list[WatchedInterval]:
     """Cut rows into intervals of so many seconds; sigma (d,) weighs them, x (k,) the reference."""
     cutter = Cutter(seconds)
-    parts = [part for each in rows for part in cutter.cut(each)]
-    return [WatchedInterval.of(part, sigma, x) for part in [*parts, *cutter.flush()]]
+    parts = (part for each in rows for part in cutter.cut(each, each is rows[-1]))
+    return [WatchedInterval.of(part, sigma, x) for part in parts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +146,7 @@ class NormalRunning:
         torque = sum(each.torque for each in intervals)
         least = np.sqrt(np.maximum(FLOOR**2 * spread, material**2 * torque) / total)
         squares, rows = (np.array([getattr(e, n) for e in intervals]) for n in ("squares", "rows"))
-        _, fitted = _step(triangle, x, felt)  # numbers of the reference: other rows leave more
+        _, fitted = moved_reference(triangle, x, felt)  # numbers of x: other rows leave more
         free = max(1.0 - fitted / max(triangle.rows, 1), 0.5)
         energy = squares.sum(axis=0) / np.maximum(free * rows.sum(axis=0), 1)
         each = squares / (np.maximum(rows, 1) * np.where(energy > 0, energy, 1.0))
@@ -167,11 +158,6 @@ class NormalRunning:
         """φ² of a typical column."""
         felt = np.isfinite(self.least)
         return float(np.median(self.spread[felt])) if felt.any() else MARGIN
-
-    def wider(self, factor: float) -> NormalRunning:
-        """Return normal running that scatters more."""
-        spread, least = factor * self.spread, factor**0.5 * self.least
-        return replace(self, spread=spread, least=least, freedom=self.freedom / factor)
 
     def beyond_error(self, R: np.ndarray, r: np.ndarray) -> float:
         """Return min |r − R δ|² + |A_n δ|², in which δ (k,) is the reference's own error."""
@@ -211,10 +197,8 @@ class NormalRunning:
         now = NormalRunning.of(since, self.sigma, x, 0.0, np.isfinite(self.least))
         grown = np.full(len(self.energy), remains)
         if known:
-            squares, rows = (
-                np.sum([getattr(e, n) for e in known], axis=0) for n in ("squares", "rows")
-            )
-            grown = squares / np.maximum(rows * self.energy, 1e-300)
+            usual = np.sum([each.rows for each in known], axis=0) * self.energy
+            grown = np.sum([each.squares for each in known], axis=0) / np.maximum(usual, 1e-300)
         return replace(
             self,
             spread=np.maximum(self.spread, now.spread),
@@ -240,25 +224,21 @@ def felt_columns(triangle: Triangle, units: Sequence[str]) -> np.ndarray:
 
 def moved_reference(
     triangle: Triangle, x: np.ndarray, felt: np.ndarray | bool = True
-) -> np.ndarray:
-    """Move the reference to where normal running has it, in the directions that it knows well.
+) -> tuple[np.ndarray, int]:
+    """Move the reference x (k,) to where normal running has it, in the directions that it knows
+    well; return how many those are too.
 
     x ← x + A⁺ (b − A x)
     """
-    return x + _step(triangle, x, felt)[0]
-
-
-def _step(triangle: Triangle, x: np.ndarray, felt: np.ndarray | bool) -> tuple[np.ndarray, int]:
-    """Return A⁺ (b − A x) (k,) in the directions that are known well, and how many those are."""
     size = triangle.column_norms()
     safe = np.where(felt & (size > 0), size, np.inf)
     step, rank = linear.lstsq(triangle.R / safe, triangle.d - triangle.R @ x, KNOWN)
-    return step / safe, rank
+    return x + step / safe, rank
 
 
 def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.ndarray, ...]:
     """Collect score, information (n, k), squares, rows (n, d) of intervals at x (k,)."""
-    each = [(i.score(x), i.information, i.squares, i.rows) for i in intervals]
+    each = [(i.score(x), (i.triangle.R**2).sum(axis=0), i.squares, i.rows) for i in intervals]
     return tuple(np.array(some) for some in zip(*each, strict=True))
 
 
@@ -357,7 +337,9 @@ def calibrated(
     order = (first + np.arange(length)[:, None]).reshape(-1, STREAMS)[:STEPS]
     threshold, raised = float(np.log(STEPS * STREAMS / OFTEN)), 1.0
     for _ in range(MOST):
-        design, alarms = Design.of(normal.wider(raised), mask), 0
+        wider = {"spread": raised * normal.spread, "least": raised**0.5 * normal.least}
+        wide = replace(normal, freedom=normal.freedom / raised, **wider)
+        design, alarms = Design.of(wide, mask), 0
         evidence = design.evidence(*data)
         charts = Charts.fresh(evidence.shape[1], (STREAMS,))
         for at in order:

@@ -24,13 +24,12 @@ from ident.fit.problem import Problem
 from ident.fit.shapes import working_point
 from ident.information.blocks import Block, Error, Information, Key, summed
 from ident.information.chance import MATTERS
-from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion.closures import check_freedom
 from ident.motion.recipe import AUTO
 from ident.pool import Workers
-from ident.streams.logs import Excerpt, Given, LogOnDisk, excerpt, log_paths
+from ident.streams.logs import Given, LogOnDisk, excerpt, log_paths
 from ident.streams.many_logs import LogComparison, compare_logs
 from ident.streams.portions import Checkpoint, Plan, absorbed, multipliers_of, summaries, with_logs
 from ident.streams.stream import with_free_multipliers
@@ -77,9 +76,8 @@ class Gathered(Displayed):
     @property
     def notes(self) -> tuple[str, ...]:
         """Warnings of the fit, and logs that were left out."""
-        return tuple(
-            dict.fromkeys((*self.fit.warnings, *(self.each.notes if self.several else ())))
-        )
+        of_logs = self.each.notes if self.several else ()
+        return tuple(dict.fromkeys((*self.fit.warnings, *of_logs)))
 
     def write(self, folder: str | Path, reactions: Reactions | None = None) -> list[Path]:
         """Write what `Fit.write` writes, multipliers of all samples, and end the checkpoint.
@@ -105,8 +103,7 @@ class Gathered(Displayed):
             if self.each.odd:  # first, since other notes may follow from it
                 sentence = f"{render(self.each, 'sentence')}: see Log by log"
                 fit = replace(fit, findings=(note(sentence), *fit.findings))
-        loops = fit.mechanism.closures
-        multipliers = self._multiplier_rows() if loops else None
+        multipliers = self._multiplier_rows() if fit.mechanism.closures else None
         paths = write_fit(fit, folder, reactions, multipliers, more, sections)
         if self.checkpoint is not None:
             self.checkpoint.remove()
@@ -116,11 +113,10 @@ class Gathered(Displayed):
         """Yield the rows of all portions in order, the header first, in a second pass."""
         plan = replace(self.plan, point=self.fit.point)
         names = plan.mechanism.kinematics.multipliers
-        logs = [i for i, part in enumerate(plan.parts) if part.name not in self.broken]
-        portions = [portion for i in logs for portion in plan.portions(i)]
+        portions = [p for p in plan.portions() if plan.parts[p.log].name not in self.broken]
         determined = identifiable_multipliers(plan.mechanism, self.fit.motion)
         of = [plan.parts[portion.log].name for portion in portions]
-        nothing, several = (np.empty(0), np.empty((0, len(names)))), len(logs) > 1
+        nothing, several = (np.empty(0), np.empty((0, len(names)))), len({*of}) > 1
         yield multipliers_rows(names, *nothing, "" if several else None, header=True)
         done = self.workers.over(multipliers_of, portions, plan, of, "multipliers")
         for log, (_, each) in zip(of, done, strict=True):
@@ -195,11 +191,27 @@ def gather(
             "effects that are not linear were estimated on the excerpt and refined by one "
             "Gauss-Newton step over all samples"
         )
-    shown = {log.name for log in some.logs}  # of which health compares the samples
-    unseen = [part for part in plan.parts if part.name not in shown]
+    unseen = [part for part in plan.parts if part.name not in {log.name for log in some.logs}]
     findings += _copied(plan, unseen, "standard errors are too small by √2", "leave it out")
-    rest = workers.between(0.9, 1.0)
-    fit = _fit_of(regression, fitted, notes, findings, rest, consistent)
+    used = some.without(workers.broken)  # in pictures
+    problem = replace(regression, motion=used)
+    notes = [note for note in notes if note not in used.notes]
+    share = float(share_of_motion(problem, fitted).max(initial=0.0)) if len(plan.columns) else 0.0
+    if share >= MATTERS:
+        notes.append(
+            f"noise of the motion makes up to {100 * min(share, 1.0):.3g} % of the residual; in "
+            "portions the motion is taken as it is, so that parameters may be shrunk: identify "
+            "from a shorter log to see how much"
+        )
+    shown = sum(len(e) for e in used.experiments)
+    if shown < used.samples:
+        notes.append(
+            f"{used.samples} samples were read in portions; pictures, unfiltered errors and "
+            f"the table of multipliers show {shown} of them"
+        )
+    findings += map(note, notes)
+    last = workers.between(0.9, 1.0).on_progress or quiet
+    fit = fit_of(problem, fitted, consistent, findings, on_progress=last)
     if others:
         x = fitted.solution.x
         errors, copies = _validation(plan, regression, x, workers, others, samples)
@@ -243,11 +255,10 @@ def _summed(
         messages.append(f"{saved.file}: {saved.unused}; not used, all portions are read")
     remaining = list(plan.portions())[resumed:]
     names = [plan.parts[portion.log].name for portion in remaining]
-    count = resumed
-    for portion, done in workers.over(absorbed, remaining, plan, names, "equations"):
+    tasks = workers.over(absorbed, remaining, plan, names, "equations")
+    for count, (portion, done) in enumerate(tasks, start=resumed + 1):
         more, notes, findings = done or ((), (), ())
         summed(total, more)
-        count += 1
         messages += notes
         for each in findings:
             key = plan.parts[portion.log].name, each.code, each.where
@@ -255,60 +266,28 @@ def _summed(
                 gravest[key] = each
         if saved is not None:
             saved.write(count, total.values(), workers.broken)
-    out = {i for i, part in enumerate(plan.parts) if part.name in workers.broken}
-    blocks = [each for each in total.values() if each.log not in out]
+    blocks = [b for b in total.values() if plan.parts[b.log].name not in workers.broken]
     if not blocks:
         cut = plan.band.cutoff
-        why = "; ".join(f"{name}: {each}" for name, each in list(workers.broken.items())[:1])
+        whys = [f"{name}: {each}" for name, each in workers.broken.items()]
+        at = f" filtered at {cut:.3g} Hz" if cut else ""
         raise FitError(
-            f"{plan.mechanism.name}: no equations in {len(plan.parts)} log(s)"
-            + (f" filtered at {cut:.3g} Hz" if cut else "")
-            + f"; {why or 'give a longer log or a higher --cutoff'}"
+            f"{plan.mechanism.name}: no equations in {len(plan.parts)} log(s){at}; "
+            f"{[*whys, 'give a longer log or a higher --cutoff'][0]}"
         )
     found = [each for (name, *_), each in gravest.items() if name not in workers.broken]
-    return blocks, [*dict.fromkeys(messages)], found, count - resumed, resumed
-
-
-def _fit_of(
-    r: Problem,
-    fitted: Estimate,
-    notes: Sequence[str],
-    findings: Sequence[Finding],
-    workers: Workers,
-    consistent: bool | Consistency,
-) -> Fit:
-    """Make the fit of the last pass' triangles, whose pictures are those of the excerpt."""
-    assert isinstance(r.motion, Excerpt)
-    r = replace(r, motion=r.motion.without(workers.broken))
-    notes = [note for note in notes if note not in r.motion.notes]
-    share = float(share_of_motion(r, fitted).max(initial=0.0)) if len(r.columns) else 0.0
-    if share >= MATTERS:
-        notes.append(
-            f"noise of the motion makes up to {100 * min(share, 1.0):.3g} % of the residual; in "
-            "portions the motion is taken as it is, so that parameters may be shrunk: identify "
-            "from a shorter log to see how much"
-        )
-    shown = sum(len(e) for e in r.motion.experiments)
-    if shown < r.motion.samples:
-        notes.append(
-            f"{r.motion.samples} samples were read in portions; pictures, unfiltered errors and "
-            f"the table of multipliers show {shown} of them"
-        )
-    findings = [*findings, *map(note, notes)]
-    return fit_of(r, fitted, consistent, findings, on_progress=workers.on_progress or quiet)
+    return blocks, [*dict.fromkeys(messages)], found, len(remaining), resumed
 
 
 def _copied(plan: Plan, parts: Sequence[LogOnDisk], harm: str, remedy: str) -> list[Finding]:
     """Return a finding for each log that holds the values of an earlier one of a plan."""
-    first: dict[str, LogOnDisk] = {}
-    for part in plan.parts:
-        first.setdefault(part.digest, part)
-    pairs = [(a, first[a.digest].name) for a in parts if first.get(a.digest, a) is not a]
-    text = "{} holds {} samples of {}: " + harm
-    return [
-        Finding("copy", text.format(a.name, a.file.rows, name), remedy, (a.name,))
-        for a, name in pairs
-    ]
+    first = {part.digest: part for part in reversed(plan.parts)}
+    found = []
+    for part in parts:
+        if (before := first.get(part.digest, part)) is not part:
+            text = f"{part.name} holds {part.file.rows} samples of {before.name}: {harm}"
+            found.append(Finding("copy", text, remedy, (part.name,)))
+    return found
 
 
 def _validation(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import IdentError, LogError
+from ident.errors import IdentError, LogError, line_of
 from ident.log import Log
 from ident.log.pieces import STRIDE, Pieces, open_log
 from ident.log.read import expanded
@@ -66,12 +66,11 @@ class LogOnDisk:
         rows = self.file.rows
         if rows <= 1.5 * samples:
             return [replace(self.file.piece(0, rows), name=self.name)]
-        each, results = samples // STRETCHES, []
-        for k in range(STRETCHES):
-            first = rows * (2 * k + 1) // (2 * STRETCHES) - each // 2
-            log = self.file.piece(first, first + each)
-            results.append(replace(log, name=f"{self.name}, {log.t[0]:.6g} to {log.t[-1]:.6g} s"))
-        return results
+        each = samples // STRETCHES
+        middles = [rows * (2 * k + 1) // (2 * STRETCHES) for k in range(STRETCHES)]
+        logs = [self.file.piece(m - each // 2, m - each // 2 + each) for m in middles]
+        names = [f"{self.name}, {log.t[0]:.6g} to {log.t[-1]:.6g} s" for log in logs]
+        return [replace(log, name=name) for log, name in zip(logs, names, strict=True)]
 
 
 def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Path]:
@@ -80,9 +79,8 @@ def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Pat
     They are absolute for a scheduler, whose workers are in folders of their own.
     """
     given = [given] if isinstance(given, str | os.PathLike) else given
-    for each in given:
-        if not isinstance(each, str | os.PathLike):
-            raise LogError(f"{type(each).__name__} is no path; give paths of logs and folders")
+    for each in (x for x in given if not isinstance(x, str | os.PathLike)):
+        raise LogError(f"{type(each).__name__} is no path; give paths of logs and folders")
     paths = expanded(given)
     return paths if scheduler is None else [path.absolute() for path in paths]
 
@@ -130,14 +128,13 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
     every = (before - first) / (instants - 1)
     drift = every - guess
     uneven = max(max(high - i * drift, i * drift - low) for i, low, high in deviations)
-    even = bool(instants == count and uneven < UNEVEN * dt)
-    messages = [
+    clock = Clock(first, every, instants, bool(instants == count and uneven < UNEVEN * dt))
+    messages = tuple(
         each[0] + (f" (and so in {len(each) - 1} more pieces)" if len(each) > 1 else "")
         for each in repairs.values()
         if not each[0].endswith(" is empty")
-    ]
-    clock, starts = Clock(first, every, instants, even), np.concatenate(times)
-    return LogOnDisk(log, clock, starts, values, tuple(messages), digest.hexdigest())
+    )
+    return LogOnDisk(log, clock, np.concatenate(times), values, messages, digest.hexdigest())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,8 +146,9 @@ class Excerpt(Motion):
     def without(self, logs: Container[str]) -> Excerpt:
         """Return the excerpt without some logs, if any is left to be shown."""
         recorded = tuple(each for each in self.recorded if each[0] not in logs)
-        out = [name for name in self.names if name in logs]
-        retained = tuple(e for e in self.experiments if not any(_is_of(e.name, n) for n in out))
+        retained = tuple(
+            e for e in self.experiments if any(_is_of(e.name, name) for name, *_ in recorded)
+        )
         return replace(self, recorded=recorded, experiments=retained or self.experiments)
 
     @property
@@ -186,10 +184,8 @@ def excerpt(
 ) -> Excerpt:
     """Complete stretches of the logs."""
     remaining = [each for each in summaries if each.name not in broken]
-    every = max(1, -(-len(remaining) // LOGS))
-    chosen = (
-        remaining if sum(each.file.rows for each in remaining) <= SAMPLES else remaining[::every]
-    )
+    long = sum(each.file.rows for each in remaining) > SAMPLES
+    chosen = remaining[:: max(1, -(-len(remaining) // LOGS))] if long else remaining
 
     def completed(some: Sequence[LogOnDisk]) -> tuple[Motion, list[Log]]:
         pieces = [each.stretches(SAMPLES // len(chosen)) for each in some]
@@ -205,21 +201,19 @@ def excerpt(
             try:
                 completed([each])
             except IdentError as error:
-                why = " ".join(str(error).split())
-                faults[each.name] = why.removeprefix(f"{each.name}: ")
+                faults[each.name] = line_of(error).removeprefix(f"{each.name}: ")
         if len(summaries) == 1 or not faults or len(faults) == len(remaining):
             raise
         broken.update(faults)
         return excerpt(mechanism, summaries, cutoff, smoothing, broken)
     notes = [f"{each.name}: {repair}" for each in remaining for repair in each.repairs]
     for note in motion.notes:  # once for each log, and nothing about the ends of stretches
-        note = "" if NO_MEASUREMENT in note else note  # each log reports it itself
         for each in remaining:
-            head, comma, tail = note.partition(f"{each.name}, ")
-            if not head and comma:
-                text = tail.partition(" s:")[2]
+            if note.startswith(f"{each.name}, "):
+                text = note.removeprefix(f"{each.name}, ").partition(" s:")[2]
                 note = "" if text.endswith("left out") else f"{each.name}:{text}"
-        notes += [note] if note else []
+        # each log reports itself what is no measurement
+        notes += [note] if note and NO_MEASUREMENT not in note else []
     return Excerpt(
         motion.experiments, motion.independent, motion.band, motion.closure_error,
         tuple(dict.fromkeys(notes)), tuple(logs), mechanism,

@@ -157,17 +157,13 @@ def compare_logs(
     by_log = {log: whole.of_log(log) for log in whole.logs}
     joint = estimate(whole.totals, r.prior, r.torque, r.plausible)
     known = {"prior": joint.x, "torque": r.torque, "sigma": joint.sigma, "held": joint.held}
-    own = {  # fits of one log; the joint one in what it does not determine
-        log: estimate(mine.totals, **known).x
-        if len(joint.x) and any(each.rows for each in mine.totals)
-        else joint.x
-        for log, mine in by_log.items()
-    }
-    error, rows = np.zeros((2, r.information.d))  # of own fits, in which logs do not differ
-    for block in whole:
-        x = own[block.log][block.support]
-        error[block.coordinate] += block.triangle.residual_norm(x) ** 2
-        rows[block.coordinate] += block.triangle.rows
+    own = dict.fromkeys(by_log, joint.x)  # fits of one log; the joint one in what is open in it
+    error, rows = np.zeros((2, whole.d))  # of own fits, in which logs do not differ
+    for log, some in by_log.items():
+        if len(joint.x) and any(each.rows for each in some.totals):
+            own[log] = estimate(some.totals, **known).x
+        error += [each.residual_norm(own[log]) ** 2 for each in some.totals]
+        rows += [each.rows for each in some.totals]
     sigma = np.maximum(np.sqrt(error / np.maximum(rows, 1)), LEAST_NOISE[1] * joint.sigma)
     weighed = estimate(whole.totals, r.prior, r.torque, sigma=sigma, held=joint.held)
     odd = disagreements(whole, weighed, r.columns)
@@ -180,13 +176,12 @@ def compare_logs(
             results.append(LogRow(name, count, left_out=why))
             continue
         both = [mine.squares(x) for x in (joint.x, own[number])]
-        if not (total := float(both[0].rows[np.isfinite(torque)].sum())):
-            results.append(LogRow(name, count, disagreement=odd.get(number)))
-            continue
-        shares = [each.error / torque for each in both]
-        worst = r.motion.independent[int(np.argmax(shares[0] - shares[1]))]
-        joint_error, own_error = (float(np.sqrt(share.sum() / total)) for share in shares)
-        row = LogRow(name, count, joint_error, own_error, worst, odd.get(number))
+        row = LogRow(name, count, disagreement=odd.get(number))
+        if total := float(both[0].rows[np.isfinite(torque)].sum()):
+            shares = [each.error / torque for each in both]
+            worst = r.motion.independent[int(np.argmax(shares[0] - shares[1]))]
+            errors = [float(np.sqrt(share.sum() / total)) for share in shares]
+            row = replace(row, error=errors[0], own=errors[1], worst=worst)
         results.append(row)
     return LogComparison(tuple(sorted(results, key=lambda each: bool(each.left_out))))
 
@@ -200,11 +195,11 @@ def disagreements(
         return {}
     logs, least, agreeing = _Logs(information, joint, columns), ALPHA / len(numbers), numbers
     while True:
-        found = {i: logs.against(agreeing, i, least) for i in agreeing}
-        odd = [i for i, (each, _) in found.items() if each.clear]
+        found = {i: logs.against(agreeing, i, least) for i in numbers}
+        odd = {i: found[i][1] for i in agreeing if found[i][0].clear}
         if not odd or 2 * (len(agreeing) - 1) <= len(numbers):
-            return {i: logs.against(agreeing, i, least)[0] for i in numbers}
-        worst = max(odd, key=lambda i: found[i][1])
+            return {i: each for i, (each, _) in found.items()}
+        worst = max(odd, key=lambda i: odd[i])
         agreeing = [i for i in agreeing if i != worst]
 
 
@@ -234,17 +229,13 @@ class _Logs:
             keys, H_b, g_b, _ = scores(mine, joint, norm)
             if not keys:
                 continue
-            H, g = H_b.sum(axis=0), g_b.sum(axis=0)
+            H, g, total = H_b.sum(axis=0), g_b.sum(axis=0), mine.total(joint.sigma)
             inverse = _inverse(H)
             own = inverse @ g
-            residuals = [
-                c.triangle.residual_norm(joint.x[c.support]) / joint.sigma[c.coordinate]
-                for c in mine
-            ]
-            spare = sum(c.triangle.rows for c in mine) - np.linalg.matrix_rank(inverse)
             others = _inverse(H - H_b)
             errors = (others @ (g_b - H_b @ own)[..., None])[..., 0] @ H  # at the fit of all others
-            left = float(np.sum(np.square(residuals)) - g @ own) / max(spare, 1)
+            spare = total.rows - np.linalg.matrix_rank(inverse)
+            left = (total.residual_norm(joint.x) ** 2 - float(g @ own)) / max(spare, 1)
             self.H[log], self.g[log], self.noise[log] = H, g, max(left, LEAST_NOISE[0])
             S, nu = long_run(keys, errors, np.diagonal(H_b, axis1=1, axis2=2))
             self.S[log], self.nu[log] = S / self.noise[log], float(np.median(nu))
@@ -443,12 +434,12 @@ def diagnose_each(
         verdicts.append(found or Verdict(name, left_out=workers.broken[name]))
         if done is not None:
             done.append(verdicts[-1])
+    if not verdicts:
+        raise FitError("no log given; valid: paths of logs, and of folders of them")
     good = [path for path, each in zip(paths, verdicts, strict=True) if not each.left_out]
     if not good:
-        raise FitError(
-            f"none of {len(paths)} logs can be used; {verdicts[0].log}: {verdicts[0].left_out}"
-            if verdicts else "no log given; valid: paths of logs, and of folders of them"
-        )  # fmt: skip
+        why = f"{verdicts[0].log}: {verdicts[0].left_out}"
+        raise FitError(f"none of {len(paths)} logs can be used; {why}")
     if sum(each.samples for each in verdicts) <= TOGETHER:
         motion = complete(mechanism, good, **settings)
     else:
@@ -466,8 +457,9 @@ def _verdict(common: tuple[Mechanism, Any, Any], task: tuple[str, Path]) -> Verd
     (mechanism, settings, rule), (name, path) = common, task
     motion = complete(mechanism, path, **settings)
     d = diagnose(identify(mechanism, motion, estimator="least-squares"), **rule)
+    found = Verdict(name, motion.samples, d.verdict)
     if d.best is None:
-        return Verdict(name, motion.samples, d.verdict)
-    named, first = tuple(effect.label for effect in (d.best, *d.rivals)), d.candidates[0]
-    errors = first.error_before, first.error_after
-    return Verdict(name, motion.samples, d.verdict, named, first.joint, *errors)
+        return found
+    named, c = tuple(effect.label for effect in (d.best, *d.rivals)), d.candidates[0]
+    before, after = c.error_before, c.error_after
+    return replace(found, named=named, joint=c.joint, error_before=before, error_after=after)

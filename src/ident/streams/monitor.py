@@ -206,8 +206,7 @@ class Monitor(Displayed):
             FitError: for a reference that is not known, a log of normal running that is too short,
                 or a kind, interval or rate that cannot be.
         """
-        least = SHORTEST if interval is None else interval
-        interval = INTERVAL if interval is None else interval
+        least, interval = (SHORTEST, INTERVAL) if interval is None else (interval, interval)
         if not (interval > 0 and false_alarms_per_hour > 0 and patience > 0 and material >= 0):
             raise FitError(
                 f"interval {interval:g} s, {false_alarms_per_hour:g} false alarms an hour, "
@@ -218,10 +217,8 @@ class Monitor(Displayed):
         count = sum(part.informed.sum(axis=0) for part in parts)
         squares = sum((np.where(p.informed, p.b - p.A @ x, 0.0) ** 2).sum(axis=0) for p in parts)
         sigma = np.sqrt(np.maximum(squares / np.maximum(count, 1), 1e-300))
-        first = intervals_of(parts, interval, sigma, x)
-        while len(first) < FEWEST and interval > least:
+        while len(first := intervals_of(parts, interval, sigma, x)) < FEWEST and interval > least:
             interval = max(least, interval - STEP)
-            first = intervals_of(parts, interval, sigma, x)
         if len(first) < FEWEST:
             enough = FEWEST * interval + interval / 2 * len(parts)
             raise FitError(
@@ -231,12 +228,11 @@ class Monitor(Displayed):
             )
         triangle = Triangle.merge([each.triangle for each in first])
         felt = felt_columns(triangle, watched.columns.units)
-        x = moved_reference(triangle, x, felt)
+        x, _ = moved_reference(triangle, x, felt)
         intervals = intervals_of(parts, interval, sigma, x)
         normal = NormalRunning.of(intervals, sigma, x, material, felt)
-        charted = np.zeros(len(x), dtype=bool)
-        charted[[i for suspect in watched.suspects for i in suspect.places[:DIRECT]]] = True
-        design, drawn = calibrated(normal, charted, intervals, x)
+        direct = [i for suspect in watched.suspects for i in suspect.places[:DIRECT]]
+        design, drawn = calibrated(normal, np.isin(np.arange(len(x)), direct), intervals, x)
         forces = watched.multiplier_triangles(motion)
         return cls(watched, design, drawn, x, forces, interval, patience, false_alarms_per_hour)
 
@@ -288,16 +284,15 @@ class Monitor(Displayed):
         else:
             self.raised.since += 1
             self.raised.waited += 1
-        raised = self.raised
+        raised, alarm = self.raised, None
         late = raised.waited * self.seconds >= self.patience
         named = raised.named < np.inf
-        if named and not late:
-            return None
-        naming, window = self._naming(raised)
-        ready = raised.ready(naming) or late
-        alarm = self._alarm(raised, naming, window) if ready and not named else None
-        if late:
-            self._go_on(raised, naming, window)
+        if late or not named:
+            naming, window = self._naming(raised)
+            if (raised.ready(naming) or late) and not named:
+                alarm = self._alarm(raised, naming, window)
+            if late:
+                self._go_on(raised, naming, window)
         return alarm
 
     def _naming(self, raised: _Raised) -> tuple[Naming, list[WatchedInterval]]:
@@ -307,10 +302,10 @@ class Monitor(Displayed):
         )  # fmt: skip
 
     def _alarm(self, raised: _Raised, naming: Naming, window: Sequence[WatchedInterval]) -> Alarm:
-        normal, best = self.design.normal, naming.best
-        rows = np.maximum(np.sum([each.rows for each in window], axis=0), 1)
-        usual = rows * np.where(normal.energy > 0, normal.energy, np.inf)
-        rms = np.sqrt(np.sum([each.squares for each in window], axis=0) / usual)
+        best, energy = naming.best, self.design.normal.energy
+        usual = np.maximum(np.sum([each.rows for each in window], axis=0), 1) * energy
+        squares = np.sum([each.squares for each in window], axis=0)
+        errors = zip(self.watched.joints, squares, usual, strict=True)
         causes = [self._cause(each, naming) for each in ((best, *naming.rivals) if best else ())]
         alarm = Alarm(
             onset=window[0].start,
@@ -322,11 +317,7 @@ class Monitor(Displayed):
             seen_by=raised.by,
             evidence=raised.height,
             threshold=self.threshold,
-            errors={
-                name: float(x)
-                for name, x, energy in zip(self.watched.joints, rms, normal.energy, strict=True)
-                if energy > 0
-            },
+            errors={name: float(np.sqrt(x / size)) for name, x, size in errors if size > 0},
             from_start=window[0].start <= self._begun,
         )
         self.alarms.append(alarm)

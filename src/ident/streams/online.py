@@ -34,7 +34,7 @@ from ident.fit.shapes import working_point
 from ident.fit.values import BaseValue, ParameterValues, Value
 from ident.information.blocks import Error, Squares
 from ident.information.chance import covariance, prior_covariance
-from ident.information.estimate import Estimate, estimate
+from ident.information.estimate import estimate
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.noise import noise_level
@@ -156,10 +156,10 @@ class Online:
         smoothing: float | str | None = "auto",
     ) -> None:
         check_causal(mechanism)
-        _check_time("latency", latency, least=0.0)
-        _check_time("warmup", warmup)
-        if forget is not None:
-            _check_time("forget", forget)
+        for name, value in {"latency": latency, "warmup": warmup, "forget": forget}.items():
+            least, above = (0.0, "") if name == "latency" else (1e-9, ", above 0")
+            if value is not None and not least <= value < np.inf:
+                raise FitError(f"{name} {value:g}; valid: a time in seconds{above}")
         self.mechanism, notes = with_free_multipliers(mechanism)
         self.notes = tuple(notes)
         self._T, self._latency, self._warmup = forget, latency, warmup
@@ -169,7 +169,8 @@ class Online:
         self._first: list[np.ndarray] = []  # samples of the warm-up
         self._resting = 0  # samples before the machine moved
         self._stream: Stream | None = None  # after the warm-up
-        self._solved: _Solved | None = None
+        # values of unknowns, squares that they leave, parameters and those of effects, at the last
+        self._solved: tuple[ParameterValues, Squares, list[Value]] | None = None
         self.left_out: list[tuple[int, str]] = []  # (row, why) of samples of the last `update`
         self.findings: list[Since] = []  # new ones
         self._early: list[np.ndarray] | None = []  # samples not yet looked at for errors
@@ -205,7 +206,7 @@ class Online:
         """λ of the samples that the last `update` or `snapshot` completed, by the parameters of the
         last snapshot; None before the first one, for a tree, and where none was completed.
         """
-        return self._forces(self._stream.windows) if self._stream else None
+        return self._forces(self._stream, self._stream.windows) if self._stream else None
 
     def update(self, sample: Sample) -> None:
         """Take a sample or a block of them.
@@ -277,13 +278,13 @@ class Online:
 
     def _judge(self, stream: Stream, X: np.ndarray, over: bool = False) -> None:
         """Look for errors of the data in further samples (n, columns); `over`: no more come."""
-        self.findings = []
+        self.findings, mechanism = [], stream.mechanism
         if self._early is not None:  # once, what `identify` says of the first samples
             self._early.append(X)
             some = np.concatenate(self._early)[: CHECKED[1]]
             full = len(some) == CHECKED[1] or (len(some) and np.ptp(some[:, 0]) >= CHECKED[0])
             if len(some) and (over or full):
-                self._early, mechanism = None, self._known_mechanism
+                self._early = None
                 with suppress(IdentError):  # too few: the stream says what it lacks
                     log = log_of(mechanism.name, stream.columns_of_samples, some)
                     motion = complete(mechanism, log)
@@ -305,25 +306,24 @@ class Online:
         return not fitting or max(finding.number, 1 / finding.number) > TIMES
 
     def _found(self, stream: Stream) -> Snapshot:
-        solved, informed = self._solve()
-        parameters, held = self._stated(solved, informed)
-        names, (lost, why) = self._joints, stream.lost
+        known, squares, parameters, held = self._solve(stream)
+        joints, (lost, why) = stream.recipe.independent, stream.lost
         left_out = [f"{lost} samples are left out, the last since {why}"] if lost else []
         if self._resting:
             left_out += [f"{self._resting} samples before the machine moved are left out"]
-        base = solved.estimate.base
+        units = [stream.mechanism.joint(name).force_unit for name in joints]
         return Snapshot(
             t=self._accumulator.now,
             samples=self.samples,
-            rows=float(solved.squares.whole[2].mean()),
-            parameters=parameters,
-            base_parameters=solved.base,
-            held=held,
-            multipliers=self._forces([self._last] if self._last else []),
-            errors=solved.squares.errors(names, self._units),
-            noise=self._floor,
-            rank=base.rank,
-            condition_number=base.condition_number,
+            rows=float(squares.whole[2].mean()),
+            parameters=tuple(parameters),
+            base_parameters=known.base,
+            held=tuple(held),
+            multipliers=self._forces(stream, [self._last] if self._last else []),
+            errors=squares.errors(joints, units),
+            noise=dict(zip(joints, self._floor.tolist(), strict=True)),
+            rank=known.estimate.base.rank,
+            condition_number=known.estimate.base.condition_number,
             lag=stream.lag,
             notes=(*self.notes, *map(str, self._watch.found.values()), *left_out),
         )
@@ -348,27 +348,23 @@ class Online:
 
     def _begin(self, like: Motion | Fit) -> Stream:
         """Make the stream of rows and the triangles that absorb it, as in a motion or a fit."""
-        motion = like.motion if isinstance(like, Fit) else like
+        motion: object = like.motion if isinstance(like, Fit) else like
         if not isinstance(motion, Motion):
             raise FitError(
                 f"like needs a motion or a fit, given: {type(like).__name__}; write "
                 "like=ident.complete(mechanism, log)"
             )
-        start = like.point if isinstance(like, Fit) else None
-        self._repeated = like.repeated if isinstance(like, Fit) else None
-        self._point = working_point(self.mechanism, motion, start)
-        mechanism = self._known_mechanism = _with_known_shapes(self.mechanism, self._point)
-        self._columns = Columns.of(mechanism)
-        stream = Stream(mechanism, self._columns, motion, self._point, self._latency)
-        supports = row_supports(mechanism, self._columns, motion.experiments[0])
+        fit = like if isinstance(like, Fit) else None
+        self._repeated = fit.repeated if fit else None
+        point = working_point(self.mechanism, motion, fit.point if fit else None)
+        mechanism = _with_known_shapes(self.mechanism, point)
+        columns, first = Columns.of(mechanism), motion.experiments[0]
+        stream = Stream(mechanism, columns, motion, point, self._latency)
+        supports = row_supports(mechanism, columns, first)
         self._accumulator = Accumulator(supports, self._T, stream.period)
         self._determined = identifiable_multipliers(mechanism, motion)
-        noise = motion.experiments[0].noise
-        self._noise = np.array([noise.get(f"tau.{name}", 0.0) for name in mechanism.driven])
-        self._joints, self._rows_cutoff = motion.independent, motion.band.cutoff
-        floor = noise_floor(mechanism, motion.experiments, self._point, self._rows_cutoff)
-        self._floor = dict(zip(self._joints, floor.tolist(), strict=True))
-        self._units = [mechanism.joint(name).force_unit for name in motion.independent]
+        self._noise = [first.noise.get(f"tau.{name}", 0.0) for name in mechanism.driven]
+        self._floor = noise_floor(mechanism, motion.experiments, point, motion.band.cutoff)
         self._known: dict[str, tuple[Value, float]] = {}  # identified parameters, and when [s]
         self._most = 0  # base parameters that were known at once
         self._last: SampleWindow | None = None
@@ -383,38 +379,35 @@ class Online:
         for rows in parts:
             self._accumulator.absorb(rows)
 
-    def _solve(self) -> tuple[_Solved, bool]:
-        """Solution of the rows, and whether it is new: the last one if no row informed lately."""
-        old, columns = self._solved, self._columns
-        if old and self._T and self._accumulator.now - self._accumulator.informed > self._T:
-            return old, False
-        total = self._accumulator.information(len(columns))
-        # what is forgotten stays where it was
-        prior = old.estimate.x if old is not None and self._T else columns.prior
-        sensible = plausible_of(self._known_mechanism, columns, total)
-        fitted = estimate(total.totals, prior, total.rms_torque, sensible)
-        cov = covariance(total, fitted) + prior_covariance(fitted, sensible)
-        if self._repeated is not None and self._stream is not None:
-            cov *= self._repeated.variance(total.rows / total.d * self._stream.period)
-        if self._bias is not None:
-            moved = fitted.base.combined(self._bias)
-            cov = cov + np.outer(moved, moved)
-        after = self._point.at(self._known_mechanism, columns, fitted.x)
-        known = ParameterValues(columns, fitted, cov)
-        values = [*known.rigid(self._known_mechanism)]
-        for each in known.effects(after):
-            values += [value for value in each.parameters if value.name in columns.index]
-        base = known.base
-        self._solved = _Solved(fitted, cov, total.squares(fitted.x), tuple(values), base)
-        return self._solved, True
-
-    def _stated(self, solved: _Solved, informed: bool) -> tuple[tuple[Value, ...], tuple[str, ...]]:
-        """The parameters, and the names of those that are held at their last value."""
-        values, held, now = [], [], self._accumulator.now
-        rank = solved.estimate.base.rank
+    def _solve(self, stream: Stream) -> tuple[ParameterValues, Squares, list[Value], list[str]]:
+        """Return values of the unknowns, squares that they leave, parameters, and the names of
+        those that are held at their last value: all of them if no row informed lately.
+        """
+        old, now = self._solved, self._accumulator.now
+        informed = not (old and self._T and now - self._accumulator.informed > self._T)
+        if old is None or informed:
+            mechanism, columns = stream.mechanism, stream.columns
+            total = self._accumulator.information(len(columns))
+            # what is forgotten stays where it was
+            prior = old[0].estimate.x if old and self._T else columns.prior
+            sensible = plausible_of(mechanism, columns, total)
+            fitted = estimate(total.totals, prior, total.rms_torque, sensible)
+            cov = covariance(total, fitted) + prior_covariance(fitted, sensible)
+            if self._repeated is not None:
+                cov *= self._repeated.variance(total.rows / total.d * stream.period)
+            if self._bias is not None:
+                moved = fitted.base.combined(self._bias)
+                cov = cov + np.outer(moved, moved)
+            known = ParameterValues(columns, fitted, cov)
+            values = [*known.rigid(mechanism)]
+            for each in known.effects(stream.point.at(mechanism, columns, fitted.x)):
+                values += [value for value in each.parameters if value.name in columns.index]
+            old = self._solved = known, total.squares(fitted.x), values
+        known, squares, solved = old
+        values, held, rank = [], [], known.estimate.base.rank
         if informed and rank >= self._most:  # as much is known as ever: none is lost
             self._most, self._known = rank, {}
-        for value in solved.parameters:
+        for value in solved:
             if value.identifiable and informed:
                 self._known[value.name] = value, now
             elif self._T and value.name in self._known:
@@ -424,17 +417,18 @@ class Online:
                 value = replace(last, stderr=stderr, identifiable=False)
                 held.append(value.name)
             values.append(value)
-        return tuple(values), tuple(held)
+        return known, squares, values, held
 
-    def _forces(self, windows: Sequence[SampleWindow]) -> Forces | None:
+    def _forces(self, stream: Stream, windows: Sequence[SampleWindow]) -> Forces | None:
         """λ of the samples of some windows by the last solution; None where there is none."""
-        if self._solved is None or not self._known_mechanism.closures or not windows:
+        mechanism, cutoff = stream.mechanism, stream.recipe.band.cutoff
+        if self._solved is None or not mechanism.closures or not windows:
             return None
-        kinematics, mechanism = self._known_mechanism.kinematics, self._known_mechanism
-        x, cov, base = self._solved.estimate.x, self._solved.covariance, self._solved.estimate.base
+        known, kinematics = self._solved[0], mechanism.kinematics
+        x, cov, base = known.estimate.x, known.cov, known.estimate.base
         m, parts = len(kinematics.multipliers), []
         for around, part in windows:
-            scene = Scene.of(mechanism, self._columns, around, self._point, self._rows_cutoff)
+            scene = Scene.of(mechanism, stream.columns, around, stream.point, cutoff)
             e, equations, s = scene.e, scene.terms(part, full=True), scene.whole.generalised(part)
             K_T = e.pinv[part, :, :m].transpose(0, 2, 1)
             b = equations.b - s.measured(e.independent)
@@ -452,12 +446,6 @@ class Online:
         return Forces(kinematics.multipliers, kinematics.units, t, values + open_, stderr + open_)
 
 
-def _check_time(name: str, value: float, least: float = 1e-9) -> None:
-    """Raise FitError for a number that is no time."""
-    if not (np.isfinite(value) and value >= least):
-        raise FitError(f"{name} {value:g}; valid: a time in seconds{', above 0' if least else ''}")
-
-
 def _with_known_shapes(mechanism: Mechanism, point: Point) -> Mechanism:
     """Hold all shape parameters at their values in `point`; FitError for one without a value."""
     effects = []
@@ -469,18 +457,6 @@ def _with_known_shapes(mechanism: Mechanism, point: Point) -> Mechanism:
                 f"{mechanism.name}: effect '{effect.label}' has no value for {', '.join(lacking)}, "
                 "which is not linear and is not searched online; give like= a fit, or its value"
             )
-        effects.append(
-            replace(effect, values={**effect.values, **{name: shape[name] for name in names}})
-        )
+        known = {name: shape[name] for name in names}
+        effects.append(replace(effect, values={**effect.values, **known}))
     return replace(mechanism, effects=tuple(effects))
-
-
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """The estimate of a batch on the rows so far."""
-
-    estimate: Estimate  # solution, base, weights
-    covariance: np.ndarray  # (n_ind, n_ind) of the base parameters
-    squares: Squares  # what the solution leaves in the rows
-    parameters: tuple[Value, ...]  # unknown dynamic parameters, then those of effects
-    base: tuple[BaseValue, ...]  # their combinations

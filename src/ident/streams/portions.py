@@ -16,7 +16,6 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
@@ -136,20 +135,15 @@ def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Work
     wanted = [f"q.{name}" for name in plan.logged]
     wanted += [f"tau.{name}" for name in plan.mechanism.measured]
     parts = []
-    for log in logs:
-        if log.name in workers.broken:
-            continue
-        try:
-            for name in (each for each in wanted if each not in log.file.columns):
-                raise MotionError(
-                    f"{log.name}: has no column '{name}', which the other logs have; "
-                    f"{one_of(name, log.file.columns)}"
-                )
-            parts.append(log.cut(samples))
-        except MotionError as error:
+    for log in (each for each in logs if each.name not in workers.broken):
+        if absent := [name for name in wanted if name not in log.file.columns]:
+            why = f"has no column '{absent[0]}', which the other logs have; "
+            why += one_of(absent[0], log.file.columns)
             if workers.alone:
-                raise
-            workers.broken[log.name] = str(error).removeprefix(f"{log.name}: ")
+                raise MotionError(f"{log.name}: {why}")
+            workers.broken[log.name] = why
+        else:
+            parts.append(log.cut(samples))
     plan = replace(plan, parts=tuple(parts))
     several = [i for i, part in enumerate(parts) if len(part.borders) > 2]
     names = [parts[i].name for i in several]
@@ -164,10 +158,12 @@ def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Work
 def _check_some(mechanism: Mechanism, workers: Workers, remaining: object) -> None:
     """Raise FitError if no log is left, with the reason that most logs share."""
     if not remaining:
-        alike = Counter(why.replace(name, "") for name, why in workers.broken.items())
-        ((most, count),) = alike.most_common(1)
-        name, why = next(x for x in workers.broken.items() if x[1].replace(x[0], "") == most)
-        same = f" ({count} of them say the same)" if count > 1 else ""
+        alike: dict[str, list[str]] = {}
+        for name, why in workers.broken.items():
+            alike.setdefault(why.replace(name, ""), []).append(name)
+        name, *others = max(alike.values(), key=len)
+        why = workers.broken[name]
+        same = f" ({len(others) + 1} of them say the same)" if others else ""
         raise FitError(
             f"{mechanism.name}: none of {len(workers.broken)} logs can be used; {name}: {why}{same}"
         )
@@ -205,7 +201,7 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
     mechanism, part, anchors = plan.mechanism, plan.parts[number], []
     solver = LoopSolver(mechanism, plan.logged)
     portions = list(plan.portions(number))
-    q = y = None
+    q, y = mechanism.assembled, np.empty(0)  # y: nothing before the first portion with positions
     for portion, after in zip(portions, [*portions[1:], portions[-1]], strict=True):
         log = part.file.piece(portion.begin, portion.end)
         x = np.stack([log.columns[f"q.{name}"] for name in plan.logged], axis=1)
@@ -213,13 +209,10 @@ def _anchors(plan: Plan, number: int) -> np.ndarray:
             channel[absurd_samples(channel)] = np.nan
         known = np.flatnonzero(np.isfinite(x).all(axis=1))[::THINNED]
         if not len(known):
-            anchors.append(mechanism.assembled if q is None else q)
+            anchors.append(q)
             continue
         t, target = log.t[known], x[known]
-        if q is None or y is None:
-            path = solver.follow(target, t)
-        else:
-            path = solver.onward(q, y, target, t)
+        path = solver.onward(q, y, target, t) if len(y) else solver.follow(target, t)
         anchors.append(path[0])
         at = max(int(np.searchsorted(known, after.begin - portion.begin)) - 1, 0)
         q, y = path[at], target[at]
@@ -234,10 +227,10 @@ def motion_of(plan: Plan, portion: Portion) -> tuple[Log, State | None, list[str
         return log, *_completed(plan, log)[1:]
     asked = {name for effect in mechanism.effects for name in effect.reads()}
     asked |= {name for name, count in part.values.items() if count > 1}
-    absent = [n for n in sorted(asked & {*log.columns}) if np.isfinite(log.columns[n]).sum() < 2]
     where = f"{part.name}: rows {portion.begin} to {portion.end - 1}"
-    if absent:
-        return log, None, [f"{where}: {absent[0]} is empty; they are left out"]
+    for name in sorted(asked & {*log.columns}):
+        if np.isfinite(log.columns[name]).sum() < 2:
+            return log, None, [f"{where}: {name} is empty; they are left out"]
     if part.anchors is not None:  # on the branch on which the log arrives
         mechanism = mechanism.starting(part.anchors[portion.number])
     signals = measure(mechanism, log, part.recipe.clock, part.recipe.limits)

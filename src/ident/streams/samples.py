@@ -9,7 +9,7 @@ rests in a window is not judged: its torque may well be constant or noise.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -89,15 +89,12 @@ class SampleParser:
                 f"{self._name}: a sample is neither numbers nor arrays of equal length; give one "
                 "number a column, or one array (n,) a column"
             ) from None
-        self.left_out, count, row = [], len(X), np.arange(len(X))
+        self.columns, self.left_out, count = names, [], len(X)
         bad = ~(np.abs(X) < LARGEST)
         if self._any:
             bad &= np.array([n in self._reads or is_signal(n) for n in names])
-        for i in np.flatnonzero(bad.any(axis=1)):
-            at = int(bad[i].argmax())
-            why = "every column needs a finite number in every sample"
-            self._leave_out(int(i), names[at], X[i], at, why)
-        X, row = X[~bad.any(axis=1)], row[~bad.any(axis=1)]
+        why = "every column needs a finite number in every sample"
+        X, row = self._without(bad, X, np.arange(count), why)
         if self._ahead is not None and len(X):
             X, row = np.concatenate([self._ahead[None], X]), np.append(-1, row)
             self._ahead = None
@@ -106,8 +103,9 @@ class SampleParser:
         before = X[-2, 0] if len(X) > 1 else self.last
         if len(X) and np.isfinite(before) and X[-1, 0] - before > self._gap:
             X, row, self._ahead = X[:-1], row[:-1], X[-1]
-        self.columns, self.last = names, float(X[-1, 0]) if len(X) else self.last
-        X = X if self._any else self._usual(X, row)
+        self.last = float(X[-1, 0]) if len(X) else self.last
+        if not self._any:
+            X, _ = self._without(self._absurd_cells(X), X, row, f"it {NO_MEASUREMENT}")
         if count == 1 and self.left_out and self.left_out[-1][0] == 0:
             raise LogError(self.left_out[-1][1])
         return X
@@ -131,25 +129,23 @@ class SampleParser:
             self.left_out.append((int(row[i]), text))
         return good
 
-    def _usual(self, X: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """Leave out samples far from what is usual, unless several follow each other."""
+    def _absurd_cells(self, X: np.ndarray) -> np.ndarray:
+        """(n, columns) cells far from what is usual, unless several samples with some follow."""
         far = np.abs(X - self._centre) > self._reach
-        odd = far.any(axis=1)
-        if not odd.any():
-            self._absurd = 0 if len(X) else self._absurd
-            return X
-        good = np.ones(len(X), dtype=bool)
-        for i in range(len(X)):
-            self._absurd = self._absurd + 1 if odd[i] else 0
-            if 0 < self._absurd < LONE:
-                good[i], at = False, int(far[i].argmax())
-                self._leave_out(int(row[i]), self.columns[at], X[i], at, f"it {NO_MEASUREMENT}")
-        return X[good]
+        for cells, odd in zip(far, far.any(axis=1), strict=True):
+            self._absurd = self._absurd + 1 if odd else 0
+            cells &= self._absurd < LONE
+        return far
 
-    def _leave_out(self, row: int, column: str, x: np.ndarray, at: int, why: str) -> None:
-        """Note that a sample x is left out for one of its columns."""
-        where = f"in the sample at t = {x[0]:.6g} s"
-        self.left_out.append((row, f"{self._name}: {column} = {x[at]:.4g} {where}; {why}"))
+    def _without(
+        self, bad: np.ndarray, X: np.ndarray, row: np.ndarray, why: str
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Leave out the samples X (n, columns) of some rows (n,) with cells `bad` (n, columns)."""
+        out = bad.any(axis=1)
+        for x, i, at in zip(X[out], row[out], bad[out].argmax(axis=1), strict=True):
+            cell = f"{self.columns[at]} = {x[at]:.4g} in the sample at t = {x[0]:.6g} s"
+            self.left_out.append((int(i), f"{self._name}: {cell}; {why}"))
+        return X[~out], row[~out]
 
     def _renamed(self, sample: Sample) -> Mapping[str, Any]:
         """Return the columns of a sample under ident's names, in SI."""
@@ -197,8 +193,7 @@ class DataWatch:
         """
         self._samples += [X] if len(X) else []
         self._states += [e for e in states if len(e)]
-        count = sum(map(len, self._states))
-        if not count or count < FEWEST:
+        if sum(map(len, self._states)) < FEWEST:
             return []
         start, end = float(self._states[0].t[0]), float(self._states[-1].t[-1])
         if (end - start < SECONDS and not over) or len(self.found) >= REPORTED:
@@ -225,8 +220,7 @@ class DataWatch:
             name=name, t=t, tau=np.empty((len(t), 0)), usable=np.ones(len(t), dtype=bool),
             yd=yd, ydd=ydd, still=still,
         )  # fmt: skip
-        like = self._like
-        motion = Motion((state,), like.independent, like.band, 0.0, (), (log,), self._mechanism)
+        motion = replace(self._like, experiments=(state,), logs=(log,), mechanism=self._mechanism)
         return self.note(log_findings(self._mechanism, motion), start)
 
     def note(self, findings: Iterable[Finding], start: float) -> list[Since]:

@@ -98,8 +98,8 @@ class Stream:
         )
         self._dt, self._decimator = 1 / e.rate, Decimator.of(like.band.cutoff, e.rate)
         used = {channel.column for channel in e.channels} or {*log.columns}  # zero rates are none
-        motion = [f"{k}.{name}" for name in e.logged for k in ORDERS]
-        motion = [name for name in motion if name in log and name in used]
+        used &= {*log.columns}
+        motion = [f"{k}.{name}" for name in e.logged for k in ORDERS if f"{k}.{name}" in used]
         names = [*motion, *(f"tau.{name}" for name in mechanism.measured)]
         names += [name for name in log.columns if name.startswith("wrench.")]
         names += [name for effect in mechanism.effects for name in effect.reads()]
@@ -159,7 +159,7 @@ class Stream:
         further samples begin a new run.
         """
         self.windows, made = [], []
-        while self._old < len(self._X):
+        while self._old < len(self._X) or (last and len(self._X)):
             stop = min(len(self._X), self._old + SAMPLES)
             since = max(self._old - 1, 0)
             gaps = np.flatnonzero(np.diff(self._X[since:stop, 0]) > GAP * self._dt)
@@ -170,10 +170,6 @@ class Stream:
             if over:
                 self._X = self._X[self._old :]
                 self._cut()
-        if last and len(self._X):
-            made += self._rows_of(len(self._X), True)
-            self._X = self._X[:0]
-            self._cut()
         return made
 
     def _rows_of(self, stop: int, last: bool) -> list[Rows]:
@@ -185,34 +181,31 @@ class Stream:
         new, self._old = stop - self._old, stop
         if len(X) <= (SHORTEST if last and self._around else max(1, self._around)):
             return []
-        end = float(X[-1, 0])
-        until = end - (0 if last else self._around) * dt
+        end, made = float(X[-1, 0]), list[Rows]()
+        kept = 2 * (half + self._around + self._decimator.factor) + SHORTEST
+        first = int(np.searchsorted(X[:, 0], end - kept * dt))
         try:
-            e = self._state(X)
+            if (e := self._state(X)) is not None:
+                made += self._made(e, end - (0 if last else self._around) * dt)
+                self._q = e.q[min(int(np.searchsorted(e.t, X[first, 0])), len(e) - 1)]
         except MotionError as error:
             self._lose(new, str(error))
             self._X = self._X[stop:]
             self._cut()
             return []
-        made = [] if e is None else [*self._made(e, until)]
-        kept = 2 * (half + self._around + self._decimator.factor) + SHORTEST
-        first = int(np.searchsorted(X[:, 0], end - kept * dt))
-        if e is not None:
-            self._q = e.q[min(int(np.searchsorted(e.t, X[first, 0])), len(e) - 1)]
         self._X, self._old = self._X[first:], stop - first
         return made
 
     def _state(self, X: np.ndarray) -> State | None:
         """Return the state over a window (n, columns); None if no sample of it is usable."""
-        log = Log(self.mechanism.name, dict(zip(self._parser.columns[1:], X.T[1:], strict=True)),
-                  X[:, 0])  # fmt: skip
+        columns = dict(zip(self._parser.columns[1:], X.T[1:], strict=True))
+        log = Log(self.mechanism.name, columns, X[:, 0])
         clock = Clock(self._t0, self._dt, 0, Clock.of(log).even)
         t = clock.within(log)
         if len(t) < 2:
             return None
-        columns = {
-            name: x if clock.even else np.interp(t, log.t, x) for name, x in log.columns.items()
-        }
+        if not clock.even:
+            columns = {name: np.interp(t, log.t, x) for name, x in columns.items()}
         signals = LogSignals(log, t, columns, np.ones(len(t), dtype=bool), clock.even)
         mechanism = self.mechanism
         if mechanism.closures:
@@ -229,8 +222,9 @@ class Stream:
         if not new.any():
             return
         self._done = float(e.t[new][-1])
-        ends = [self.recipe.limits.get(f"tau.{name}") for name in self.mechanism.driven]
-        low, high = np.array([each or (-np.inf, np.inf) for each in ends]).reshape(-1, 2).T
+        drives, endless = self.mechanism.driven, (-np.inf, np.inf)
+        ends = [self.recipe.limits.get(f"tau.{name}", endless) for name in drives]
+        low, high = np.array(ends).reshape(-1, 2).T
         clipped = ((e.tau <= low) | (e.tau >= high)).any(axis=1)
         e = replace(e, usable=e.usable & ~clipped)
         for bad, why in (
@@ -285,23 +279,21 @@ class Interval:
         return self.blocks[0].span[0]
 
     @classmethod
-    def of(cls, rows: Rows, supports: Sequence[np.ndarray], T: float | None) -> Interval:
-        """Absorb rows; T is the time constant of forgetting [s], None: all count alike."""
+    def of(cls, rows: Rows, supports: Sequence[np.ndarray], T: float) -> Interval:
+        """Absorb rows; T is the time constant of forgetting [s], ∞: all count alike."""
         at = float(rows.t[-1])
-        w = np.ones((len(rows.t), 1)) if T is None else np.exp((rows.t[:, None] - at) / (2 * T))
+        w = np.exp((rows.t[:, None] - at) / (2 * T))
         scaled = replace(rows, A=rows.A * w[:, None], b=rows.b * w, tau=rows.tau * w)
         informs, still = rows.informed, rows.informed & ~rows.moving
         weights = np.stack([(w**2 * some).sum(axis=0) for some in (informs, ~informs, still)])
         return cls(at, tuple(blocks_of(0, 0, scaled, supports)), weights)
 
-    def aged(self, to: float, T: float | None) -> Interval:
+    def aged(self, to: float, T: float) -> Interval:
         """Return the same with weights that refer to a later time [s]."""
-        if T is None or to == self.at:
-            return replace(self, at=to)
         w = float(np.exp((self.at - to) / (2 * T)))
         return Interval(to, tuple(block.scaled(w) for block in self.blocks), w**2 * self.weights)
 
-    def merged(self, later: Interval, T: float | None) -> Interval:
+    def merged(self, later: Interval, T: float) -> Interval:
         """Add a later interval."""
         mine = self.aged(later.at, T)
         both = tuple(a + b for a, b in zip(mine.blocks, later.blocks, strict=True))
@@ -309,17 +301,12 @@ class Interval:
 
     def numbered(self, block: int) -> list[Block]:
         """Return the blocks of one block of time, with the number of rows that count."""
-        count = np.rint(self.weights).astype(int)
-        return [
-            replace(
-                each,
-                block=block,
-                triangle=replace(each.triangle, rows=int(count[0, u])),
-                rest=replace(each.rest, rows=int(count[1, u])),
-                still=replace(each.still, rows=int(count[2, u])),
-            )
-            for u, each in enumerate(self.blocks)
-        ]
+        found = []
+        for each, count in zip(self.blocks, np.rint(self.weights).astype(int).T, strict=True):
+            both = zip(each.triangles, count.tolist(), strict=True)
+            some, rest, still = (replace(triangle, rows=rows) for triangle, rows in both)
+            found.append(replace(each, block=block, triangle=some, rest=rest, still=still))
+        return found
 
 
 class Accumulator:
@@ -331,10 +318,9 @@ class Accumulator:
     """
 
     def __init__(self, supports: Sequence[np.ndarray], forget: float | None, period: float) -> None:
-        self._supports, self._T, self._period = list(supports), forget, period
-        self._length = LENGTH * period if forget is None else forget / FADING
-        self._intervals: list[Interval] = []
-        self._open: Interval | None = None
+        self._supports, self._T, self._period = list(supports), forget or np.inf, period
+        self._length = forget / FADING if forget else LENGTH * period
+        self._intervals: list[Interval] = []  # of which the last is open to further rows
         self._waiting: list[Rows] = []
         self.now = self.informed = -np.inf  # times of the last row, and of the last that informs
 
@@ -350,38 +336,39 @@ class Accumulator:
     def information(self, k: int) -> Information:
         """Return all rows on k columns by interval of time; weights refer to now."""
         self._absorb_waiting()
-        intervals = [*self._intervals, *([self._open] if self._open else [])]
-        aged = [each.aged(self.now, self._T) for each in intervals]
+        aged = [each.aged(self.now, self._T) for each in self._intervals]
         blocks = [block for i, each in enumerate(aged) for block in each.numbered(i)]
         return Information.of(blocks, k, len(self._supports))
 
     def _absorb_waiting(self) -> None:
         """Absorb what waits, interval by interval."""
-        waiting, self._waiting = self._waiting, []
-        rows = Rows.joined(waiting) if waiting else None
-        while rows is not None and len(rows):
-            start = self._open.start if self._open else float(rows.t[0])
-            inside = int(np.searchsorted(rows.t, start + self._length - 0.5 * self._period))
-            if inside:
-                new = Interval.of(rows[:inside], self._supports, self._T)
-                self._open = self._open.merged(new, self._T) if self._open else new
-                rows = rows[inside:]
-            if len(rows) and self._open:
-                self._close(self._open)
-
-    def _close(self, last: Interval) -> None:
-        self._intervals.append(last)
-        self._open = None
-        if len(self._intervals) <= INTERVALS:
+        if not self._waiting:
             return
-        at = 0
-        if self._T is None:
-            lengths = [each.at - each.start + self._period for each in self._intervals]
+        rows, self._waiting, known = Rows.joined(self._waiting), [], self._intervals
+        while len(rows):
+            inside = self._inside(rows, known[-1].start) if known else 0
+            if begins := not inside:
+                self._thin_out()
+                inside = self._inside(rows, float(rows.t[0]))
+            new = Interval.of(rows[:inside], self._supports, self._T)
+            known.append(new if begins else known.pop().merged(new, self._T))
+            rows = rows[inside:]
+
+    def _inside(self, rows: Rows, start: float) -> int:
+        """Return how many rows are in an interval that begins at `start` [s]."""
+        return int(np.searchsorted(rows.t, start + self._length - 0.5 * self._period))
+
+    def _thin_out(self) -> None:
+        """Merge two of too many intervals."""
+        known, at, alike = self._intervals, 0, np.isinf(self._T)
+        if len(known) <= INTERVALS:
+            return
+        if alike:
+            lengths = [each.at - each.start + self._period for each in known]
             at = int(np.argmin(np.round(np.add(lengths[1:], lengths[:-1]) / self._period)))
-        both = self._intervals[at].merged(self._intervals[at + 1], self._T)
-        self._intervals[at : at + 2] = [both]
-        if self._T is None:
-            self._length = min(each.at - each.start for each in self._intervals) + self._period
+        known[at : at + 2] = [known[at].merged(known[at + 1], self._T)]
+        if alike:
+            self._length = min(each.at - each.start for each in known) + self._period
 
 
 def margin_of(mechanism: Mechanism, rate: float, cutoff: float | None) -> int:

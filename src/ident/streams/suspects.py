@@ -32,6 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
@@ -81,17 +82,14 @@ class Suspect:
     @classmethod
     def of(cls, effects: tuple[Effect, ...], columns: Columns) -> Suspect:
         """Make the suspect whose columns are those of some effects."""
-        parameters: list[Unknown] = []
-        names: list[str] = []
-        for effect in effects:
-            open_ = effect.unknowns or effect.shapes
-            parameters += open_
-            own = effect.full
-            link = effect.loaded_link  # whose own columns are its
-            names += [f"{link}.{each.name}" if link else own[each.name] for each in open_]
+        open_ = [(effect, each) for effect in effects for each in effect.unknowns or effect.shapes]
+        names = [  # of a load, the link's own columns
+            f"{effect.loaded_link}.{each.name}" if effect.loaded_link else effect.full[each.name]
+            for effect, each in open_
+        ]
         places = np.array([columns.index[name] for name in names])
         units = tuple(columns.units[i] for i in places)
-        return cls(effects, places, tuple(parameters), units)
+        return cls(effects, places, tuple(each for _, each in open_), units)
 
     @property
     def label(self) -> str:
@@ -103,12 +101,11 @@ class Suspect:
         ten.
         """
         size = np.linalg.norm(R[:, self.places], axis=0)
-        keep = np.flatnonzero(size >= FELT * size.max())
-        if self.effects[0].loaded_link or len(keep) == len(size):
+        keep = size >= FELT * size.max()
+        if self.effects[0].loaded_link or keep.all():
             return self
-        own = zip(self.parameters, self.units, strict=True)
-        parameters, units = zip(*(each for i, each in enumerate(own) if i in keep), strict=True)
-        return Suspect(self.effects, self.places[keep], parameters, units)
+        parameters, units = compress(self.parameters, keep), compress(self.units, keep)
+        return Suspect(self.effects, self.places[keep], tuple(parameters), tuple(units))
 
     def contains(self, other: Suspect) -> bool:
         """Whether it is the other one and more."""
@@ -225,13 +222,11 @@ class Reading:
             gain -= float(np.sum((e - C @ theta) ** 2) - np.sum((e - free) ** 2)) / phi2
             if gain <= 0:
                 return None
-        elif any(
-            (each.nonnegative and value < -NEGATIVE * se) or abs(value) > each.largest + se
-            for each, value, se in zip(
-                suspect.parameters, x[suspect.places] + theta, error, strict=True
-            )
-        ):
-            return None
+        else:
+            values = zip(suspect.parameters, x[suspect.places] + theta, error, strict=True)
+            for each, value, se in values:
+                if (each.nonnegative and value < -NEGATIVE * se) or abs(value) > each.largest + se:
+                    return None
         predicted = C @ theta
         fall = float(e @ e - np.sum((e - predicted) ** 2))
         return cls(suspect, theta, np.where(alone, error, np.nan), root, fall, gain, predicted)
@@ -265,8 +260,7 @@ class Naming:
     def sound(self) -> bool:
         """Whether the best is likely enough by itself, and leaves nothing to be explained."""
         likely = self.best is not None and self.best.gain >= self.least
-        enough = self.surplus < SURPLUS and self.explained >= MOSTLY
-        return likely and (self.explained >= EXPLAINS or enough)
+        return likely and self.explained >= (MOSTLY if self.surplus < SURPLUS else EXPLAINS)
 
 
 def name_change(
@@ -324,14 +318,11 @@ def left_out_gains(
     suspects: Sequence[Suspect], window: Sequence[WatchedInterval], x: np.ndarray
 ) -> np.ndarray:
     """(suspects,) fall of the squares of intervals when each is left out of the suspect's fit."""
-    none = Triangle.empty(len(x))
+    none, every = Triangle.empty(len(x)), np.arange(len(x))
     blocks = [
-        Block(
-            0, i, 0, each.triangle, none, none, np.arange(len(x)), (each.torque, 0.0),
-            (each.start, each.end),
-        )
-        for i, each in enumerate(window)
-    ]  # fmt: skip
+        Block(0, i, 0, w.triangle, none, none, every, (w.torque, 0.0), (w.start, w.end))
+        for i, w in enumerate(window)
+    ]
     information = Information.of(blocks, len(x), 1)
     if len(information.times) < 2:
         return np.zeros(len(suspects))
