@@ -8,9 +8,10 @@ content of an effect file, which CasADi evaluates.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import cache, cached_property
+from itertools import product
 from types import CodeType
 from typing import Any, ClassVar
 
@@ -19,8 +20,8 @@ import numpy as np
 from ident.effects.effect import (
     UNITS,
     Bounds,
-    Effect,
     Found,
+    OfSignals,
     Powers,
     Shape,
     Signals,
@@ -151,24 +152,25 @@ def _code(text: str) -> CodeType:
     return compile(text, "formula", "eval")
 
 
+def _value(text: str, names: Mapping[str, Any]) -> np.ndarray:
+    return np.asarray(eval(_code(text), {"__builtins__": {}}, names))
+
+
 @dataclass(frozen=True)
-class Formula(Effect):
+class Formula(OfSignals):
     """A sum of terms of one joint's signals, and of another joint's.
 
     Args:
         terms: of the sum.
         name: of the function in its file, and of the kind.
         found: of each constant within the terms, where a search begins, and its bounds.
-        second_rotational: whether the second joint is rotational.
     """
 
     signature: ClassVar[str] = "the residual against the signals is this formula"
     source: ClassVar[str] = "found in the data"
-    not_integrable = ""  # its state is the time
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
     name: str = field(default="law", kw_only=True)
     found: Mapping[str, tuple[float, float, float]] = field(default_factory=dict, kw_only=True)
-    second_rotational: bool = field(default=True, kw_only=True)
 
     @property
     def kind(self) -> str:  # type: ignore[override]
@@ -224,8 +226,7 @@ class Formula(Effect):
                 (each.unit(True, self.second_rotational), each.unit(False, self.second_rotational)),
                 "constant",
             )
-            for term in self.renamed
-            for each in term.scales
+            for each in self.scales
         )
 
     @property
@@ -234,19 +235,7 @@ class Formula(Effect):
         return tuple(each for term in self.renamed for each in term.scales)
 
     @property
-    def implicit(self) -> bool:  # type: ignore[override]
-        return "load" in self.signals_used
-
-    @property
-    def memory(self) -> bool:  # type: ignore[override]
-        return "t" in self.signals_used
-
-    @property
-    def asks(self) -> tuple[str, ...]:  # type: ignore[override]
-        return tuple({"a", "load"} & self.signals_used)
-
-    @property
-    def signals_used(self) -> frozenset[str]:
+    def depends_on(self) -> frozenset[str]:
         """Signals in its text; those of the other joint end in `_o`."""
         return frozenset().union(*(term.signals for term in self.terms))
 
@@ -255,14 +244,12 @@ class Formula(Effect):
         """Signals in its text, as columns of a log: `q.elbow`."""
         return tuple(
             f"{name.removesuffix('_o')}.{self.joints[name.endswith('_o')]}" if name != "t" else name
-            for name in sorted(self.signals_used)
+            for name in sorted(self.depends_on)
         )
 
-    def placed(self, rotational: Sequence[bool]) -> Effect:
-        return replace(self, rotational=rotational[0], second_rotational=rotational[-1])
-
-    def reads(self) -> tuple[str, ...]:
-        return tuple(name for name in self.logged if name.startswith("temperature."))
+    @property
+    def dry(self) -> bool:
+        return any(SIGN.search(text) for text in self.columns_text)
 
     @property
     def cost(self) -> int:
@@ -283,49 +270,47 @@ class Formula(Effect):
 
     # --- evaluation -----------------------------------------------------------------------------
 
-    def columns(self, s: Signals) -> np.ndarray:
-        names = {**_namespace(s, self.implicit, self.reads()), **s.shape}
+    def torque(self, s: Signals) -> np.ndarray:
+        names = {**self._namespace(s), **s.shape}
         with np.errstate(all="ignore"):
-            E = np.stack(
-                [
-                    np.broadcast_to(eval(_code(text), {"__builtins__": {}}, names), s.t.shape)
-                    for text in self.columns_text
-                ],
-                axis=1,
-            )
-        E = np.where(np.isfinite(E), E, 0.0)
-        if self.arity == 1:
-            return E[:, None, :]
-        whole = np.zeros((*s.q.shape, E.shape[1]))
-        whole[:, 0] = E
-        return whole
+            E = [np.broadcast_to(_value(text, names), s.t.shape) for text in self.columns_text]
+        return np.where(np.isfinite(E), E, 0.0).T
 
     def of_signal(self, name: str, x: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
         """Return the torque (n,) at values (n,) of its only signal, and values of its constants."""
-        names = {**FUNCTION_OF, name: x, **values}
-        return np.asarray(eval(_code(self.text), {"__builtins__": {}}, names) * np.ones_like(x))
-
-    def informed(self, s: Signals) -> np.ndarray:
-        found = np.ones(s.q.shape, dtype=bool)
-        if any(SIGN.search(text) for text in self.columns_text):
-            found[:, 0] = (np.abs(s.v) >= s.still).all(axis=1)
-        return found
+        return _value(self.text, {**FUNCTION_OF, name: x, **values}) * np.ones_like(x)
 
     def bounds(self, s: Signals) -> Bounds:
         if self.found:
             return {name: (low, high) for name, (_, low, high) in self.found.items()}
-        names = _namespace(s, self.implicit, self.reads())
-        return {each.name: each.bounds(_range(each, names)) for each in self.scales}
+        names = self._namespace(s)
+        return {x.name: x.bounds(_value(x.signal or "t", names)) for x in self.scales}
 
     def starts(self, s: Signals) -> list[Shape]:
         if self.found:
             return [{name: start for name, (start, _, _) in self.found.items()}]
-        names = _namespace(s, self.implicit, self.reads())
-        found: list[Shape] = [{}]
-        for each in self.scales:
-            values = each.starts(_range(each, names))
-            found = [{**one, each.name: value} for one in found for value in values]
-        return found
+        names = self._namespace(s)
+        every = [each.starts(_value(each.signal or "t", names)) for each in self.scales]
+        labels = [each.name for each in self.scales]
+        return [dict(zip(labels, values, strict=True)) for values in product(*every)]
+
+    def _namespace(self, s: Signals) -> dict[str, Any]:
+        found: dict[str, Any] = {
+            **FUNCTION_OF, "q": s.q[:, 0], "v": s.v[:, 0], "a": s.a[:, 0], "t": s.t - s.t[0],
+        }  # fmt: skip
+        if self.implicit:  # the model predicts it, which takes time
+            found["load"] = s.load[:, 0]
+        if s.q.shape[1] > 1:
+            found |= {"q_o": s.q[:, 1], "v_o": s.v[:, 1]}
+        for name in self.reads():
+            found["temperature"] = s.extra[name]
+        turns = {id(found[name]): i for i, name in enumerate(("v", "v_o")) if name in found}
+
+        def sign(x: np.ndarray) -> np.ndarray:
+            i = turns.get(id(x))
+            return np.tanh(x / SMOOTH) if i is None else direction(s.v[:, i], s.still[i])
+
+        return {**found, "sign": sign}
 
     # --- effect file ----------------------------------------------------------------------------
 
@@ -347,7 +332,7 @@ class Formula(Effect):
         texts = [SIGN.sub(r"sign_\1", text) for text in self.columns_text]
         words = {*re.findall(r"\w+", " ".join(texts))}
         lines = []
-        for name in sorted(self.signals_used & words):
+        for name in sorted(self.depends_on & words):
             own = name.removesuffix("_o")
             at = "" if not several or name == "t" else "[1]" if own != name else "[0]"
             lines.append(f"    {self.written(name)} = s.{'lam' if own == 'load' else own}{at}")
@@ -404,27 +389,3 @@ def factor(text: str) -> str:
         if depth == 0 and character in "+-" and i and text[i - 1] == " ":
             return f"({text})"
     return text
-
-
-def _namespace(s: Signals, load: bool, heat: Sequence[str]) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        **FUNCTION_OF, "q": s.q[:, 0], "v": s.v[:, 0], "a": s.a[:, 0], "t": s.t - s.t[0],
-    }  # fmt: skip
-    if load:  # the model predicts it, which takes time
-        found["load"] = s.load[:, 0]
-    if s.q.shape[1] > 1:
-        found |= {"q_o": s.q[:, 1], "v_o": s.v[:, 1]}
-    for name in heat:
-        found["temperature"] = s.extra[name]
-    turns = {id(found[name]): i for i, name in enumerate(("v", "v_o")) if name in found}
-
-    def sign(x: np.ndarray) -> np.ndarray:
-        i = turns.get(id(x))
-        return np.tanh(x / SMOOTH) if i is None else direction(s.v[:, i], s.still[i])
-
-    return {**found, "sign": sign}
-
-
-def _range(scale: Scale, names: Mapping[str, Any]) -> np.ndarray:
-    """Return the signal whose range a constant has."""
-    return np.asarray(eval(_code(scale.signal or "t"), {"__builtins__": {}}, dict(names)))
