@@ -19,7 +19,7 @@ from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
 from ident.motion.knots import by_torques, doubtful, without_time_errors
-from ident.motion.noise import grain, noise_level
+from ident.motion.noise import noise_level
 from ident.motion.recipe import (
     AUTO,
     CLEAN,
@@ -32,14 +32,13 @@ from ident.motion.recipe import (
     thresholds,
     top_speeds,
 )
-from ident.motion.signals import LogSignals, Smoothed, measure, runs, without_repeats
+from ident.motion.signals import LogSignals, measure, runs, without_repeats
 from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
 from ident.motion.state import State, wrenches
 from ident.text import some
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # numerics: share of its motion below which a logged joint differs by rounding only
-MOSTLY = 0.5  # level: of a residual's squares that steps make, from which it is theirs
 NEAREST = 0.1  # work: periods of a given cut-off between two knots: the least of automatic choices
 ROUNDING = 1e-6  # numerics: of a sampling step, within which two times are the same
 LISTED = 4  # shown: cuts near singular positions that a note lists
@@ -155,7 +154,11 @@ def complete(
     if cutoff != "auto":
         finest = NEAREST / given_cutoff if given_cutoff else 0.0
         band = replace(band, cutoff=given_cutoff, knots=(finest, np.inf))
-    derived = [derive(signals, names, band, smoothing) for signals in measured]
+
+    def derived_with(band: Band) -> list[Derived]:
+        return [derive(signals, names, band, smoothing) for signals in measured]
+
+    derived = derived_with(band)
     free = names if mechanism.degrees_of_freedom > 1 else ()  # of one, motion looks the same
     moved = [without_time_errors(*both, free) for both in zip(measured, derived, strict=True)]
     for i, found in enumerate(moved):
@@ -170,7 +173,7 @@ def complete(
     if any(each is not None for each in moved):
         spacing = min(each.smooth.spacing for each in derived if each.smooth)
         band = replace(band, knots=(spacing, spacing))
-        derived = [derive(signals, names, band, smoothing) for signals in measured]
+        derived = derived_with(band)
     if cutoff == "auto" and band.cutoff is None and band.noise > CLEAN:
         notes.append(
             f"the motion reaches {band.motion:.3g} Hz, too near the sampling rate for a filter, "
@@ -183,10 +186,9 @@ def complete(
     if smoothing == AUTO and complete_torques and not white:
         if progress:
             progress("choosing knots by the torques", 0.0)
-        chosen = by_torques(mechanism, measured, names, band, derived, cutoff != "auto")
-        if chosen != band:
-            band = chosen
-            derived = [derive(signals, names, band, smoothing) for signals in measured]
+        before, band = band, by_torques(mechanism, measured, names, band, derived, cutoff != "auto")
+        if band != before:
+            derived = derived_with(band)
             if np.isfinite(band.knots[1]):
                 notes.append(
                     f"noise of the motion is not white: knots {1e3 * band.knots[1]:.3g} ms, "
@@ -207,10 +209,10 @@ def complete(
             notes += left_out(experiment, experiments[i])
             error = np.abs(mechanism.kinematics.closure_rows(experiment.q).value).max()
             worst = max(worst, float(error))
-    for i, signals in enumerate(measured):
-        still = standstill(mechanism, signals, experiments[i], names)
-        experiments[i] = replace(experiments[i], still=still)
-    states = tuple(experiments)
+    states = tuple(
+        replace(e, still=standstill(mechanism, signals, e, names))
+        for signals, e in zip(measured, experiments, strict=True)
+    )
     return Motion(
         states, independent, band, worst, tuple(dict.fromkeys(notes)), tuple(read), mechanism
     )
@@ -393,8 +395,6 @@ def state_of(
         if channel.how != AS_LOGGED:
             treated.setdefault(channel.how, []).append(channel.column)
     notes = [f"{log}: {', '.join(same)}: {how}" for how, same in treated.items()] + notes
-    if recipe is None:
-        notes += _in_steps(mechanism, signals, experiment.channels)
     rough = {
         c.column: c.residual / c.noise
         for c in experiment.channels
@@ -412,27 +412,6 @@ def state_of(
         )
     wrench = wrenches(mechanism, log, columns, experiment.q)
     return replace(experiment, wrench=wrench), notes
-
-
-def _in_steps(mechanism: Mechanism, signals: LogSignals, channels: Sequence[Smoothed]) -> list[str]:
-    found: dict[str, list[tuple[str, float]]] = {}
-    for each in channels:
-        if not each.spacing or not each.column.startswith("q."):
-            continue
-        step = grain(signals.log.series(each.column)[1])
-        if step**2 / 12 < MOSTLY * each.residual**2 or not step:
-            continue
-        joint = mechanism.joint(each.column.partition(".")[2])
-        words = f"{1e3 * step:.3g} m{joint.unit}"
-        if joint.rotational:
-            words += f" ({2 * np.pi / step:.0f} a turn, {np.log2(2 * np.pi / step):.3g} bit)"
-        words += f": {1e3 * step / np.sqrt(12):.2g} m{joint.unit} rms"
-        found.setdefault(words, []).append((each.column, step / np.sqrt(12) / each.residual))
-    return [
-        f"{signals.log.name}: {', '.join(name for name, _ in same)}: rounded to steps of {words}, "
-        f"{min(1.0, max(share for _, share in same)):.0%} of the noise that smoothing takes off"
-        for words, same in found.items()
-    ]
 
 
 def _disagreements(
