@@ -121,22 +121,23 @@ def _open_csv(path: Path) -> tuple[int, str, Rows]:
     numbers: list[NDArray[np.int64]] = []  # of lines before these rows
     head: Head | None = None
     at = before = rows = 0
-    for text in _blocks(path):
-        sha256.update(text)
-        begin = 0
-        if head is None:
-            begin = len(BOM) * text.startswith(BOM)
-            head = head_of(text[begin:], file)
-            begin += head.end
-            refuse_binary(text[:begin], file)
-            before = head.line
-        refuse_binary(text[begin:], file, before)
-        lines = text[begin:].splitlines(keepends=True)
-        filled, start = filled_lines(lines), np.cumsum([begin, *map(len, lines)])
-        every = filled[-rows % STRIDE :: STRIDE]
-        offsets.append(start[every] + at)
-        numbers.append(every + before)
-        at, before, rows = at + len(text), before + len(lines), rows + len(filled)
+    with path.open("rb") as stream:
+        while block := stream.readlines(BLOCK):
+            text, begin = b"".join(block), 0
+            sha256.update(text)
+            if head is None:
+                begin = len(BOM) * text.startswith(BOM)
+                head = head_of(text[begin:], file)
+                begin += head.end
+                refuse_binary(text[:begin], file)
+                before = head.line
+            refuse_binary(text[begin:], file, before)
+            lines = text[begin:].splitlines(keepends=True)
+            filled, start = filled_lines(lines), np.cumsum([begin, *map(len, lines)])
+            every = filled[-rows % STRIDE :: STRIDE]
+            offsets.append(start[every] + at)
+            numbers.append(every + before)
+            at, before, rows = at + len(text), before + len(lines), rows + len(filled)
     head = head or head_of(b"", file)
     if not rows:
         rows_of(b"", head, file, before)
@@ -158,19 +159,6 @@ def _rows_of_csv(
         text = stream.read(int(offset[j] - offset[i]))
     table = rows_of(text, head, str(path), int(line[i]), j == len(line))
     return table.cut(slice(first - i * STRIDE, stop - i * STRIDE))
-
-
-def _blocks(path: Path) -> Iterator[bytes]:
-    with path.open("rb") as stream:
-        rest = b""
-        while block := stream.read(BLOCK):
-            block = rest + block
-            end = block.rfind(b"\n") + 1 or block.rfind(b"\r", 0, -1) + 1
-            rest = block[end:]
-            if end:
-                yield block[:end]
-        if rest:
-            yield rest
 
 
 def _rows_of_whole(file: LogFile, first: int, stop: int) -> RawTable:

@@ -151,7 +151,13 @@ class FrameClosure(Closure):
 
     @classmethod
     def read(cls, name: str, table: TomlTable, context: Context) -> FrameClosure:
-        return cls(name, context.frame(table, "a"), context.frame(table, "b"))
+        a, b = (context.frame(table, end) for end in "ab")
+        return cls(name, a, b, **cls.settings(table))
+
+    @classmethod
+    def settings(cls, table: TomlTable) -> dict[str, Any]:
+        """Return what a kind reads beside its frames."""
+        return {}
 
     @property
     def frames(self) -> tuple[Frame, ...]:  # type: ignore[override]
@@ -204,19 +210,14 @@ class PointClosure(FrameClosure):
     kind: ClassVar[str] = "point"
     keys: ClassVar[tuple[str, ...]] = ("a", "b", "axes")
 
-    axes: str = "xyz"
-
-    @property
-    def position(self) -> str:  # type: ignore[override]
-        return self.axes
+    position: str = "xyz"  # type: ignore[misc]
 
     @classmethod
-    def read(cls, name: str, table: TomlTable, context: Context) -> PointClosure:
+    def settings(cls, table: TomlTable) -> dict[str, Any]:
         axes = table.text("axes", "xyz")
         if set(axes) - set("xyz") or len(set(axes)) != len(axes):
             raise table.error(f"axes = '{axes}'; some of the letters xyz, each once")
-        axes = "".join(sorted(axes))
-        return cls(name, context.frame(table, "a"), context.frame(table, "b"), axes=axes)
+        return {"position": "".join(sorted(axes))}
 
 
 class RevoluteClosure(FrameClosure):
@@ -271,11 +272,11 @@ class DistanceClosure(FrameClosure):
     length: float = 0.0
 
     @classmethod
-    def read(cls, name: str, table: TomlTable, context: Context) -> DistanceClosure:
+    def settings(cls, table: TomlTable) -> dict[str, Any]:
         length = table.number("length", 0.0)
         if not length > 0:
             raise table.error(f"length = {length:g} m; a distance needs one above 0")
-        return cls(name, context.frame(table, "a"), context.frame(table, "b"), length=length)
+        return {"length": length}
 
     def between(self, a: Placement, b: Placement) -> Constraint:
         """Return Φ = |p_b − p_a| − length."""
