@@ -364,12 +364,11 @@ class Mechanism(Displayed):
         """
         present = {effect.label for effect in self.effects}
         for effect in self.effects:
-            for other in effect.required:
-                if other not in present:
-                    raise MechanismError(
-                        f"{self.name}: effect '{effect.label}' changes '{other}', which is not "
-                        f"there; add it, or leave out {effect.label}"
-                    )
+            for other in {*effect.required} - present:
+                raise MechanismError(
+                    f"{self.name}: effect '{effect.label}' changes '{other}', which is not there; "
+                    f"add it, or leave out {effect.label}"
+                )
 
     def without(self, label: str) -> Mechanism:
         """This mechanism without one of its effects, named as `kind:joint`.

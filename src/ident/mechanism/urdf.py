@@ -220,8 +220,8 @@ def lock(
         for name, mimic in pending:
             if name not in locked and mimic.get("joint") in locked:
                 (factor,), (offset,) = (
-                    numbers(mimic, key, NUMBERS["mimic"][key], 1, where)
-                    for key in ("multiplier", "offset")
+                    numbers(mimic, key, default, 1, where)
+                    for key, default in NUMBERS["mimic"].items()
                 )
                 locked[name] = factor * locked[mimic.get("joint")] + offset
     for name, value in locked.items():
