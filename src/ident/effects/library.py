@@ -22,38 +22,9 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
+from ident.effects import drive, joint
 from ident.effects.curve import Curve
-from ident.effects.drive import (
-    Backlash,
-    ClosureCompliance,
-    Coupling,
-    Delay,
-    Drift,
-    Elasticity,
-    EncoderOffset,
-    Geometry,
-    GravityTilt,
-    RotorInertia,
-    TorqueGain,
-    TorqueOffset,
-)
 from ident.effects.effect import Effect, OnFirst, Shape, Signals, Sites, Unknown
-from ident.effects.joint import (
-    Cable,
-    Coulomb,
-    Drag,
-    EndStop,
-    FrictionWidth,
-    Hysteresis,
-    LoadFriction,
-    Payload,
-    Ripple,
-    Spring,
-    Stribeck,
-    TemperatureFriction,
-    Viscous,
-    direction,
-)
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import function_of
 from ident.text import listed, places
@@ -61,10 +32,12 @@ from ident.text import listed, places
 KINDS: Mapping[str, type[Effect]] = {
     effect.kind: effect
     for effect in (
-        Viscous, Coulomb, Stribeck, FrictionWidth, LoadFriction, Hysteresis, Drag, Spring, Cable,
-        EndStop, RotorInertia, Coupling, Ripple, TorqueOffset, TorqueGain, Delay, EncoderOffset,
-        GravityTilt, Payload, Elasticity, Backlash, Geometry, ClosureCompliance,
-        TemperatureFriction, Drift, Curve,
+        joint.Viscous, joint.Coulomb, joint.Stribeck, joint.FrictionWidth, joint.LoadFriction,
+        joint.Hysteresis, joint.Drag, joint.Spring, joint.Cable, joint.EndStop,
+        drive.RotorInertia, drive.Coupling, joint.Ripple, drive.TorqueOffset, drive.TorqueGain,
+        drive.Delay, drive.EncoderOffset, drive.GravityTilt, joint.Payload, drive.Elasticity,
+        drive.Backlash, drive.Geometry, drive.ClosureCompliance, joint.TemperatureFriction,
+        drive.Drift, Curve,
     )
 }  # fmt: skip
 
@@ -267,7 +240,7 @@ class UserEffect(OnFirst):
         heat = np.stack([s.extra[name] for name in self.reads()] or list(zero.T))
         shape = np.array([s.shape[each.name] for each in self.shapes]).reshape(-1, 1)
         values = self._compiled(
-            *(x.T for x in (s.q, s.v, s.a, *asked, direction(s.v, s.still))), heat,
+            *(x.T for x in (s.q, s.v, s.a, *asked, joint.direction(s.v, s.still))), heat,
             (s.t - s.t[0])[None], np.tile(shape, len(s.t)),
         )  # fmt: skip
         E: np.ndarray = values.full().T

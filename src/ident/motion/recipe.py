@@ -41,21 +41,13 @@ LOOKED_AT = 500  # work: samples from which the closures' transmission is taken
 
 @dataclass(frozen=True)
 class Band:
-    """Bandwidth and noise of a motion, and the filter that follows from them.
+    """Bandwidth and noise of a motion, and the filter that follows from them."""
 
-    Attributes:
-        motion: frequency below which 99.9 % of the velocities' power lies [Hz].
-        noise: largest share of noise found in a channel that the regression uses.
-        cutoff: of the zero-phase filter on all columns [Hz]; None: nothing to filter.
-        knots: least and largest spacing of knots [s] that smoothing may choose.
-        white: whether noise is white in all channels of the motion.
-    """
-
-    motion: float
-    noise: float
-    cutoff: float | None
-    knots: tuple[float, float] = (0.0, np.inf)
-    white: bool = False
+    motion: float  # frequency below which 99.9 % of the velocities' power lies [Hz]
+    noise: float  # largest share of noise found in a channel that the regression uses
+    cutoff: float | None  # of the zero-phase filter on all columns [Hz]; None: nothing to filter
+    knots: tuple[float, float] = (0.0, np.inf)  # spacings [s] between which smoothing may choose
+    white: bool = False  # whether noise is white in all channels of the motion
 
     @property
     def resolved(self) -> float:
