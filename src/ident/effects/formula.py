@@ -69,18 +69,13 @@ SEARCHED: Mapping[str, tuple[Between, Callable[[float, float], Iterable[float]]]
 
 @dataclass(frozen=True)
 class Scale:
-    """A constant within a term, and where it is searched.
+    """A constant within a term, and where it is searched."""
 
-    Attributes:
-        name: in the term's text.
-        of: what it is of its signal, a key of SEARCHED: the `width` of its range, a `place` in it
-            or `beyond` it, a `wave` over it; or an angle, a share, an exponent, a power.
-        signal: whose range, a signal or a sum of two; empty where that does not matter.
-    """
-
-    name: str
+    name: str  # in the term's text
+    # what it is of its signal, a key of SEARCHED: the `width` of its range, a `place` in it or
+    # `beyond` it, a `wave` over it; or an angle, a share, an exponent, a power
     of: str
-    signal: str = ""
+    signal: str = ""  # whose range, a signal or a sum of two; empty where that does not matter
 
     @property
     def powers(self) -> Powers:
@@ -107,17 +102,11 @@ class Scale:
 
 @dataclass(frozen=True)
 class Term:
-    """A part of a formula: columns f_i with a coefficient each, and constants within them.
+    """A part of a formula: columns f_i with a coefficient each, and constants within them."""
 
-    Attributes:
-        columns: Python texts.
-        scales: the constants.
-        known_as: name of the law in the literature; empty where it has none.
-    """
-
-    columns: tuple[str, ...]
-    scales: tuple[Scale, ...] = ()
-    known_as: str = ""
+    columns: tuple[str, ...]  # Python texts
+    scales: tuple[Scale, ...] = ()  # the constants
+    known_as: str = ""  # name of the law in the literature; empty where it has none
 
     @cached_property
     def powers(self) -> tuple[Powers, ...]:

@@ -137,9 +137,7 @@ def _opened(
     mechanism: Mechanism, e: State, name: str, C: float, whole: Samples, cutoff: float | None
 ) -> State:
     """q + K⁺ [C λ; 0], with the rates that come with it; exact to first order in C."""
-    known = zip(mechanism.kinematics.multipliers, mechanism.kinematics.units, strict=True)
-    forces = [each if unit == "N" else "" for each, unit in known]
-    mine = [i for i, each in enumerate(forces) if each.startswith(f"{name}.")]
+    mine = mechanism.kinematics.forces_of(name)
     gap = C * whole.multipliers()[:, mine]
     step = np.einsum("nij,nj->ni", e.pinv[:, :, mine], gap)
     rates = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)

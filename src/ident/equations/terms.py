@@ -306,7 +306,7 @@ def joint_loads(
         elif name in mechanism.driven:
             torque[:, i] = load[:, i] = tau[:, mechanism.driven.index(name)]
         elif not joint.in_tree:
-            extract = pinv[:, :, mechanism.kinematics.forces_at(name)]
+            extract = pinv[:, :, mechanism.kinematics.forces_of(name)]
             force = np.einsum("nij,ni->nj", extract, rigid + others - known)
             torque[:, i] = load[:, i] = np.linalg.norm(force, axis=1)
     return torque, load

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -40,10 +40,11 @@ class Frame:
         """Return the frame's world placement, given those of the joints."""
         return joints[self.joint] * Placement.of(self.placement)
 
-    def moved(self, step: np.ndarray) -> Frame:
-        """Return the frame moved by a step (3,) in the axes of its link [m]."""
-        at = self.placement
-        return replace(self, placement=pin.SE3(at.rotation, at.translation + step))
+
+def shifted(placement: pin.SE3, axis: str, by: float) -> pin.SE3:
+    """Return a placement moved along x, y or z [m] of the frame that it is stated in."""
+    step = by * np.eye(3)["xyz".index(axis)]
+    return pin.SE3(placement.rotation, placement.translation + step)
 
 
 @dataclass(frozen=True)
@@ -96,18 +97,14 @@ class Context:
 
 @dataclass(frozen=True)
 class Closure(ABC):
-    """Scalar equations between coordinates, which their multipliers enforce.
-
-    Args:
-        name: of the closure, first part of its multipliers' names.
-    """
+    """Scalar equations between coordinates, which their multipliers enforce."""
 
     kind: ClassVar[str]
     keys: ClassVar[tuple[str, ...]]  # of its table beside `name` and `kind`
     frames: ClassVar[tuple[Frame, ...]] = ()  # a and b, where it holds two frames together
     tied: ClassVar[tuple[str, ...]] = ()  # joints whose coordinates it counts, where it knows them
 
-    name: str
+    name: str  # first part of its multipliers' names
 
     @classmethod
     @abstractmethod
@@ -133,11 +130,7 @@ class Closure(ABC):
 
 @dataclass(frozen=True)
 class FrameClosure(Closure):
-    """Two frames a and b held together; a subclass says what is kept at zero, and what is free.
-
-    Args:
-        own_name: of its own joint, where that is not `closure.<name>`.
-    """
+    """Two frames a and b held together; a subclass says what is kept at zero, and what is free."""
 
     keys: ClassVar[tuple[str, ...]] = ("a", "b")
     position: ClassVar[str] = "xyz"  # components of d that are zero
@@ -147,7 +140,7 @@ class FrameClosure(Closure):
 
     a: Frame
     b: Frame
-    own_name: str = ""
+    own_name: str = ""  # of its own joint, where that is not `closure.<name>`
 
     @classmethod
     def read(cls, name: str, table: TomlTable, context: Context) -> FrameClosure:
@@ -199,8 +192,9 @@ class FrameClosure(Closure):
 
     def moved(self, place: str, by: float) -> Closure:
         _, end, axis = place.rsplit(".", 2)
-        step = by * np.eye(3)["xyz".index(axis)]
-        return replace(self, **{end: getattr(self, end).moved(step)})
+        frame: Any = getattr(self, end)
+        frame = replace(frame, placement=shifted(frame.placement, axis, by))
+        return replace(self, **{end: frame})
 
 
 @dataclass(frozen=True)
@@ -210,7 +204,7 @@ class PointClosure(FrameClosure):
     kind: ClassVar[str] = "point"
     keys: ClassVar[tuple[str, ...]] = ("a", "b", "axes")
 
-    position: str = "xyz"  # type: ignore[misc]
+    position: str = field(default="xyz", kw_only=True)  # type: ignore[misc]
 
     @classmethod
     def settings(cls, table: TomlTable) -> dict[str, Any]:
@@ -260,16 +254,12 @@ class FixedClosure(FrameClosure):
 
 @dataclass(frozen=True)
 class DistanceClosure(FrameClosure):
-    """A massless rod between the origins of both frames.
-
-    Args:
-        length: of the rod [m].
-    """
+    """A massless rod between the origins of both frames."""
 
     kind: ClassVar[str] = "distance"
     keys: ClassVar[tuple[str, ...]] = ("a", "b", "length")
 
-    length: float = 0.0
+    length: float = 0.0  # of the rod [m]
 
     @classmethod
     def settings(cls, table: TomlTable) -> dict[str, Any]:

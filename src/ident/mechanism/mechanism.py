@@ -19,7 +19,7 @@ from ident.effects.library import with_values
 from ident.errors import MechanismError, one_of
 from ident.information import linear
 from ident.log import Column
-from ident.mechanism.closures import Closure
+from ident.mechanism.closures import Closure, shifted
 from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.parameters import Bodies, Consistency, Covariance, dynamic_parameters
 
@@ -449,9 +449,7 @@ class Mechanism(Displayed):
         if self.model.existJointName(owner):
             model = self.model.copy()
             index = model.getJointId(owner)
-            at = model.jointPlacements[index]
-            step = by * np.eye(3)["xyz".index(axis)]
-            model.jointPlacements[index] = pin.SE3(at.rotation, at.translation + step)
+            model.jointPlacements[index] = shifted(model.jointPlacements[index], axis, by)
             return replace(self, model=model)
         closures = [c.moved(place, by) if place in c.places else c for c in self.closures]
         return replace(self, closures=tuple(closures))

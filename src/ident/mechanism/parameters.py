@@ -142,15 +142,10 @@ class Consistency:
 
 @dataclass(frozen=True, eq=False)
 class Covariance:
-    """Errors of known values that an earlier fit has found.
+    """Errors of known values that an earlier fit has found."""
 
-    Attributes:
-        names: (n,) of parameters of bodies and effects.
-        matrix: (n, n) their covariance, in the parameters' units.
-    """
-
-    names: tuple[str, ...]
-    matrix: np.ndarray
+    names: tuple[str, ...]  # (n,) of parameters of bodies and effects
+    matrix: np.ndarray  # (n, n) their covariance, in the parameters' units
 
     @property
     def root(self) -> np.ndarray:
