@@ -7,6 +7,7 @@ content of an effect file, which CasADi evaluates.
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -317,17 +318,17 @@ class Formula(OfSignals):
         """
         if len(self.found) < len(self.shapes):
             return None
-        several = len(self.joints) > 1
+        at = ("[0]", "[1]") if len(self.joints) > 1 else ("", "")
         texts = [SIGN.sub(r"sign_\1", text) for text in self.columns_text]
         words = {*re.findall(r"\w+", " ".join(texts))}
-        lines = []
-        for name in sorted(self.depends_on & words):
-            own = name.removesuffix("_o")
-            at = "" if not several or name == "t" else "[1]" if own != name else "[0]"
-            lines.append(f"    {self.written(name)} = s.{'lam' if own == 'load' else own}{at}")
-        for i, name in enumerate(("sign_v", "sign_v_o")):
-            if name in words:
-                lines.append(f"    {name} = s.direction{f'[{i}]' if several else ''}")
+        signals = {f"{x}{o}": f"s.{x}{at[bool(o)]}" for x in UNITS for o in ("", "_o")}
+        signals |= {"t": "s.t", "load": f"s.lam{at[0]}"}
+        signals |= {f"sign_v{o}": f"s.direction{at[bool(o)]}" for o in ("", "_o")}
+        lines = [
+            f"    {self.written(name)} = {signals[name]}"
+            for name in (*sorted(self.depends_on), "sign_v", "sign_v_o")
+            if name in words
+        ]
         units = dict(zip((u.name for u in self.parameters), self.units, strict=True))
         given = ""
         for name, (start, low, high) in self.found.items():
@@ -338,21 +339,17 @@ class Formula(OfSignals):
             f'        "{u.name} [{units[u.name]}]": {self.written(text)},'
             for u, text in zip(self.unknowns, texts, strict=True)
         ]
-        title = f'"""A law found in the data of {plain(self.joints[0])}: {DESCRIPTION}."""'
-        head = [title, "", "import casadi as ca"]
+        head = [f'"""A law found in the data of {plain(self.joints[0])}: {DESCRIPTION}."""', ""]
+        head += ["import casadi as ca"]
         if functions := [word for word in FUNCTIONS if word in words and word != "sign"]:
             head.append(f"from casadi import {', '.join(functions)}")
         if "sign" in words:
             head += ["", "", "def sign(x):", '    """Return a sign that is smooth around zero."""',
                      f"    return ca.tanh(x / {SMOOTH:g})"]  # fmt: skip
         values = [f"    {n} = {rounded(*found[n])} {units[n]}" for n in units if n in found]
-        doc = (
-            [f'    """{self.text}', "", *values, '    """']
-            if values
-            else [f'    """{self.text}"""']
-        )
+        doc = "\n".join([f'    """{self.text}', *(["", *values, "    "] if values else [])]) + '"""'
         content = "\n".join([
-            *head, "", "", f"def {self.name}(s{given}):", *doc, *lines, "    return {", *columns,
+            *head, "", "", f"def {self.name}(s{given}):", doc, *lines, "    return {", *columns,
             "    }", "",
         ])  # fmt: skip
         return self.file_name, content.encode()
@@ -372,9 +369,6 @@ def _product(name: str, text: str) -> str:
 
 def factor(text: str) -> str:
     """Return a text as a factor: in brackets where a sum is outside all of its own."""
-    depth = 0
-    for i, character in enumerate(text):
-        depth += (character == "(") - (character == ")")
-        if depth == 0 and character in "+-" and i and text[i - 1] == " ":
-            return f"({text})"
-    return text
+    node = ast.parse(text, mode="eval").body
+    is_sum = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
+    return f"({text})" if is_sum else text

@@ -217,8 +217,7 @@ class DesignProblem:
         grown = family.at(t).grow(x, lambda rows: True)
         assert grown is not None  # it is known to close
         e = grown[1].e
-        top = top_speeds(e)
-        rows = family.rows(replace(e, still=thresholds(top, np.zeros_like(top))))
+        rows = family.rows(replace(e, still=thresholds(top_speeds(e))))
         e, mechanism, columns = rows.e, family.mechanism, family.columns
         result = Determined(columns, rows, self.sigma)
         logged = joint_columns(mechanism, {"q": e.y, "v": e.yd, "a": e.ydd}, mechanism.driven)

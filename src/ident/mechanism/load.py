@@ -323,18 +323,15 @@ def _unmeasured(
 
 def _remarks(mechanism: Mechanism) -> list[str]:
     asked = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
-    remarks = [
+    idle = mechanism.passive and not mechanism.driven
+    return [
+        "nothing is driven: [joints] passive names every joint, so no torque is compared with a "
+        "model; leave out the joints whose torque is logged"
+    ] * bool(idle) + [
         f"link '{link}' has no <inertial>; its prior is massless"
         for link in mechanism.bodies.links
         if link in asked and not mechanism.prior[mechanism.bodies.columns(link)].any()
     ]
-    if mechanism.passive and not mechanism.driven:
-        remarks.insert(
-            0,
-            "nothing is driven: [joints] passive names every joint, so no torque is compared with "
-            "a model; leave out the joints whose torque is logged",
-        )
-    return remarks
 
 
 def _columns(table: TomlTable, joints: Sequence[str]) -> dict[str, Column]:

@@ -252,8 +252,7 @@ def prescribed(
     ).at(mechanism, known, joints, start="follow")  # fmt: skip
     if mechanism.closures:
         e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
-    top = top_speeds(e)
-    e = replace(e, still=thresholds(top, np.zeros_like(top)))
+    e = replace(e, still=thresholds(top_speeds(e)))
     return Motion((e,), e.independent, Band(0.0, 0.0, None), 0.0, mechanism=mechanism)
 
 

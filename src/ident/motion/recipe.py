@@ -143,14 +143,10 @@ def checked_cutoff(cutoff: float | str, measured: Sequence[LogSignals]) -> float
     slowest = max(measured, key=lambda signals: signals.dt)
     nyquist = 0.5 / slowest.dt
     lowest = 1 / max(float(np.ptp(signals.t)) for signals in measured)
-    if 0 < value < lowest:
+    if not lowest <= value < nyquist:
         raise MotionError(
-            f"cut-off {value:g} Hz: no log is long enough for it; valid: above {lowest:.3g} Hz"
-        )
-    if not 0 < value < nyquist:
-        raise MotionError(
-            f"{slowest.log.name}: cut-off {value:g} Hz; valid: above 0 and below {nyquist:.4g} Hz, "
-            "half this log's rate, or none"
+            f"{slowest.log.name}: cut-off {value:g} Hz; valid: {lowest:.3g} Hz, one period in the "
+            f"longest log, to below {nyquist:.4g} Hz, half this log's rate, or none"
         )
     return value
 
@@ -199,7 +195,7 @@ def top_speeds(e: State) -> np.ndarray:
     return np.asarray(np.abs(e.yd[e.usable]).max(axis=0, initial=0.0))
 
 
-def thresholds(top: np.ndarray, noise: np.ndarray) -> np.ndarray:
+def thresholds(top: np.ndarray, noise: np.ndarray | float = 0.0) -> np.ndarray:
     """(J,) speeds of standstill from top speeds and speeds that noise feigns, both (J,)."""
     speed = np.maximum(STILL * top, noise)
     return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
