@@ -499,14 +499,10 @@ class OnFirst(Effect):
 
 @dataclass(frozen=True)
 class OfSignals(OnFirst):
-    """A torque that is a function of signals of its joints.
-
-    Args:
-        second_rotational: whether the second joint is rotational.
-    """
+    """A torque that is a function of signals of its joints."""
 
     not_integrable = ""  # its state is the time
-    second_rotational: bool = field(default=True, kw_only=True)
+    second_rotational: bool = field(default=True, kw_only=True)  # whether the second joint turns
 
     @property
     @abstractmethod

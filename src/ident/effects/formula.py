@@ -148,18 +148,13 @@ def _value(text: str, names: Mapping[str, Any]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Formula(OfSignals):
-    """A sum of terms of one joint's signals, and of another joint's.
-
-    Args:
-        terms: of the sum.
-        name: of the function in its file, and of the kind.
-        found: of each constant within the terms, where a search begins, and its bounds.
-    """
+    """A sum of terms of one joint's signals, and of another joint's."""
 
     signature: ClassVar[str] = "the residual against the signals is this formula"
     source: ClassVar[str] = "found in the data"
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
-    name: str = field(default="law", kw_only=True)
+    name: str = field(default="law", kw_only=True)  # of the function in its file, and of the kind
+    # of each constant within the terms, where a search begins, and its bounds
     found: Mapping[str, tuple[float, float, float]] = field(default_factory=dict, kw_only=True)
 
     @property

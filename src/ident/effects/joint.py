@@ -370,9 +370,8 @@ class EndStop(Effect):
         # the outer thirds, in steps of a twentieth of the travel
         low, high = s.travel[0]
         share = np.linspace(0.05, 0.4, 8)
-        upper = [{"q1": float(high - x * (high - low)), "side": 1.0} for x in share]
-        lower = [{"q1": float(low + x * (high - low)), "side": -1.0} for x in share]
-        return [*upper, *lower]
+        ends = ((1.0, high, low), (-1.0, low, high))
+        return [{"q1": float(a + x * (b - a)), "side": side} for side, a, b in ends for x in share]
 
 
 class Ripple(Effect):

@@ -31,21 +31,16 @@ DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
 
 @dataclass(frozen=True)
 class Joint:
-    """One scalar coordinate: of the tree (`index` into q and v) or of a closure (`index` into own).
-
-    Attributes:
-        lower, upper: [rad | m]; infinite where the URDF gives none.
-        velocity: [rad/s | m/s]; effort: [N m | N].
-    """
+    """One scalar coordinate of the tree (`index` into q and v) or of a closure (into its own)."""
 
     name: str
     rotational: bool
     index: int
     in_tree: bool = True
-    lower: float = -np.inf
+    lower: float = -np.inf  # [rad | m]; limits are infinite where the URDF gives none
     upper: float = np.inf
-    velocity: float = np.inf
-    effort: float = np.inf
+    velocity: float = np.inf  # [rad/s | m/s]
+    effort: float = np.inf  # [N m | N]
 
     @property
     def unit(self) -> str:
