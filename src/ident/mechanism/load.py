@@ -393,15 +393,11 @@ def unlogged_hands(mechanism: Mechanism, columns: Iterable[str]) -> tuple[str, .
     }
     if given and not logged:
         return ()  # columns are not mapped yet
-    model = mechanism.model
-    free = {i: model.names[i] not in logged for i in range(1, model.njoints)}
-    for i in reversed(free):
-        if not free[i] and model.parents[i]:
-            free[model.parents[i]] = False
-    hands: set[int] = set()
+    model, hands = mechanism.model, set[int]()
     for i, link in enumerate(mechanism.bodies.links, 1):
         own = any(map(WORDS.search, (model.names[i], link)))
-        if free[i] and (own or model.parents[i] in hands):
+        free = logged.isdisjoint(model.names[j] for j in model.subtrees[i])
+        if free and (own or model.parents[i] in hands):
             hands.add(i)
     return tuple(model.names[i] for i in sorted(hands) if model.names[i] in mechanism.driven)
 

@@ -175,18 +175,20 @@ def smoothed(
     pieces = [(run, t, basis_over(t[0], t[-1], h, origin)) for run, t in spans]
     own = [replace(channel, sigma=noise[channel.column]) for channel in channels]
     smooth = Smooth.of(own, names, h, pieces)
-    squares, counts = np.zeros(len(own)), np.zeros(len(own))
-    for run, spline in smooth.runs:
-        inside = [channel.within(signals.t[run]) for channel in own]
-        for k, off in enumerate(residuals(spline, inside, names)):
-            squares[k] += off @ off
-            counts[k] += len(off)
-    rms = np.sqrt(squares / np.maximum(counts, 1))
+    missed = [
+        residuals(spline, [channel.within(signals.t[run]) for channel in own], names)
+        for run, spline in smooth.runs
+    ]
     how = f"spline, knots {1e3 * h:.3g} ms"
     return smooth, [
-        Smoothed(channel.column, how, channel.sigma, float(off), h)
-        for channel, off in zip(channels, rms, strict=True)
+        Smoothed(channel.column, how, channel.sigma, rms(off), h)
+        for channel, off in zip(channels, zip(*missed, strict=True), strict=True)
     ]
+
+
+def rms(parts: Sequence[np.ndarray]) -> float:
+    """Root mean square of all numbers in some arrays."""
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
 def _as_logged(channels: Sequence[Channel], band: Band, exact: bool) -> bool:
@@ -267,8 +269,8 @@ def together(
     e = along(mechanism, e, smooth)
     how = f"spline in {', '.join(names)}, knots {1e3 * smooth.spacing:.3g} ms"
     table = [
-        Smoothed(each.column, how, sigma, rms, smooth.spacing)
-        for each, sigma, rms in zip(channels, white, missed(mechanism, e, channels), strict=True)
+        Smoothed(each.column, how, sigma, off, smooth.spacing)
+        for each, sigma, off in zip(channels, white, missed(mechanism, e, channels), strict=True)
     ]
     return replace(e, channels=tuple(table))
 
@@ -335,15 +337,15 @@ def fused(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> Smooth
 def missed(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> list[float]:
     """rms of measured minus smoothed of each channel, in all runs of an experiment."""
     assert e.smooth is not None
-    rms = []
+    found = []
     for channel in channels:
         series = e.known(mechanism, (channel.joint,))[channel.order, :, 0]
         parts = []
         for run, _ in e.smooth.runs:
             inside = channel.within(e.t[run])
             parts.append(inside.x - np.interp(inside.t, e.t[run], series[run]))
-        rms.append(float(np.sqrt(np.mean(np.concatenate(parts) ** 2))))
-    return rms
+        found.append(rms(parts))
+    return found
 
 
 def _rows(
