@@ -19,7 +19,7 @@ from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
 from ident.motion.knots import by_torques, doubtful, without_time_errors
-from ident.motion.noise import noise_level
+from ident.motion.noise import grain, noise_level
 from ident.motion.recipe import (
     AUTO,
     CLEAN,
@@ -32,13 +32,14 @@ from ident.motion.recipe import (
     thresholds,
     top_speeds,
 )
-from ident.motion.signals import LogSignals, measure, runs, without_repeats
+from ident.motion.signals import LogSignals, Smoothed, measure, runs, without_repeats
 from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
 from ident.motion.state import State, wrenches
 from ident.text import some
 
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # numerics: share of its motion below which a logged joint differs by rounding only
+MOSTLY = 0.5  # level: of a residual's squares that steps make, from which it is theirs
 NEAREST = 0.1  # work: periods of a given cut-off between two knots: the least of automatic choices
 ROUNDING = 1e-6  # numerics: of a sampling step, within which two times are the same
 LISTED = 4  # shown: cuts near singular positions that a note lists
@@ -333,13 +334,11 @@ def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str,
     columns = _unmapped(mechanism, fewest.log.columns)
     entries = entry_for("q", free, columns)
     if not logged and columns:
-        lacking = _unmapped_joints(mechanism, fewest.log.columns)
+        entries = entries_for(_unmapped_joints(mechanism, fewest.log.columns), columns)
         entries = entries or f'"q.{free[0]}" = "…", and so on for the others'
-        more = entries_for({c: own for c, own in lacking.items() if c != "q"}, columns)
         raise MotionError(
             f"{fewest.log.name}: no column is the position of a joint; write in mechanism.toml: "
-            f"[log] {entries}{more and f' and {more}'}; columns that are not used: "
-            f"{some(columns)}"
+            f"[log] {entries}; columns that are not used: {some(columns)}"
         )
     other = f"; or hold what did not move, as --lock {free[0]} does" if free else ""
     other += f"; or map columns that it has in mechanism.toml: [log] {entries}" if entries else ""
@@ -394,6 +393,8 @@ def state_of(
         if channel.how != AS_LOGGED:
             treated.setdefault(channel.how, []).append(channel.column)
     notes = [f"{log}: {', '.join(same)}: {how}" for how, same in treated.items()] + notes
+    if recipe is None:
+        notes += _in_steps(mechanism, signals, experiment.channels)
     rough = {
         c.column: c.residual / c.noise
         for c in experiment.channels
@@ -411,6 +412,27 @@ def state_of(
         )
     wrench = wrenches(mechanism, log, columns, experiment.q)
     return replace(experiment, wrench=wrench), notes
+
+
+def _in_steps(mechanism: Mechanism, signals: LogSignals, channels: Sequence[Smoothed]) -> list[str]:
+    found: dict[str, list[tuple[str, float]]] = {}
+    for each in channels:
+        if not each.spacing or not each.column.startswith("q."):
+            continue
+        step = grain(signals.log.series(each.column)[1])
+        if step**2 / 12 < MOSTLY * each.residual**2 or not step:
+            continue
+        joint = mechanism.joint(each.column.partition(".")[2])
+        words = f"{1e3 * step:.3g} m{joint.unit}"
+        if joint.rotational:
+            words += f" ({2 * np.pi / step:.0f} a turn, {np.log2(2 * np.pi / step):.3g} bit)"
+        words += f": {1e3 * step / np.sqrt(12):.2g} m{joint.unit} rms"
+        found.setdefault(words, []).append((each.column, step / np.sqrt(12) / each.residual))
+    return [
+        f"{signals.log.name}: {', '.join(name for name, _ in same)}: rounded to steps of {words}, "
+        f"{min(1.0, max(share for _, share in same)):.0%} of the noise that smoothing takes off"
+        for words, same in found.items()
+    ]
 
 
 def _disagreements(
