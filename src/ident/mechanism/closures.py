@@ -23,7 +23,7 @@ import pinocchio as pin
 
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import TomlTable, function_of
-from ident.mechanism.tree import Placement
+from ident.mechanism.tree import Placement, is_rotational
 
 Coordinates = Mapping[str, ca.SX]
 
@@ -71,7 +71,6 @@ class Context:
     """The tree that a closure closes, and the rules for reading it from mechanism.toml."""
 
     model: pin.Model  # Pinocchio's
-    rotational: Mapping[str, bool]  # of every joint of the tree, by name
     folder: Path  # of mechanism.toml
     allow_code: bool  # whether Python files may be run
 
@@ -306,13 +305,15 @@ class LinearClosure(Closure):
                 f"{len(joints)} joints and {len(ratios)} ratios; two or more different joints "
                 "with one ratio each are expected"
             )
+        model, known = context.model, [*context.model.names][1:]
         for joint in joints:
-            if joint not in context.rotational:
-                raise table.error(f"no joint '{joint}'; {one_of(joint, context.rotational)}")
+            if joint not in known:
+                raise table.error(f"no joint '{joint}'; {one_of(joint, known)}")
         if 0.0 in ratios:
             raise table.error(f"ratios = {list(ratios)}; a ratio of 0 ties nothing")
         offset = table.number("offset", 0.0)
-        return cls(name, joints, ratios, offset, context.rotational[joints[0]])
+        turns = is_rotational(model, model.getJointId(joints[0]))
+        return cls(name, joints, ratios, offset, turns)
 
     def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
         q = ca.vertcat(*(joints[name] for name in self.joints))

@@ -97,7 +97,7 @@ def load(
     bodies, joints = Bodies(tree.links), _tree_joints(tree)
     logged = _columns(top.table("log"), [*(joint.name for joint in joints), *held])
     folder = (toml or urdf).parent
-    context = Context(tree.model, {j.name: j.rotational for j in joints}, folder, allow_code)
+    context = Context(tree.model, folder, allow_code)
     passive, start = _passive_and_start(top.table("joints"), tree, joints, held)
     basis, parameters = top.table("multipliers"), top.table("parameters")
     basis.check("basis", "spacing")

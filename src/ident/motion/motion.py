@@ -42,7 +42,6 @@ AGREE = 1e-9  # numerics: share of its motion below which a logged joint differs
 MOSTLY = 0.5  # level: of a residual's squares that steps make, from which it is theirs
 NEAREST = 0.1  # work: periods of a given cut-off between two knots: the least of automatic choices
 ROUNDING = 1e-6  # numerics: of a sampling step, within which two times are the same
-LISTED = 4  # shown: cuts near singular positions that a note lists
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -467,11 +466,9 @@ def left_out(before: State, after: State) -> list[str]:
     singular = before.usable & ~after.usable
     if not singular.any():
         return []
-    cut = [(after.t[each.start], after.t[each.stop - 1]) for each in runs(singular)]
-    listed = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in cut[:LISTED])
-    more = f" and {len(cut) - LISTED} more" if len(cut) > LISTED else ""
+    cuts = [f"{after.t[x.start]:.4g} to {after.t[x.stop - 1]:.4g}" for x in runs(singular)]
     return [
         f"{after.name}: {int(singular.sum())} of {len(after)} samples are left out, near a "
-        f"singular position of {', '.join(after.independent)}: t = {listed} s{more}; nothing is "
+        f"singular position of {', '.join(after.independent)}: t = {some(cuts)} s; nothing is "
         "filtered across these cuts"
     ]
