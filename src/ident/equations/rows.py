@@ -262,15 +262,17 @@ def informing(
     s: Samples,
     farthest: np.ndarray | None,
     informative: Sequence[tuple[str, np.ndarray]] | None = None,
+    least: float = MINE,
 ) -> np.ndarray:
     """(n, r), false where a joint of the coordinate does not inform: by default one with dry
-    friction that stands still; `farthest` is `largest_transmission`.
+    friction that stands still; `farthest` is `largest_transmission`, and a joint that moves by less
+    than the share `least` of it is none of the coordinate's.
     """
     informed = np.ones(s.shape, dtype=bool)
     for name, moves in s.informative if informative is None else informative:
         at, lever = s.lever(name)
         most = np.ones(1) if farthest is None else farthest[s.mechanism.joint_index[name]]
-        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > MINE * most)
+        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > least * most)
         informed[:, at] &= moves[:, None] | ~moved
     return informed
 
@@ -418,8 +420,4 @@ def stack(scene: Scene, cutoff: float | None, segment: slice, basis: Basis) -> I
 def full_rows(scene: Scene, part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (n, nv, k), b (n, nv) of [Γ E] and the known side, and (n, nv) whether a row informs."""
     s, found = scene.whole.generalised(part), scene.terms(part, full=True)
-    informed = np.ones(s.shape, dtype=bool)
-    for name, moves in s.informative:
-        rows, W = s.lever(name)
-        informed[:, rows] &= moves[:, None] | (np.abs(W) < ABSENT)
-    return found.A, found.b, informed
+    return found.A, found.b, informing(s, None, least=ABSENT)
