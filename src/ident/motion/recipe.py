@@ -143,10 +143,14 @@ def checked_cutoff(cutoff: float | str, measured: Sequence[LogSignals]) -> float
     slowest = max(measured, key=lambda signals: signals.dt)
     nyquist = 0.5 / slowest.dt
     lowest = 1 / max(float(np.ptp(signals.t)) for signals in measured)
-    if not lowest <= value < nyquist:
+    if 0 < value < lowest:
         raise MotionError(
-            f"{slowest.log.name}: cut-off {value:g} Hz; valid: {lowest:.3g} Hz, one period in the "
-            f"longest log, to below {nyquist:.4g} Hz, half this log's rate, or none"
+            f"cut-off {value:g} Hz: no log is long enough for it; valid: above {lowest:.3g} Hz"
+        )
+    if not 0 < value < nyquist:
+        raise MotionError(
+            f"{slowest.log.name}: cut-off {value:g} Hz; valid: above 0 and below {nyquist:.4g} Hz, "
+            "half this log's rate, or none"
         )
     return value
 
