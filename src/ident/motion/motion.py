@@ -29,8 +29,7 @@ from ident.motion.recipe import (
     checked_cutoff,
     checked_spacing,
     standstill,
-    thresholds,
-    top_speeds,
+    still_speeds,
 )
 from ident.motion.signals import LogSignals, Smoothed, measure, runs, without_repeats
 from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
@@ -252,7 +251,7 @@ def prescribed(
     ).at(mechanism, known, joints, start="follow")  # fmt: skip
     if mechanism.closures:
         e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
-    e = replace(e, still=thresholds(top_speeds(e)))
+    e = replace(e, still=still_speeds(e))
     return Motion((e,), e.independent, Band(0.0, 0.0, None), 0.0, mechanism=mechanism)
 
 

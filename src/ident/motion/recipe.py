@@ -191,16 +191,12 @@ def standstill(
     noise = np.array([NOISE * _speed_noise(signals, e, name) for name in names])
     some = e.leverage[np.flatnonzero(e.usable)[:: max(1, len(e) // LOOKED_AT)]]
     gain = some @ linear.pinv(some[:, at])
-    return thresholds(top_speeds(e), np.sqrt((gain**2).mean(axis=0) @ noise**2))
+    return still_speeds(e, np.sqrt((gain**2).mean(axis=0) @ noise**2))
 
 
-def top_speeds(e: State) -> np.ndarray:
-    """(J,) of the usable samples [rad/s | m/s]."""
-    return np.asarray(np.abs(e.yd[e.usable]).max(axis=0, initial=0.0))
-
-
-def thresholds(top: np.ndarray, noise: np.ndarray | float = 0.0) -> np.ndarray:
-    """(J,) speeds of standstill from top speeds and speeds that noise feigns, both (J,)."""
+def still_speeds(e: State, noise: np.ndarray | float = 0.0) -> np.ndarray:
+    """(J,) speeds of standstill, of top speeds and the speeds (J,) that noise feigns."""
+    top = np.abs(e.yd[e.usable]).max(axis=0, initial=0.0)
     speed = np.maximum(STILL * top, noise)
     return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
 
