@@ -20,8 +20,7 @@ Or the paper's stack [Γ E | JᵀB] (eq. 7-8): all rows, multipliers expanded in
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -241,21 +240,17 @@ class Rows:
     def __len__(self) -> int:
         return len(self.t)
 
-    @property
-    def arrays(self) -> list[Any]:
-        """All of these."""
-        return [getattr(self, each.name) for each in fields(Rows)]
-
     def __getitem__(self, which: slice | np.ndarray) -> Rows:
         """Some of the rows."""
-        return Rows(*(x[which] for x in self.arrays))
+        return Rows(**{name: x[which] for name, x in vars(self).items()})
 
     @classmethod
     def joined(cls, parts: Sequence[Rows]) -> Rows:
         """Rows one after the other."""
         if len(parts) == 1:
             return parts[0]
-        return cls(*map(np.concatenate, zip(*(each.arrays for each in parts), strict=True)))
+        names = vars(parts[0])
+        return cls(**{x: np.concatenate([vars(part)[x] for part in parts]) for x in names})
 
 
 def informing(
