@@ -58,7 +58,9 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
             inertia.set(key, inertia.get(key, "0"))
     moving = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
     mimics = tuple(_take_mimics(moving, where))
-    etree.strip_elements(robot, "mimic", with_tail=False)  # of fixed joints, which ignore it
+    for joint in robot.findall("joint[@type='fixed'][mimic]"):
+        notes.append(f"joint '{joint.get('name')}' is fixed, so its <mimic> is ignored")
+    etree.strip_elements(robot, "mimic", with_tail=False)
     for joint in moving:
         limit = joint.find("limit")
         if joint.get("type") == "continuous" or limit is None:
