@@ -275,7 +275,7 @@ def _law(
         names_stay = not compare.clear(cubic.refit.loss, law.refit.loss, 1 + PARSIMONY)
     if named and not names_stay:
         once = any(_once(contest, m) for m in named)
-        chance = _hint(last, joint, law.formula.signals_used)
+        chance = _hint(last, joint, law.formula.depends_on)
         if not _takes_place(law, named, with_names, compare, chance, once):
             return None
     before, after = (float(compare.loss(x).sum()) for x in (regression.losses, law.refit.loss))

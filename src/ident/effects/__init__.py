@@ -4,14 +4,12 @@ from ident.effects.effect import Correcting, Correction, Effect, Signals, Sites,
 from ident.effects.joint import ReversalPulses
 from ident.effects.library import (
     KINDS,
-    UserEffect,
     candidates,
     create,
     kind_of,
     parse,
     parse_user,
     read_user_effect,
-    separating,
     user_effect,
 )
 
@@ -24,13 +22,11 @@ __all__ = [
     "Signals",
     "Sites",
     "Unknown",
-    "UserEffect",
     "candidates",
     "create",
     "kind_of",
     "parse",
     "parse_user",
     "read_user_effect",
-    "separating",
     "user_effect",
 ]

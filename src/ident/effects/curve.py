@@ -6,13 +6,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.effect import NOWHERE, UNITS, Bounds, Effect, Shape, Signals, Unknown, unit_of
+from ident.effects.effect import (
+    NOWHERE,
+    UNITS,
+    Bounds,
+    Effect,
+    OfSignals,
+    Shape,
+    Signals,
+    Unknown,
+    unit_of,
+)
 from ident.effects.joint import direction
 from ident.errors import MechanismError, one_of
 
@@ -27,7 +37,7 @@ OF_TWO = "q*q"  # a curve of the second joint's position, times the first joint'
 
 
 @dataclass(frozen=True)
-class Curve(Effect):
+class Curve(OfSignals):
     """A torque that is a smooth curve of a signal, or of a signal times another one."""
 
     kind = "curve"
@@ -35,11 +45,9 @@ class Curve(Effect):
     signals = (*UNITS, *PRODUCTS, OF_TWO)
     settings: ClassVar = {"pieces": 0.0}
     equation = "Σ c_k B_k(x) w, B_k cubic B-splines of x, with x w the signal: q, v, a, load, t, …"
-    second_rotational: bool = field(default=True, kw_only=True)
     signature = "the residual against the signal is a curve"
     confused_with = ("cable", "ripple", "gravity over a small range")
     source = "de Boor, A Practical Guide to Splines, 1978"
-    not_integrable = ""  # its state is the time
 
     @property
     def arity(self) -> int:  # type: ignore[override]
@@ -80,7 +88,6 @@ class Curve(Effect):
 
     @property
     def depends_on(self) -> frozenset[str]:
-        """Signals of its joint on which it depends."""
         second = "v" if self.second == "sign" else self.second
         return frozenset(each for each in (self.first, second) if each)
 
@@ -106,22 +113,8 @@ class Curve(Effect):
         return tuple(Unknown(f"x{i}", units, "knot", discrete=True) for i in range(self.pieces + 1))
 
     @property
-    def implicit(self) -> bool:  # type: ignore[override]
-        return "load" in self.depends_on
-
-    @property
-    def memory(self) -> bool:  # type: ignore[override]
-        return self.first == "t"  # it counts from the log's first sample
-
-    @property
-    def asks(self) -> tuple[str, ...]:  # type: ignore[override]
-        return tuple({"a", "load"} & self.depends_on)
-
-    def placed(self, rotational: Sequence[bool]) -> Effect:
-        return replace(self, rotational=rotational[0], second_rotational=rotational[-1])
-
-    def reads(self) -> tuple[str, ...]:
-        return (f"temperature.{self.joints[0]}",) if self.first == "temperature" else ()
+    def dry(self) -> bool:
+        return "v" in self.depends_on and self.second != "v"
 
     def _argument(self, s: Signals) -> np.ndarray:
         """x (n,) of the curve; of speed its size."""
@@ -139,25 +132,15 @@ class Curve(Effect):
             case _:
                 return s.load[:, 0]
 
-    def columns(self, s: Signals) -> np.ndarray:
+    def torque(self, s: Signals) -> np.ndarray:
         x, v = self._argument(s), s.v[:, 0]
         turn = direction(v, s.still[0])
         knots = np.array([s.shape[f"x{i}"] for i in range(self.pieces + 1)])
         if self.first == "v":
             B = basis(x, knots)
-            E = np.concatenate([B * turn[:, None], B], axis=1)
-        else:
-            w = {"": np.ones_like(v), "sign": turn, "v": v, "q": s.q[:, 0]}.get(self.second)
-            E = basis(x, knots) * (s.load[:, 0] if w is None else w)[:, None]
-        if self.arity == 1:
-            return E[:, None, :]
-        return np.stack([E, np.zeros_like(E)], axis=1)
-
-    def informed(self, s: Signals) -> np.ndarray:
-        found = np.ones(s.q.shape, dtype=bool)
-        if "v" in self.depends_on and self.second != "v":
-            found[:, 0] = np.abs(s.v[:, 0]) >= s.still[0]
-        return found
+            return np.concatenate([B * turn[:, None], B], axis=1)
+        w = {"": np.ones_like(v), "sign": turn, "v": v, "q": s.q[:, 0]}.get(self.second)
+        return basis(x, knots) * (s.load[:, 0] if w is None else w)[:, None]
 
     def bounds(self, s: Signals) -> Bounds:
         x = self._argument(s)

@@ -430,11 +430,12 @@ class Effect(ABC):
         return {shape.name: shape.range for shape in self.shapes if shape.range}
 
     def starts(self, s: Signals) -> list[Shape]:
-        """Shapes from which the outer search starts, so close that one leads to the optimum.
+        """Shapes from which the outer search starts, so close that one leads to the optimum: by
+        default 0, no correction at all.
 
         The signals `s` are those of its joints in all experiments.
         """
-        return [{}]
+        return [{shape.name: 0.0 for shape in self.shapes}]
 
     # --- correction and simulation --------------------------------------------------------------
 
@@ -470,6 +471,58 @@ class Correcting(Effect):
     def columns(self, s: Signals) -> np.ndarray:
         return np.zeros((*s.q.shape, 0))
 
-    def starts(self, s: Signals) -> list[Shape]:
-        # no correction at all
-        return [{shape.name: 0.0 for shape in self.shapes}]
+
+@dataclass(frozen=True)
+class OnFirst(Effect):
+    """An effect whose torque acts on the first of its joints; the others give signals alone."""
+
+    @abstractmethod
+    def torque(self, s: Signals) -> np.ndarray:
+        """E (n, unknowns) of the first joint."""
+
+    @property
+    @abstractmethod
+    def dry(self) -> bool:
+        """Whether it has the sign of its joints' speeds, and is open where one stands still."""
+
+    def columns(self, s: Signals) -> np.ndarray:
+        E = np.zeros((*s.q.shape, len(self.unknowns)))
+        E[:, 0] = self.torque(s)
+        return E
+
+    def informed(self, s: Signals) -> np.ndarray:
+        found = np.ones(s.q.shape, dtype=bool)
+        if self.dry:
+            found[:, 0] = (np.abs(s.v) >= s.still).all(axis=1)
+        return found
+
+
+@dataclass(frozen=True)
+class OfSignals(OnFirst):
+    """A torque that is a function of signals of its joints."""
+
+    not_integrable = ""  # its state is the time
+    second_rotational: bool = field(default=True, kw_only=True)  # whether the second joint turns
+
+    @property
+    @abstractmethod
+    def depends_on(self) -> frozenset[str]:
+        """Signals on which it depends."""
+
+    @property
+    def implicit(self) -> bool:  # type: ignore[override]
+        return "load" in self.depends_on
+
+    @property
+    def memory(self) -> bool:  # type: ignore[override]
+        return "t" in self.depends_on  # it counts from the log's first sample
+
+    @property
+    def asks(self) -> tuple[str, ...]:  # type: ignore[override]
+        return tuple({"a", "load"} & self.depends_on)
+
+    def placed(self, rotational: Sequence[bool]) -> Effect:
+        return replace(self, rotational=rotational[0], second_rotational=rotational[-1])
+
+    def reads(self) -> tuple[str, ...]:
+        return (f"temperature.{self.joints[0]}",) if "temperature" in self.depends_on else ()

@@ -7,10 +7,12 @@ content of an effect file, which CasADi evaluates.
 
 from __future__ import annotations
 
+import ast
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import cache, cached_property
+from itertools import product
 from types import CodeType
 from typing import Any, ClassVar
 
@@ -19,8 +21,8 @@ import numpy as np
 from ident.effects.effect import (
     UNITS,
     Bounds,
-    Effect,
     Found,
+    OfSignals,
     Powers,
     Shape,
     Signals,
@@ -68,18 +70,13 @@ SEARCHED: Mapping[str, tuple[Between, Callable[[float, float], Iterable[float]]]
 
 @dataclass(frozen=True)
 class Scale:
-    """A constant within a term, and where it is searched.
+    """A constant within a term, and where it is searched."""
 
-    Attributes:
-        name: in the term's text.
-        of: what it is of its signal, a key of SEARCHED: the `width` of its range, a `place` in it
-            or `beyond` it, a `wave` over it; or an angle, a share, an exponent, a power.
-        signal: whose range, a signal or a sum of two; empty where that does not matter.
-    """
-
-    name: str
+    name: str  # in the term's text
+    # what it is of its signal, a key of SEARCHED: the `width` of its range, a `place` in it or
+    # `beyond` it, a `wave` over it; or an angle, a share, an exponent, a power
     of: str
-    signal: str = ""
+    signal: str = ""  # whose range, a signal or a sum of two; empty where that does not matter
 
     @property
     def powers(self) -> Powers:
@@ -106,17 +103,11 @@ class Scale:
 
 @dataclass(frozen=True)
 class Term:
-    """A part of a formula: columns f_i with a coefficient each, and constants within them.
+    """A part of a formula: columns f_i with a coefficient each, and constants within them."""
 
-    Attributes:
-        columns: Python texts.
-        scales: the constants.
-        known_as: name of the law in the literature; empty where it has none.
-    """
-
-    columns: tuple[str, ...]
-    scales: tuple[Scale, ...] = ()
-    known_as: str = ""
+    columns: tuple[str, ...]  # Python texts
+    scales: tuple[Scale, ...] = ()  # the constants
+    known_as: str = ""  # name of the law in the literature; empty where it has none
 
     @cached_property
     def powers(self) -> tuple[Powers, ...]:
@@ -151,24 +142,20 @@ def _code(text: str) -> CodeType:
     return compile(text, "formula", "eval")
 
 
-@dataclass(frozen=True)
-class Formula(Effect):
-    """A sum of terms of one joint's signals, and of another joint's.
+def _value(text: str, names: Mapping[str, Any]) -> np.ndarray:
+    return np.asarray(eval(_code(text), {"__builtins__": {}}, names))
 
-    Args:
-        terms: of the sum.
-        name: of the function in its file, and of the kind.
-        found: of each constant within the terms, where a search begins, and its bounds.
-        second_rotational: whether the second joint is rotational.
-    """
+
+@dataclass(frozen=True)
+class Formula(OfSignals):
+    """A sum of terms of one joint's signals, and of another joint's."""
 
     signature: ClassVar[str] = "the residual against the signals is this formula"
     source: ClassVar[str] = "found in the data"
-    not_integrable = ""  # its state is the time
     terms: tuple[Term, ...] = field(default=(), kw_only=True)
-    name: str = field(default="law", kw_only=True)
+    name: str = field(default="law", kw_only=True)  # of the function in its file, and of the kind
+    # of each constant within the terms, where a search begins, and its bounds
     found: Mapping[str, tuple[float, float, float]] = field(default_factory=dict, kw_only=True)
-    second_rotational: bool = field(default=True, kw_only=True)
 
     @property
     def kind(self) -> str:  # type: ignore[override]
@@ -224,8 +211,7 @@ class Formula(Effect):
                 (each.unit(True, self.second_rotational), each.unit(False, self.second_rotational)),
                 "constant",
             )
-            for term in self.renamed
-            for each in term.scales
+            for each in self.scales
         )
 
     @property
@@ -234,19 +220,7 @@ class Formula(Effect):
         return tuple(each for term in self.renamed for each in term.scales)
 
     @property
-    def implicit(self) -> bool:  # type: ignore[override]
-        return "load" in self.signals_used
-
-    @property
-    def memory(self) -> bool:  # type: ignore[override]
-        return "t" in self.signals_used
-
-    @property
-    def asks(self) -> tuple[str, ...]:  # type: ignore[override]
-        return tuple({"a", "load"} & self.signals_used)
-
-    @property
-    def signals_used(self) -> frozenset[str]:
+    def depends_on(self) -> frozenset[str]:
         """Signals in its text; those of the other joint end in `_o`."""
         return frozenset().union(*(term.signals for term in self.terms))
 
@@ -255,14 +229,12 @@ class Formula(Effect):
         """Signals in its text, as columns of a log: `q.elbow`."""
         return tuple(
             f"{name.removesuffix('_o')}.{self.joints[name.endswith('_o')]}" if name != "t" else name
-            for name in sorted(self.signals_used)
+            for name in sorted(self.depends_on)
         )
 
-    def placed(self, rotational: Sequence[bool]) -> Effect:
-        return replace(self, rotational=rotational[0], second_rotational=rotational[-1])
-
-    def reads(self) -> tuple[str, ...]:
-        return tuple(name for name in self.logged if name.startswith("temperature."))
+    @property
+    def dry(self) -> bool:
+        return any(SIGN.search(text) for text in self.columns_text)
 
     @property
     def cost(self) -> int:
@@ -283,49 +255,47 @@ class Formula(Effect):
 
     # --- evaluation -----------------------------------------------------------------------------
 
-    def columns(self, s: Signals) -> np.ndarray:
-        names = {**_namespace(s, self.implicit, self.reads()), **s.shape}
+    def torque(self, s: Signals) -> np.ndarray:
+        names = {**self._namespace(s), **s.shape}
         with np.errstate(all="ignore"):
-            E = np.stack(
-                [
-                    np.broadcast_to(eval(_code(text), {"__builtins__": {}}, names), s.t.shape)
-                    for text in self.columns_text
-                ],
-                axis=1,
-            )
-        E = np.where(np.isfinite(E), E, 0.0)
-        if self.arity == 1:
-            return E[:, None, :]
-        whole = np.zeros((*s.q.shape, E.shape[1]))
-        whole[:, 0] = E
-        return whole
+            E = [np.broadcast_to(_value(text, names), s.t.shape) for text in self.columns_text]
+        return np.where(np.isfinite(E), E, 0.0).T
 
     def of_signal(self, name: str, x: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
         """Return the torque (n,) at values (n,) of its only signal, and values of its constants."""
-        names = {**FUNCTION_OF, name: x, **values}
-        return np.asarray(eval(_code(self.text), {"__builtins__": {}}, names) * np.ones_like(x))
-
-    def informed(self, s: Signals) -> np.ndarray:
-        found = np.ones(s.q.shape, dtype=bool)
-        if any(SIGN.search(text) for text in self.columns_text):
-            found[:, 0] = (np.abs(s.v) >= s.still).all(axis=1)
-        return found
+        return _value(self.text, {**FUNCTION_OF, name: x, **values}) * np.ones_like(x)
 
     def bounds(self, s: Signals) -> Bounds:
         if self.found:
             return {name: (low, high) for name, (_, low, high) in self.found.items()}
-        names = _namespace(s, self.implicit, self.reads())
-        return {each.name: each.bounds(_range(each, names)) for each in self.scales}
+        names = self._namespace(s)
+        return {x.name: x.bounds(_value(x.signal or "t", names)) for x in self.scales}
 
     def starts(self, s: Signals) -> list[Shape]:
         if self.found:
             return [{name: start for name, (start, _, _) in self.found.items()}]
-        names = _namespace(s, self.implicit, self.reads())
-        found: list[Shape] = [{}]
-        for each in self.scales:
-            values = each.starts(_range(each, names))
-            found = [{**one, each.name: value} for one in found for value in values]
-        return found
+        names = self._namespace(s)
+        every = [each.starts(_value(each.signal or "t", names)) for each in self.scales]
+        labels = [each.name for each in self.scales]
+        return [dict(zip(labels, values, strict=True)) for values in product(*every)]
+
+    def _namespace(self, s: Signals) -> dict[str, Any]:
+        found: dict[str, Any] = {
+            **FUNCTION_OF, "q": s.q[:, 0], "v": s.v[:, 0], "a": s.a[:, 0], "t": s.t - s.t[0],
+        }  # fmt: skip
+        if self.implicit:  # the model predicts it, which takes time
+            found["load"] = s.load[:, 0]
+        if s.q.shape[1] > 1:
+            found |= {"q_o": s.q[:, 1], "v_o": s.v[:, 1]}
+        for name in self.reads():
+            found["temperature"] = s.extra[name]
+        turns = {id(found[name]): i for i, name in enumerate(("v", "v_o")) if name in found}
+
+        def sign(x: np.ndarray) -> np.ndarray:
+            i = turns.get(id(x))
+            return np.tanh(x / SMOOTH) if i is None else direction(s.v[:, i], s.still[i])
+
+        return {**found, "sign": sign}
 
     # --- effect file ----------------------------------------------------------------------------
 
@@ -343,17 +313,17 @@ class Formula(Effect):
         """
         if len(self.found) < len(self.shapes):
             return None
-        several = len(self.joints) > 1
+        at = ("[0]", "[1]") if len(self.joints) > 1 else ("", "")
         texts = [SIGN.sub(r"sign_\1", text) for text in self.columns_text]
         words = {*re.findall(r"\w+", " ".join(texts))}
-        lines = []
-        for name in sorted(self.signals_used & words):
-            own = name.removesuffix("_o")
-            at = "" if not several or name == "t" else "[1]" if own != name else "[0]"
-            lines.append(f"    {self.written(name)} = s.{'lam' if own == 'load' else own}{at}")
-        for i, name in enumerate(("sign_v", "sign_v_o")):
-            if name in words:
-                lines.append(f"    {name} = s.direction{f'[{i}]' if several else ''}")
+        signals = {f"{x}{o}": f"s.{x}{at[bool(o)]}" for x in UNITS for o in ("", "_o")}
+        signals |= {"t": "s.t", "load": f"s.lam{at[0]}"}
+        signals |= {f"sign_v{o}": f"s.direction{at[bool(o)]}" for o in ("", "_o")}
+        lines = [
+            f"    {self.written(name)} = {signals[name]}"
+            for name in (*sorted(self.depends_on), "sign_v", "sign_v_o")
+            if name in words
+        ]
         units = dict(zip((u.name for u in self.parameters), self.units, strict=True))
         given = ""
         for name, (start, low, high) in self.found.items():
@@ -364,21 +334,17 @@ class Formula(Effect):
             f'        "{u.name} [{units[u.name]}]": {self.written(text)},'
             for u, text in zip(self.unknowns, texts, strict=True)
         ]
-        title = f'"""A law found in the data of {plain(self.joints[0])}: {DESCRIPTION}."""'
-        head = [title, "", "import casadi as ca"]
+        head = [f'"""A law found in the data of {plain(self.joints[0])}: {DESCRIPTION}."""', ""]
+        head += ["import casadi as ca"]
         if functions := [word for word in FUNCTIONS if word in words and word != "sign"]:
             head.append(f"from casadi import {', '.join(functions)}")
         if "sign" in words:
             head += ["", "", "def sign(x):", '    """Return a sign that is smooth around zero."""',
                      f"    return ca.tanh(x / {SMOOTH:g})"]  # fmt: skip
         values = [f"    {n} = {rounded(*found[n])} {units[n]}" for n in units if n in found]
-        doc = (
-            [f'    """{self.text}', "", *values, '    """']
-            if values
-            else [f'    """{self.text}"""']
-        )
+        doc = "\n".join([f'    """{self.text}', *(["", *values, "    "] if values else [])]) + '"""'
         content = "\n".join([
-            *head, "", "", f"def {self.name}(s{given}):", *doc, *lines, "    return {", *columns,
+            *head, "", "", f"def {self.name}(s{given}):", doc, *lines, "    return {", *columns,
             "    }", "",
         ])  # fmt: skip
         return self.file_name, content.encode()
@@ -398,33 +364,6 @@ def _product(name: str, text: str) -> str:
 
 def factor(text: str) -> str:
     """Return a text as a factor: in brackets where a sum is outside all of its own."""
-    depth = 0
-    for i, character in enumerate(text):
-        depth += (character == "(") - (character == ")")
-        if depth == 0 and character in "+-" and i and text[i - 1] == " ":
-            return f"({text})"
-    return text
-
-
-def _namespace(s: Signals, load: bool, heat: Sequence[str]) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        **FUNCTION_OF, "q": s.q[:, 0], "v": s.v[:, 0], "a": s.a[:, 0], "t": s.t - s.t[0],
-    }  # fmt: skip
-    if load:  # the model predicts it, which takes time
-        found["load"] = s.load[:, 0]
-    if s.q.shape[1] > 1:
-        found |= {"q_o": s.q[:, 1], "v_o": s.v[:, 1]}
-    for name in heat:
-        found["temperature"] = s.extra[name]
-    turns = {id(found[name]): i for i, name in enumerate(("v", "v_o")) if name in found}
-
-    def sign(x: np.ndarray) -> np.ndarray:
-        i = turns.get(id(x))
-        return np.tanh(x / SMOOTH) if i is None else direction(s.v[:, i], s.still[i])
-
-    return {**found, "sign": sign}
-
-
-def _range(scale: Scale, names: Mapping[str, Any]) -> np.ndarray:
-    """Return the signal whose range a constant has."""
-    return np.asarray(eval(_code(scale.signal or "t"), {"__builtins__": {}}, dict(names)))
+    node = ast.parse(text, mode="eval").body
+    is_sum = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
+    return f"({text})" if is_sum else text

@@ -114,12 +114,25 @@ class ReversalPulses(Effect):
         return np.stack([first, np.gradient(first, s.t, axis=0)], axis=-1)
 
 
-class Stribeck(Dry):
+class OverSpeed(Effect):
+    """Friction whose only shape parameter is a speed."""
+
+    slow = True
+
+    def bounds(self, s: Signals) -> Bounds:
+        return {self.shapes[0].name: speeds(s)}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        # six speeds in equal ratios
+        low, high = speeds(s)
+        return [{self.shapes[0].name: float(x)} for x in np.geomspace(2 * low, 0.7 * high, 6)]
+
+
+class Stribeck(Dry, OverSpeed):
     """Dry friction that is higher at low speed."""
 
     kind = "stribeck"
     plain = "extra dry friction at low speed"
-    slow = True
     unknowns = (
         Unknown("Fs", ("N m", "N"), "friction at the least speed beyond Coulomb", True, acts="dry"),
     )
@@ -135,21 +148,12 @@ class Stribeck(Dry):
         fade = np.exp(-((s.v / s.shape["vs"]) ** 2))
         return (direction(s.v, s.still) * fade)[:, :, None]
 
-    def bounds(self, s: Signals) -> Bounds:
-        return {"vs": speeds(s)}
 
-    def starts(self, s: Signals) -> list[Shape]:
-        # six speeds in equal ratios
-        low, high = speeds(s)
-        return [{"vs": float(vs)} for vs in np.geomspace(2 * low, 0.7 * high, 6)]
-
-
-class FrictionWidth(Effect):
+class FrictionWidth(OverSpeed):
     """Dry friction that builds up over some speed instead of jumping at zero."""
 
     kind = "friction_width"
     plain = "dry friction that builds up over speed"
-    slow = True
     needs = ("coulomb",)
     unknowns = (Unknown("Fw", ("N m", "N"), "friction that builds up, about Fc", True, acts="dry"),)
     shapes = (
@@ -164,13 +168,6 @@ class FrictionWidth(Effect):
     def columns(self, s: Signals) -> np.ndarray:
         part = np.clip(s.v / s.shape["w"], -1.0, 1.0)
         return (part - direction(s.v, s.still))[:, :, None]
-
-    def bounds(self, s: Signals) -> Bounds:
-        return {"w": speeds(s)}
-
-    def starts(self, s: Signals) -> list[Shape]:
-        low, high = speeds(s)
-        return [{"w": float(w)} for w in np.geomspace(2 * low, 0.7 * high, 6)]
 
 
 class Drag(Effect):
@@ -373,9 +370,8 @@ class EndStop(Effect):
         # the outer thirds, in steps of a twentieth of the travel
         low, high = s.travel[0]
         share = np.linspace(0.05, 0.4, 8)
-        upper = [{"q1": float(high - x * (high - low)), "side": 1.0} for x in share]
-        lower = [{"q1": float(low + x * (high - low)), "side": -1.0} for x in share]
-        return [*upper, *lower]
+        ends = ((1.0, high, low), (-1.0, low, high))
+        return [{"q1": float(a + x * (b - a)), "side": side} for side, a, b in ends for x in share]
 
 
 class Ripple(Effect):
@@ -415,9 +411,6 @@ class Ripple(Effect):
         return [{"N": float(N)} for N in np.arange(low, min(high, low + 96 * step), step)]
 
 
-WORDS = ("m", "mx", "my", "mz", "Lxx", "Lxy", "Lyy", "Lxz", "Lyz", "Lzz")
-
-
 class Payload(Effect):
     """A body on a link, with ten parameters about the frame of the link's joint."""
 
@@ -425,13 +418,13 @@ class Payload(Effect):
     sits = "link"
     watched = "always"
     unknowns = tuple(
-        Unknown(word, (unit, unit), meaning, acts="body")  # a load put down has a negative mass
-        for word, unit, meaning in zip(
-            WORDS,
-            ("kg", *["kg m"] * 3, *["kg m²"] * 6),
-            ("mass", *["first moment"] * 3, *["moment about the joint frame's origin"] * 6),
-            strict=True,
+        Unknown(name, (unit, unit), meaning, acts="body")  # a load put down has a negative mass
+        for names, unit, meaning in (
+            ("m", "kg", "mass"),
+            ("mx my mz", "kg m", "first moment"),
+            ("Lxx Lxy Lyy Lxz Lyz Lzz", "kg m²", "moment about the joint frame's origin"),
         )
+        for name in names.split()
     )
     equation = "Γ_link p: what one more body on the link, with ten parameters p, needs"
     signature = "all joints below the link show one more load, in proportion to it"

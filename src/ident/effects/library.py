@@ -22,38 +22,9 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
+from ident.effects import drive, joint
 from ident.effects.curve import Curve
-from ident.effects.drive import (
-    Backlash,
-    ClosureCompliance,
-    Coupling,
-    Delay,
-    Drift,
-    Elasticity,
-    EncoderOffset,
-    Geometry,
-    GravityTilt,
-    RotorInertia,
-    TorqueGain,
-    TorqueOffset,
-)
-from ident.effects.effect import Effect, Shape, Signals, Sites, Unknown
-from ident.effects.joint import (
-    Cable,
-    Coulomb,
-    Drag,
-    EndStop,
-    FrictionWidth,
-    Hysteresis,
-    LoadFriction,
-    Payload,
-    Ripple,
-    Spring,
-    Stribeck,
-    TemperatureFriction,
-    Viscous,
-    direction,
-)
+from ident.effects.effect import Effect, OnFirst, Shape, Signals, Sites, Unknown
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import function_of
 from ident.text import listed, places
@@ -61,10 +32,12 @@ from ident.text import listed, places
 KINDS: Mapping[str, type[Effect]] = {
     effect.kind: effect
     for effect in (
-        Viscous, Coulomb, Stribeck, FrictionWidth, LoadFriction, Hysteresis, Drag, Spring, Cable,
-        EndStop, RotorInertia, Coupling, Ripple, TorqueOffset, TorqueGain, Delay, EncoderOffset,
-        GravityTilt, Payload, Elasticity, Backlash, Geometry, ClosureCompliance,
-        TemperatureFriction, Drift, Curve,
+        joint.Viscous, joint.Coulomb, joint.Stribeck, joint.FrictionWidth, joint.LoadFriction,
+        joint.Hysteresis, joint.Drag, joint.Spring, joint.Cable, joint.EndStop,
+        drive.RotorInertia, drive.Coupling, joint.Ripple, drive.TorqueOffset, drive.TorqueGain,
+        drive.Delay, drive.EncoderOffset, drive.GravityTilt, joint.Payload, drive.Elasticity,
+        drive.Backlash, drive.Geometry, drive.ClosureCompliance, joint.TemperatureFriction,
+        drive.Drift, Curve,
     )
 }  # fmt: skip
 
@@ -211,7 +184,7 @@ MOST = 3  # work: joints whose signals a function is tried with
 UserFunction = Callable[..., Mapping[str, Any]]
 
 
-class UserEffect(Effect):
+class UserEffect(OnFirst):
     """Base of the classes that `user_effect` makes."""
 
     function: ClassVar[UserFunction]
@@ -225,7 +198,7 @@ class UserEffect(Effect):
                 f"{', '.join(self.joints) or 'none'}; write "
                 f"{self.kind}:{','.join(['joint'] * self.fewest)}"
             )
-        _compiled(type(self), len(self.joints))
+        _ = self._compiled
         super().__post_init__()
 
     @property
@@ -234,47 +207,47 @@ class UserEffect(Effect):
 
     @property
     def asks(self) -> tuple[str, ...]:  # type: ignore[override]
-        return tuple(
-            word
-            for word, place in PREDICTED.items()
-            if place in _used(type(self), len(self.joints))
-        )
+        return tuple(word for word, place in PREDICTED.items() if place in self._used)
 
     def reads(self) -> tuple[str, ...]:
-        used = _used(type(self), len(self.joints))
-        return tuple(f"temperature.{name}" for name in self.joints if TEMPERATURE in used)
+        return tuple(f"temperature.{name}" for name in self.joints if TEMPERATURE in self._used)
 
-    def informed(self, s: Signals) -> np.ndarray:
-        found = np.ones(s.q.shape, dtype=bool)
-        if DIRECTION in _used(type(self), len(self.joints)):
-            found[:, 0] = (np.abs(s.v) >= s.still).all(axis=1)
-        return found
+    @property
+    def dry(self) -> bool:
+        return DIRECTION in self._used
+
+    @property
+    def _compiled(self) -> ca.Function:
+        return _compiled(type(self), len(self.joints))
+
+    @property
+    def _used(self) -> list[int]:
+        """The places of the inputs on which its columns depend."""
+        compiled = self._compiled
+        return [i for i in range(compiled.n_in()) if compiled.jac_sparsity(0, i).nnz()]
 
     @property
     def not_integrable(self) -> str:
-        compiled = _compiled(type(self), len(self.joints))
+        compiled = self._compiled
         used = {compiled.instruction_id(i) for i in range(compiled.n_instructions())}
         if ca.OP_SIGN in used:
             return "its function has sign(), which jumps; write s.direction for that of s.v"
         return ""
 
-    def columns(self, s: Signals) -> np.ndarray:
-        """E (n, joints, unknowns): the function's columns at the first joint, 0 at the others."""
-        n, compiled = len(s.t), _compiled(type(self), len(self.joints))
+    def torque(self, s: Signals) -> np.ndarray:
         zero = np.zeros_like(s.q)
         asked = (s.torque, s.load) if self.implicit else (zero, zero)
         heat = np.stack([s.extra[name] for name in self.reads()] or list(zero.T))
         shape = np.array([s.shape[each.name] for each in self.shapes]).reshape(-1, 1)
-        values = compiled(
-            *(x.T for x in (s.q, s.v, s.a, *asked, direction(s.v, s.still))), heat,
-            (s.t - s.t[0])[None], np.tile(shape, n),
+        values = self._compiled(
+            *(x.T for x in (s.q, s.v, s.a, *asked, joint.direction(s.v, s.still))), heat,
+            (s.t - s.t[0])[None], np.tile(shape, len(s.t)),
         )  # fmt: skip
-        E = np.zeros((*s.q.shape, len(self.unknowns)))
-        E[:, 0] = values.full().T
+        E: np.ndarray = values.full().T
         if not np.isfinite(E).all():
-            at = int(np.argmin(np.isfinite(E).all(axis=(1, 2))))
+            at = int(np.argmin(np.isfinite(E).all(axis=1)))
             raise MechanismError(
-                f"effect '{self.label}': its function is {E[at, 0]} at t = {s.t[at]:.4g} s, where "
+                f"effect '{self.label}': its function is {E[at]} at t = {s.t[at]:.4g} s, where "
                 f"q = {s.q[at, 0]:.4g}, v = {s.v[at, 0]:.4g}; make it finite for every motion"
             )
         return E
@@ -409,13 +382,6 @@ def _compiled(kind: type[UserEffect], joints: int) -> ca.Function:
             f"effect '{kind.kind}': its expression has other symbols than those of s: "
             f"{line_of(error)}"
         ) from None
-
-
-@cache
-def _used(kind: type[UserEffect], joints: int) -> frozenset[int]:
-    """Return the places of the inputs on which its columns depend."""
-    compiled = _compiled(kind, joints)
-    return frozenset(i for i in range(compiled.n_in()) if compiled.jac_sparsity(0, i).nnz())
 
 
 def parse_user(text: str) -> tuple[Path, str, tuple[str, ...]] | None:

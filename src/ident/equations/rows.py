@@ -20,8 +20,7 @@ Or the paper's stack [Γ E | JᵀB] (eq. 7-8): all rows, multipliers expanded in
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -137,9 +136,7 @@ def _opened(
     mechanism: Mechanism, e: State, name: str, C: float, whole: Samples, cutoff: float | None
 ) -> State:
     """q + K⁺ [C λ; 0], with the rates that come with it; exact to first order in C."""
-    known = zip(mechanism.kinematics.multipliers, mechanism.kinematics.units, strict=True)
-    forces = [each if unit == "N" else "" for each, unit in known]
-    mine = [i for i, each in enumerate(forces) if each.startswith(f"{name}.")]
+    mine = mechanism.kinematics.forces_of(name)
     gap = C * whole.multipliers()[:, mine]
     step = np.einsum("nij,nj->ni", e.pinv[:, :, mine], gap)
     rates = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
@@ -243,36 +240,34 @@ class Rows:
     def __len__(self) -> int:
         return len(self.t)
 
-    @property
-    def arrays(self) -> list[Any]:
-        """All of these."""
-        return [getattr(self, each.name) for each in fields(Rows)]
-
     def __getitem__(self, which: slice | np.ndarray) -> Rows:
         """Some of the rows."""
-        return Rows(*(x[which] for x in self.arrays))
+        return Rows(**{name: x[which] for name, x in vars(self).items()})
 
     @classmethod
     def joined(cls, parts: Sequence[Rows]) -> Rows:
         """Rows one after the other."""
         if len(parts) == 1:
             return parts[0]
-        return cls(*map(np.concatenate, zip(*(each.arrays for each in parts), strict=True)))
+        names = vars(parts[0])
+        return cls(**{x: np.concatenate([vars(part)[x] for part in parts]) for x in names})
 
 
 def informing(
     s: Samples,
     farthest: np.ndarray | None,
     informative: Sequence[tuple[str, np.ndarray]] | None = None,
+    least: float = MINE,
 ) -> np.ndarray:
     """(n, r), false where a joint of the coordinate does not inform: by default one with dry
-    friction that stands still; `farthest` is `largest_transmission`.
+    friction that stands still; `farthest` is `largest_transmission`, and a joint that moves by less
+    than the share `least` of it is none of the coordinate's.
     """
     informed = np.ones(s.shape, dtype=bool)
     for name, moves in s.informative if informative is None else informative:
         at, lever = s.lever(name)
         most = np.ones(1) if farthest is None else farthest[s.mechanism.joint_index[name]]
-        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > MINE * most)
+        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > least * most)
         informed[:, at] &= moves[:, None] | ~moved
     return informed
 
@@ -420,8 +415,4 @@ def stack(scene: Scene, cutoff: float | None, segment: slice, basis: Basis) -> I
 def full_rows(scene: Scene, part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (n, nv, k), b (n, nv) of [Γ E] and the known side, and (n, nv) whether a row informs."""
     s, found = scene.whole.generalised(part), scene.terms(part, full=True)
-    informed = np.ones(s.shape, dtype=bool)
-    for name, moves in s.informative:
-        rows, W = s.lever(name)
-        informed[:, rows] &= moves[:, None] | (np.abs(W) < ABSENT)
-    return found.A, found.b, informed
+    return found.A, found.b, informing(s, None, least=ABSENT)

@@ -258,10 +258,14 @@ class Samples:
 
     def multipliers(self) -> np.ndarray:
         """λ = −(K⁺ᵀ f)_λ (n, m) [N | N m], f less the torques of drives that are not in u."""
-        e, m = self.e, len(self.mechanism.kinematics.multipliers)
-        others = (name for name in self.mechanism.driven if name not in e.independent)
-        f = sum(self.forces()) - self.generalised(self.part).measured(others)
-        return -np.einsum("nij,ni->nj", e.pinv[self.part][:, :, :m], f)
+        m = len(self.mechanism.kinematics.multipliers)
+        f = sum(self.forces()) - self.surplus()
+        return -np.einsum("nij,ni->nj", self.e.pinv[self.part][:, :, :m], f)
+
+    def surplus(self) -> np.ndarray:
+        """Generalised forces (n, nv) of the drives that are not in u."""
+        others = {*self.mechanism.driven} - {*self.e.independent}
+        return self.generalised(self.part).measured(others)
 
     def predicted(self, joints: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         """(torque, load), both (n, joints) [N m | N]; zero at passive joints.
@@ -269,14 +273,9 @@ class Samples:
         load  f_j = Γ_j π − f_e, π with loads on links       torque  τ̂_j = f_j + Σ E_j c of other
         effects that are explicit; in a closure's own joint both are |λ|, the size of its force.
         """
-        e, part = self.e, self.part
-        known, pinv = np.zeros(1), None
-        if e.loop is not None:
-            surplus = (name for name in self.mechanism.driven if name not in e.independent)
-            known, pinv = self.generalised(part).measured(surplus), e.pinv[part]
-        return joint_loads(
-            self.mechanism, joints, e.independent, pinv, *self.forces(), known, e.tau[part]
-        )
+        e, pinv = self.e, None if self.e.loop is None else self.e.pinv[self.part]
+        both = *self.forces(), self.surplus()
+        return joint_loads(self.mechanism, joints, e.independent, pinv, *both, e.tau[self.part])
 
 
 def joint_loads(
@@ -307,7 +306,7 @@ def joint_loads(
         elif name in mechanism.driven:
             torque[:, i] = load[:, i] = tau[:, mechanism.driven.index(name)]
         elif not joint.in_tree:
-            extract = pinv[:, :, mechanism.kinematics.forces_at(name)]
+            extract = pinv[:, :, mechanism.kinematics.forces_of(name)]
             force = np.einsum("nij,ni->nj", extract, rigid + others - known)
             torque[:, i] = load[:, i] = np.linalg.norm(force, axis=1)
     return torque, load

@@ -27,7 +27,7 @@ from ident.mechanism.closures import LinearClosure
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Band, Motion
 from ident.motion.closures import LoopSolver
-from ident.motion.recipe import thresholds, top_speeds
+from ident.motion.recipe import still_speeds
 from ident.simulate.inverse import joint_columns
 
 SAMPLES = 24  # work: of the search, a period of the highest harmonic
@@ -214,8 +214,7 @@ class DesignProblem:
         grown = family.at(t).grow(x, lambda rows: True)
         assert grown is not None  # it is known to close
         e = grown[1].e
-        top = top_speeds(e)
-        rows = family.rows(replace(e, still=thresholds(top, np.zeros_like(top))))
+        rows = family.rows(replace(e, still=still_speeds(e)))
         e, mechanism, columns = rows.e, family.mechanism, family.columns
         result = Determined(columns, rows, self.sigma)
         logged = joint_columns(mechanism, {"q": e.y, "v": e.yd, "a": e.ydd}, mechanism.driven)

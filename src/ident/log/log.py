@@ -161,7 +161,7 @@ def entry_for(signal: str, joints: Sequence[str], columns: Iterable[str]) -> str
     other = [word for key, word in WORDS.items() if key != signal]  # what is called so is no q
     likely = [n for n in names if WORDS[signal].search(n) or not any(w.search(n) for w in other)]
     for joint in joints:
-        end = _end(joint)
+        end = joint[len(joint.rstrip("0123456789")) :]  # the number at its end
         of = {name: name.replace(joint, "") for name in names if joint in name}
         if not of and end:  # joints may have only their numbers in common with columns
             of = {name: name for name in names if re.findall(r"\d+", name) == [end]}
@@ -178,11 +178,6 @@ def entry_for(signal: str, joints: Sequence[str], columns: Iterable[str]) -> str
         more = ", and so on for the others" if len(joints) > 1 else ""
         return f'"{signal}.{joint}" = "{found}"{more}'
     return ""
-
-
-def _end(joint: str) -> str:
-    """Return the number at the end of a name."""
-    return joint[len(joint.rstrip("0123456789")) :]
 
 
 def _count(n: int, what: str) -> str:

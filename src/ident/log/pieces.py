@@ -28,18 +28,9 @@ from numpy.typing import NDArray
 
 from ident.errors import LogError, missing_file
 from ident.files import regular
+from ident.log import storage
 from ident.log.log import Log
 from ident.log.read import LogFile, file_errors, log_file
-from ident.log.storage import (
-    BOM,
-    Head,
-    check_claims,
-    filled_lines,
-    head_of,
-    parquet_errors,
-    refuse_binary,
-    rows_of,
-)
 from ident.log.table import EMPTY, Column, RawTable, first_tick, renamed, table_of
 
 BLOCK = 1 << 24  # work: bytes of a text that are in memory together
@@ -100,7 +91,7 @@ def open_log(path: str | os.PathLike[str], columns: Mapping[str, Column] | None 
 
 
 def _open_parquet(path: Path) -> tuple[int, Rows]:
-    with parquet_errors(path):
+    with storage.parquet_errors(path):
         lazy = pl.scan_parquet(path)
         rows = int(lazy.select(pl.len()).collect().item())
         times = [name for name, kind in lazy.collect_schema().items() if kind.is_temporal()]
@@ -110,7 +101,7 @@ def _open_parquet(path: Path) -> tuple[int, Rows]:
 
 
 def _rows_of_parquet(path: Path, since: Mapping[str, int], first: int, stop: int) -> RawTable:
-    with parquet_errors(path):
+    with storage.parquet_errors(path):
         frame = pl.scan_parquet(path).slice(first, stop - first).collect()
     return table_of(str(path), frame, first=first, since=since)
 
@@ -119,34 +110,35 @@ def _open_csv(path: Path) -> tuple[int, str, Rows]:
     file, sha256 = str(path), hashlib.sha256()
     offsets: list[NDArray[np.int64]] = []  # [bytes] where rows 0, STRIDE, … begin, and the end
     numbers: list[NDArray[np.int64]] = []  # of lines before these rows
-    head: Head | None = None
+    head: storage.Head | None = None
     at = before = rows = 0
-    for text in _blocks(path):
-        sha256.update(text)
-        begin = 0
-        if head is None:
-            begin = len(BOM) * text.startswith(BOM)
-            head = head_of(text[begin:], file)
-            begin += head.end
-            refuse_binary(text[:begin], file)
-            before = head.line
-        refuse_binary(text[begin:], file, before)
-        lines = text[begin:].splitlines(keepends=True)
-        filled, start = filled_lines(lines), np.cumsum([begin, *map(len, lines)])
-        every = filled[-rows % STRIDE :: STRIDE]
-        offsets.append(start[every] + at)
-        numbers.append(every + before)
-        at, before, rows = at + len(text), before + len(lines), rows + len(filled)
-    head = head or head_of(b"", file)
+    with path.open("rb") as stream:
+        while block := stream.readlines(BLOCK):
+            text, begin = b"".join(block), 0
+            sha256.update(text)
+            if head is None:
+                begin = len(storage.BOM) * text.startswith(storage.BOM)
+                head = storage.head_of(text[begin:], file)
+                begin += head.end
+                storage.refuse_binary(text[:begin], file)
+                before = head.line
+            storage.refuse_binary(text[begin:], file, before)
+            lines = text[begin:].splitlines(keepends=True)
+            filled, start = storage.filled_lines(lines), np.cumsum([begin, *map(len, lines)])
+            every = filled[-rows % STRIDE :: STRIDE]
+            offsets.append(start[every] + at)
+            numbers.append(every + before)
+            at, before, rows = at + len(text), before + len(lines), rows + len(filled)
+    head = head or storage.head_of(b"", file)
     if not rows:
-        rows_of(b"", head, file, before)
+        storage.rows_of(b"", head, file, before)
     offset, line = np.append(np.concatenate(offsets), at), np.concatenate(numbers)
     return rows, sha256.hexdigest(), partial(_rows_of_csv, path, head, offset, line)
 
 
 def _rows_of_csv(
     path: Path,
-    head: Head,
+    head: storage.Head,
     offset: NDArray[np.int64],
     line: NDArray[np.int64],
     first: int,
@@ -156,21 +148,8 @@ def _rows_of_csv(
     with path.open("rb") as stream:
         stream.seek(int(offset[i]))
         text = stream.read(int(offset[j] - offset[i]))
-    table = rows_of(text, head, str(path), int(line[i]), j == len(line))
+    table = storage.rows_of(text, head, str(path), int(line[i]), j == len(line))
     return table.cut(slice(first - i * STRIDE, stop - i * STRIDE))
-
-
-def _blocks(path: Path) -> Iterator[bytes]:
-    with path.open("rb") as stream:
-        rest = b""
-        while block := stream.read(BLOCK):
-            block = rest + block
-            end = block.rfind(b"\n") + 1 or block.rfind(b"\r", 0, -1) + 1
-            rest = block[end:]
-            if end:
-                yield block[:end]
-        if rest:
-            yield rest
 
 
 def _rows_of_whole(file: LogFile, first: int, stop: int) -> RawTable:
@@ -195,7 +174,7 @@ def likely_rows(path: str | os.PathLike[str]) -> int:
             return int(path.stat().st_size * head.count(b"\n") / max(len(head), 1))
         if path.suffix.lower() == ".npz":
             with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-                return next(iter(check_claims(arrays, path).values()))[0]
+                return next(iter(storage.check_claims(arrays, path).values()))[0]
     except Exception:  # whoever reads it says what is wrong with it
         return 0
     return 0
@@ -231,7 +210,7 @@ def follow(
     `grow` waits for more at the end of the file; `stop` is called again and again, true ends it.
     """
     name = "standard input" if path is None else str(path)
-    head: Head | None = None
+    head: storage.Head | None = None
     rest, number = b"", 0
     for piece in _pieces(path, grow, stop):
         rest += piece
@@ -240,7 +219,7 @@ def follow(
             head = _head(rest, name, end)
             if head is None:
                 continue
-            rest, number = rest.removeprefix(BOM)[head.end :], head.line
+            rest, number = rest.removeprefix(storage.BOM)[head.end :], head.line
         *lines, rest = rest.split(b"\n")
         if end and rest:
             lines.append(rest)
@@ -249,21 +228,21 @@ def follow(
         if filled:
             yield _parsed(filled, head)
     if head is None and not stop():
-        head_of(rest, name)
+        storage.head_of(rest, name)
 
 
-def _head(text: bytes, name: str, end: bool) -> Head | None:
-    text = text.removeprefix(BOM)
-    refuse_binary(text[: text.rfind(b"\n") + 1], name)
+def _head(text: bytes, name: str, end: bool) -> storage.Head | None:
+    text = text.removeprefix(storage.BOM)
+    storage.refuse_binary(text[: text.rfind(b"\n") + 1], name)
     filled = [x for x in text.splitlines(keepends=True) if x.strip() and x.lstrip()[:1] != b"#"]
     if end or (filled and filled[0].endswith(b"\n")):
-        return head_of(text, name)
+        return storage.head_of(text, name)
     if len(text) > HEADER:
         raise LogError(f"{name}: no header line in its first {HEADER >> 20} MB; is it a CSV file?")
     return None
 
 
-def _parsed(lines: Sequence[tuple[int, bytes]], head: Head) -> CsvLines:
+def _parsed(lines: Sequence[tuple[int, bytes]], head: storage.Head) -> CsvLines:
     """Parse numbered lines."""
     width, separator = len(head.names), head.separator
     numbers: list[int] = []

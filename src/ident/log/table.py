@@ -177,19 +177,15 @@ def table_of(
             notes.append(f"column {name!r} {x}, left out")
             continue
         columns[name] = x
-        if _is_time(one):
+        if one.dtype.is_temporal():
             notes.append(f"column {name!r} held {one.dtype}, now seconds since its first value")
     return replace(table, columns=columns, ignored=ignored, repairs=tuple(notes))
-
-
-def _is_time(column: pl.Series) -> bool:
-    return isinstance(column.dtype, (pl.Datetime, pl.Duration, pl.Time))
 
 
 def _floats(column: pl.Series, table: RawTable, since: int | None) -> Array | str:
     # or why it is no measurement
     dtype = column.dtype
-    if _is_time(column):
+    if dtype.is_temporal() and dtype != pl.Date:
         # subtract in integers: float64 has no room for nanoseconds since 1970
         start = first_tick(column) if since is None else since
         seconds = (column.to_physical().cast(pl.Int64) - start).cast(pl.Float64).to_numpy()

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -23,7 +23,7 @@ import pinocchio as pin
 
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import TomlTable, function_of
-from ident.mechanism.tree import Placement
+from ident.mechanism.tree import Placement, is_rotational
 
 Coordinates = Mapping[str, ca.SX]
 
@@ -40,10 +40,11 @@ class Frame:
         """Return the frame's world placement, given those of the joints."""
         return joints[self.joint] * Placement.of(self.placement)
 
-    def moved(self, step: np.ndarray) -> Frame:
-        """Return the frame moved by a step (3,) in the axes of its link [m]."""
-        at = self.placement
-        return replace(self, placement=pin.SE3(at.rotation, at.translation + step))
+
+def shifted(placement: pin.SE3, axis: str, by: float) -> pin.SE3:
+    """Return a placement moved along x, y or z [m] of the frame that it is stated in."""
+    step = by * np.eye(3)["xyz".index(axis)]
+    return pin.SE3(placement.rotation, placement.translation + step)
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,6 @@ class Context:
     """The tree that a closure closes, and the rules for reading it from mechanism.toml."""
 
     model: pin.Model  # Pinocchio's
-    rotational: Mapping[str, bool]  # of every joint of the tree, by name
     folder: Path  # of mechanism.toml
     allow_code: bool  # whether Python files may be run
 
@@ -96,18 +96,14 @@ class Context:
 
 @dataclass(frozen=True)
 class Closure(ABC):
-    """Scalar equations between coordinates, which their multipliers enforce.
-
-    Args:
-        name: of the closure, first part of its multipliers' names.
-    """
+    """Scalar equations between coordinates, which their multipliers enforce."""
 
     kind: ClassVar[str]
     keys: ClassVar[tuple[str, ...]]  # of its table beside `name` and `kind`
     frames: ClassVar[tuple[Frame, ...]] = ()  # a and b, where it holds two frames together
     tied: ClassVar[tuple[str, ...]] = ()  # joints whose coordinates it counts, where it knows them
 
-    name: str
+    name: str  # first part of its multipliers' names
 
     @classmethod
     @abstractmethod
@@ -133,11 +129,7 @@ class Closure(ABC):
 
 @dataclass(frozen=True)
 class FrameClosure(Closure):
-    """Two frames a and b held together; a subclass says what is kept at zero, and what is free.
-
-    Args:
-        own_name: of its own joint, where that is not `closure.<name>`.
-    """
+    """Two frames a and b held together; a subclass says what is kept at zero, and what is free."""
 
     keys: ClassVar[tuple[str, ...]] = ("a", "b")
     position: ClassVar[str] = "xyz"  # components of d that are zero
@@ -147,11 +139,17 @@ class FrameClosure(Closure):
 
     a: Frame
     b: Frame
-    own_name: str = ""
+    own_name: str = ""  # of its own joint, where that is not `closure.<name>`
 
     @classmethod
     def read(cls, name: str, table: TomlTable, context: Context) -> FrameClosure:
-        return cls(name, context.frame(table, "a"), context.frame(table, "b"))
+        a, b = (context.frame(table, end) for end in "ab")
+        return cls(name, a, b, **cls.settings(table))
+
+    @classmethod
+    def settings(cls, table: TomlTable) -> dict[str, Any]:
+        """Return what a kind reads beside its frames."""
+        return {}
 
     @property
     def frames(self) -> tuple[Frame, ...]:  # type: ignore[override]
@@ -193,8 +191,9 @@ class FrameClosure(Closure):
 
     def moved(self, place: str, by: float) -> Closure:
         _, end, axis = place.rsplit(".", 2)
-        step = by * np.eye(3)["xyz".index(axis)]
-        return replace(self, **{end: getattr(self, end).moved(step)})
+        frame: Any = getattr(self, end)
+        frame = replace(frame, placement=shifted(frame.placement, axis, by))
+        return replace(self, **{end: frame})
 
 
 @dataclass(frozen=True)
@@ -204,19 +203,14 @@ class PointClosure(FrameClosure):
     kind: ClassVar[str] = "point"
     keys: ClassVar[tuple[str, ...]] = ("a", "b", "axes")
 
-    axes: str = "xyz"
-
-    @property
-    def position(self) -> str:  # type: ignore[override]
-        return self.axes
+    position: str = field(default="xyz", kw_only=True)  # type: ignore[misc]
 
     @classmethod
-    def read(cls, name: str, table: TomlTable, context: Context) -> PointClosure:
+    def settings(cls, table: TomlTable) -> dict[str, Any]:
         axes = table.text("axes", "xyz")
         if set(axes) - set("xyz") or len(set(axes)) != len(axes):
             raise table.error(f"axes = '{axes}'; some of the letters xyz, each once")
-        axes = "".join(sorted(axes))
-        return cls(name, context.frame(table, "a"), context.frame(table, "b"), axes=axes)
+        return {"position": "".join(sorted(axes))}
 
 
 class RevoluteClosure(FrameClosure):
@@ -259,23 +253,19 @@ class FixedClosure(FrameClosure):
 
 @dataclass(frozen=True)
 class DistanceClosure(FrameClosure):
-    """A massless rod between the origins of both frames.
-
-    Args:
-        length: of the rod [m].
-    """
+    """A massless rod between the origins of both frames."""
 
     kind: ClassVar[str] = "distance"
     keys: ClassVar[tuple[str, ...]] = ("a", "b", "length")
 
-    length: float = 0.0
+    length: float = 0.0  # of the rod [m]
 
     @classmethod
-    def read(cls, name: str, table: TomlTable, context: Context) -> DistanceClosure:
+    def settings(cls, table: TomlTable) -> dict[str, Any]:
         length = table.number("length", 0.0)
         if not length > 0:
             raise table.error(f"length = {length:g} m; a distance needs one above 0")
-        return cls(name, context.frame(table, "a"), context.frame(table, "b"), length=length)
+        return {"length": length}
 
     def between(self, a: Placement, b: Placement) -> Constraint:
         """Return Φ = |p_b − p_a| − length."""
@@ -315,13 +305,15 @@ class LinearClosure(Closure):
                 f"{len(joints)} joints and {len(ratios)} ratios; two or more different joints "
                 "with one ratio each are expected"
             )
+        model, known = context.model, [*context.model.names][1:]
         for joint in joints:
-            if joint not in context.rotational:
-                raise table.error(f"no joint '{joint}'; {one_of(joint, context.rotational)}")
+            if joint not in known:
+                raise table.error(f"no joint '{joint}'; {one_of(joint, known)}")
         if 0.0 in ratios:
             raise table.error(f"ratios = {list(ratios)}; a ratio of 0 ties nothing")
         offset = table.number("offset", 0.0)
-        return cls(name, joints, ratios, offset, context.rotational[joints[0]])
+        turns = is_rotational(model, model.getJointId(joints[0]))
+        return cls(name, joints, ratios, offset, turns)
 
     def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
         q = ca.vertcat(*(joints[name] for name in self.joints))

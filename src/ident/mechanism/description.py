@@ -27,27 +27,17 @@ FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf"}  # by root element
 
 @dataclass(frozen=True)
 class Description:
-    """Content of a mechanism file, as a URDF and the tables of a mechanism.toml.
+    """Content of a mechanism file, as a URDF and the tables of a mechanism.toml."""
 
-    Attributes:
-        urdf: the URDF's text; the file's own, where it is one.
-        format: `urdf`, or the name of the file's format.
-        closures: tables as in [[closure]].
-        passive: joints of [joints] passive.
-        start: [joints] start.
-        gravity: [m/s²], where the file gives it.
-        auxiliary: massless links between joints of one body, which the file does not name.
-        notes: what was understood otherwise than it is written, in words.
-    """
-
-    urdf: bytes
-    format: str = "urdf"
-    closures: tuple[Mapping[str, Any], ...] = ()
-    passive: tuple[str, ...] = ()
-    start: Mapping[str, float] = field(default_factory=dict)
-    gravity: tuple[float, float, float] | None = None
+    urdf: bytes  # the URDF's text; the file's own, where it is one
+    format: str = "urdf"  # or the name of the file's format
+    closures: tuple[Mapping[str, Any], ...] = ()  # tables as in [[closure]]
+    passive: tuple[str, ...] = ()  # joints of [joints] passive
+    start: Mapping[str, float] = field(default_factory=dict)  # [joints] start
+    gravity: tuple[float, float, float] | None = None  # [m/s²], where the file gives it
+    # massless links between joints of one body, which the file does not name
     auxiliary: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was understood otherwise than it is written, in words
 
 
 def read_description(path: Path) -> Description:

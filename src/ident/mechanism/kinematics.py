@@ -65,17 +65,11 @@ class Mapped:
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """The closures of one model as compiled functions.
-
-    Args:
-        model: Pinocchio's model.
-        closures: in the order of the multipliers.
-        coordinates: index into q of every joint with a scalar coordinate of the tree, by name.
-    """
+    """The closures of one model as compiled functions."""
 
     model: pin.Model
-    closures: tuple[Closure, ...]
-    coordinates: Mapping[str, int]
+    closures: tuple[Closure, ...]  # in the order of the multipliers
+    coordinates: Mapping[str, int]  # index into q of every joint of the tree, by name
 
     @cached_property
     def _mapped(self) -> Callable[[ca.Function, int], Mapped]:
@@ -113,11 +107,11 @@ class Kinematics:
         """The closures' own joints."""
         return tuple(joint for each in self._constraints for joint in each.own)
 
-    def forces_at(self, own: str) -> list[int]:
-        """Which multipliers are forces of the closure that has the own joint `own`."""
+    def forces_of(self, name: str) -> list[int]:
+        """Which multipliers are forces of a closure, given its name or that of an own joint."""
         found, first = [], 0
-        for each in self._constraints:
-            if own in [joint.name for joint in each.own]:
+        for closure, each in zip(self.closures, self._constraints, strict=True):
+            if name in (closure.name, *(joint.name for joint in each.own)):
                 found += [first + i for i, unit in enumerate(each.units) if unit == "N"]
             first += len(each.names)
         return found

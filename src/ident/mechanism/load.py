@@ -32,7 +32,7 @@ from ident.mechanism.description import Description, align_z, read_description
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency, read_covariance
 from ident.mechanism.tree import Tree, build_tree, is_rotational, joint_axis
-from ident.mechanism.urdf import lock, numbers, parse_urdf
+from ident.mechanism.urdf import lock, parse_urdf
 from ident.text import listed
 
 TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
@@ -69,7 +69,7 @@ def load(
         MechanismError: one line that names the file, what is wrong and what would be valid.
     """
     path = Path(path)
-    if is_fit(path):
+    if has_identified(path) and not (path / "mechanism.toml").exists():
         known = load(
             path / "identified", allow_code=allow_code, locked=locked, unmeasured=unmeasured
         )
@@ -91,15 +91,13 @@ def load(
     loops = (TomlTable(f"{urdf}: loop {i}", each) for i, each in enumerate(source.closures, 1))
     top = replace(top, data=stated(top.data, source))
     robot = parse_urdf(source.urdf, str(urdf))
-    asked_for = _locked(top.table("joints"), locked or {})
-    outside = _outside(robot, asked_for, str(urdf))
-    held = lock(robot, asked_for, str(urdf))
+    held, outside = lock(robot, _locked(top.table("joints"), locked or {}), str(urdf))
     tree = build_tree(robot, top.vector("gravity", 3), str(urdf))
     mimics = (TomlTable(f"{urdf}: mimic {each['joints'][0]}", each) for each in tree.mimics)
     bodies, joints = Bodies(tree.links), _tree_joints(tree)
     logged = _columns(top.table("log"), [*(joint.name for joint in joints), *held])
     folder = (toml or urdf).parent
-    context = Context(tree.model, {j.name: j.rotational for j in joints}, folder, allow_code)
+    context = Context(tree.model, folder, allow_code)
     passive, start = _passive_and_start(top.table("joints"), tree, joints, held)
     basis, parameters = top.table("multipliers"), top.table("parameters")
     basis.check("basis", "spacing")
@@ -153,14 +151,10 @@ def load(
     still: list[str] = []
     for table in effects:
         try:
-            joints = table.data.get("joint", "")
-            if isinstance(joints, str) and {*held} & {*joints.replace(" ", "").split(",")}:
-                kind = table.text("kind")
-                if kind not in KINDS and "file" not in table:
-                    raise table.error(f"there is no effect '{kind}'; {one_of(kind, KINDS)}")
-                still.append(f"{kind}:{joints}")
-                continue
             effect = _effect(table, context)
+            if {*held} & {*effect.joints}:
+                still.append(effect.label)
+                continue
             if effect.label in {own.label for own in mechanism.effects}:
                 raise MechanismError(f"has the effect '{effect.label}' already")
             mechanism = mechanism + effect
@@ -175,11 +169,6 @@ def load(
 def has_identified(path: Path) -> bool:
     """Return whether a folder has a fit and what it identified, as `identify` and `grow` write."""
     return all((path / x).is_file() for x in ("fit.json", "identified/mechanism.toml"))
-
-
-def is_fit(path: Path) -> bool:
-    """Return whether a folder is one that `ident identify --out` wrote."""
-    return not (path / "mechanism.toml").exists() and has_identified(path)
 
 
 def _name_of(folder: Path) -> str:
@@ -265,19 +254,15 @@ def _effect(table: TomlTable, context: Context) -> Effect:
 
 
 def _tree_joints(tree: Tree) -> tuple[Joint, ...]:
-    model = tree.model
-    joints = []
-    for index in range(1, model.njoints):
-        at = model.idx_vs[index]
-        limits = (
-            float(x[at]) if abs(x[at]) < LIMITLESS else float(np.copysign(np.inf, x[at]))
-            for x in (
-                model.lowerPositionLimit, model.upperPositionLimit,
-                model.upperVelocityLimit, model.upperEffortLimit,
-            )
-        )  # fmt: skip
-        joints.append(Joint(model.names[index], is_rotational(model, index), at, True, *limits))
-    return tuple(joints)
+    m = tree.model
+    limits = np.stack(
+        [m.lowerPositionLimit, m.upperPositionLimit, m.upperVelocityLimit, m.upperEffortLimit], 1
+    )
+    limits = np.where(np.abs(limits) < LIMITLESS, limits, np.copysign(np.inf, limits))
+    return tuple(
+        Joint(m.names[i], is_rotational(m, i), m.idx_vs[i], True, *limits[m.idx_vs[i]].tolist())
+        for i in range(1, m.njoints)
+    )
 
 
 def _locked(section: TomlTable, asked: Mapping[str, float | None]) -> dict[str, float]:
@@ -293,20 +278,6 @@ def _locked(section: TomlTable, asked: Mapping[str, float | None]) -> dict[str, 
     return held | {
         name: start.number(name, 0.0) if value is None else value for name, value in asked.items()
     }
-
-
-def _outside(robot: Any, held: Mapping[str, float], where: str) -> list[str]:
-    """Return the notes on joints of a `<robot>` that are held outside of their limits."""
-    notes = []
-    for joint in robot.findall("joint"):
-        name, limit = joint.get("name"), joint.find("limit")
-        if name not in held or limit is None or joint.get("type") not in ("revolute", "prismatic"):
-            continue
-        (low,), (high,) = (numbers(limit, key, "0", 1, where) for key in ("lower", "upper"))
-        if low < high and not low <= held[name] <= high:
-            limits = f"{low:.4g} to {high:.4g}"
-            notes.append(f"{name} is locked at {held[name]:.4g}, outside its limits {limits}")
-    return notes
 
 
 def _passive_and_start(
@@ -352,18 +323,15 @@ def _unmeasured(
 
 def _remarks(mechanism: Mechanism) -> list[str]:
     asked = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
-    remarks = [
+    idle = mechanism.passive and not mechanism.driven
+    return [
+        "nothing is driven: [joints] passive names every joint, so no torque is compared with a "
+        "model; leave out the joints whose torque is logged"
+    ] * bool(idle) + [
         f"link '{link}' has no <inertial>; its prior is massless"
         for link in mechanism.bodies.links
         if link in asked and not mechanism.prior[mechanism.bodies.columns(link)].any()
     ]
-    if mechanism.passive and not mechanism.driven:
-        remarks.insert(
-            0,
-            "nothing is driven: [joints] passive names every joint, so no torque is compared with "
-            "a model; leave out the joints whose torque is logged",
-        )
-    return remarks
 
 
 def _columns(table: TomlTable, joints: Sequence[str]) -> dict[str, Column]:
@@ -425,15 +393,11 @@ def unlogged_hands(mechanism: Mechanism, columns: Iterable[str]) -> tuple[str, .
     }
     if given and not logged:
         return ()  # columns are not mapped yet
-    model = mechanism.model
-    free = {i: model.names[i] not in logged for i in range(1, model.njoints)}
-    for i in reversed(free):
-        if not free[i] and model.parents[i]:
-            free[model.parents[i]] = False
-    hands: set[int] = set()
+    model, hands = mechanism.model, set[int]()
     for i, link in enumerate(mechanism.bodies.links, 1):
         own = any(map(WORDS.search, (model.names[i], link)))
-        if free[i] and (own or model.parents[i] in hands):
+        free = logged.isdisjoint(model.names[j] for j in model.subtrees[i])
+        if free and (own or model.parents[i] in hands):
             hands.add(i)
     return tuple(model.names[i] for i in sorted(hands) if model.names[i] in mechanism.driven)
 

@@ -19,7 +19,7 @@ from ident.effects.library import with_values
 from ident.errors import MechanismError, one_of
 from ident.information import linear
 from ident.log import Column
-from ident.mechanism.closures import Closure
+from ident.mechanism.closures import Closure, shifted
 from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.parameters import Bodies, Consistency, Covariance, dynamic_parameters
 
@@ -31,21 +31,16 @@ DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
 
 @dataclass(frozen=True)
 class Joint:
-    """One scalar coordinate: of the tree (`index` into q and v) or of a closure (`index` into own).
-
-    Attributes:
-        lower, upper: [rad | m]; infinite where the URDF gives none.
-        velocity: [rad/s | m/s]; effort: [N m | N].
-    """
+    """One scalar coordinate of the tree (`index` into q and v) or of a closure (into its own)."""
 
     name: str
     rotational: bool
     index: int
     in_tree: bool = True
-    lower: float = -np.inf
+    lower: float = -np.inf  # [rad | m]; limits are infinite where the URDF gives none
     upper: float = np.inf
-    velocity: float = np.inf
-    effort: float = np.inf
+    velocity: float = np.inf  # [rad/s | m/s]
+    effort: float = np.inf  # [N m | N]
 
     @property
     def unit(self) -> str:
@@ -364,12 +359,11 @@ class Mechanism(Displayed):
         """
         present = {effect.label for effect in self.effects}
         for effect in self.effects:
-            for other in effect.required:
-                if other not in present:
-                    raise MechanismError(
-                        f"{self.name}: effect '{effect.label}' changes '{other}', which is not "
-                        f"there; add it, or leave out {effect.label}"
-                    )
+            for other in {*effect.required} - present:
+                raise MechanismError(
+                    f"{self.name}: effect '{effect.label}' changes '{other}', which is not there; "
+                    f"add it, or leave out {effect.label}"
+                )
 
     def without(self, label: str) -> Mechanism:
         """This mechanism without one of its effects, named as `kind:joint`.
@@ -450,9 +444,7 @@ class Mechanism(Displayed):
         if self.model.existJointName(owner):
             model = self.model.copy()
             index = model.getJointId(owner)
-            at = model.jointPlacements[index]
-            step = by * np.eye(3)["xyz".index(axis)]
-            model.jointPlacements[index] = pin.SE3(at.rotation, at.translation + step)
+            model.jointPlacements[index] = shifted(model.jointPlacements[index], axis, by)
             return replace(self, model=model)
         closures = [c.moved(place, by) if place in c.places else c for c in self.closures]
         return replace(self, closures=tuple(closures))

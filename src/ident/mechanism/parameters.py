@@ -142,15 +142,10 @@ class Consistency:
 
 @dataclass(frozen=True, eq=False)
 class Covariance:
-    """Errors of known values that an earlier fit has found.
+    """Errors of known values that an earlier fit has found."""
 
-    Attributes:
-        names: (n,) of parameters of bodies and effects.
-        matrix: (n, n) their covariance, in the parameters' units.
-    """
-
-    names: tuple[str, ...]
-    matrix: np.ndarray
+    names: tuple[str, ...]  # (n,) of parameters of bodies and effects
+    matrix: np.ndarray  # (n, n) their covariance, in the parameters' units
 
     @property
     def root(self) -> np.ndarray:
@@ -308,11 +303,9 @@ def rigid_forces(
     model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray, pi: np.ndarray
 ) -> np.ndarray:
     """Γ π (n, nv) of π (10 · bodies,), which needs no Γ."""
-    parts = (
-        sign * np.array([pin.rnea(part, data, *state) for state in zip(q, v, a, strict=True)])
-        for sign, part, data in Rigid.of(model, pi).terms
-    )
-    return np.asarray(sum(parts)).reshape(len(q), model.nv)
+    rigid = Rigid.of(model, pi)
+    forces = [rigid(pin.rnea, *state) for state in zip(q, v, a, strict=True)]
+    return np.reshape(forces, (len(q), model.nv))
 
 
 def supports(model: pin.Model) -> list[np.ndarray]:

@@ -22,7 +22,7 @@ from lxml import etree
 
 from ident.errors import MechanismError, one_of
 from ident.mechanism.description import UNLIMITED, mimic_table
-from ident.mechanism.urdf import numbers
+from ident.mechanism.urdf import NUMBERS, numbers
 
 LOWEST, HIGHEST = f"-{UNLIMITED}", f"{UNLIMITED}"  # as a URDF has them
 
@@ -56,23 +56,20 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
     for inertia in robot.iterfind("link/inertial/inertia"):  # urdfdom requires them
         for key in ("ixy", "ixz", "iyz"):
             inertia.set(key, inertia.get(key, "0"))
-    for joint in robot.findall("joint[@type='fixed']"):
-        for mimic in joint.findall("mimic"):
-            joint.remove(mimic)
-            notes.append(f"joint '{joint.get('name')}' is fixed, so its <mimic> is ignored")
-    mimics = tuple(_take_mimics(robot, where))
-    for joint in robot.findall("joint"):
+    moving = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
+    mimics = tuple(_take_mimics(moving, where))
+    for joint in robot.findall("joint[@type='fixed'][mimic]"):
+        notes.append(f"joint '{joint.get('name')}' is fixed, so its <mimic> is ignored")
+    etree.strip_elements(robot, "mimic", with_tail=False)
+    for joint in moving:
+        limit = joint.find("limit")
+        if joint.get("type") == "continuous" or limit is None:
+            limit = etree.SubElement(joint, "limit") if limit is None else limit
+            limit.attrib.update({"lower": LOWEST, "upper": HIGHEST})
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
-            if (limit := joint.find("limit")) is not None:
-                limit.attrib.update({"lower": LOWEST, "upper": HIGHEST})
-    for joint in robot.findall("joint"):
-        if joint.get("type") != "fixed":
-            limit = joint.find("limit")
-            if limit is None:
-                limit = etree.SubElement(joint, "limit", lower=LOWEST, upper=HIGHEST)
-            for key in ("effort", "velocity"):
-                limit.set(key, limit.get(key, HIGHEST))
+        for key in ("effort", "velocity"):
+            limit.set(key, limit.get(key, HIGHEST))
     try:
         model = pin.buildModelFromXML(etree.tostring(robot).decode())
     except (RuntimeError, ValueError) as error:
@@ -87,23 +84,20 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
     return Tree(model, links, mimics, tuple(notes))
 
 
-def _take_mimics(robot: etree._Element, where: str) -> list[dict[str, Any]]:
-    moving = [j.get("name") for j in robot.findall("joint") if j.get("type") != "fixed"]
-    mimics, wrong = [], []
-    for joint in robot.findall("joint"):
+def _take_mimics(moving: Sequence[etree._Element], where: str) -> list[dict[str, Any]]:
+    names, mimics, wrong = [joint.get("name") for joint in moving], [], []
+    for joint in moving:
         mimic, name = joint.find("mimic"), joint.get("name")
         if mimic is None:
             continue
         of = mimic.get("joint") or ""
-        if of not in moving or of == name:
+        if of not in names or of == name:
             wrong.append((name, of, mimic.sourceline))
             continue
         (multiplier,), (offset,) = (
-            numbers(mimic, key, default, 1, where)
-            for key, default in (("multiplier", "1"), ("offset", "0"))
+            numbers(mimic, key, default, 1, where) for key, default in NUMBERS["mimic"].items()
         )
         mimics.append(mimic_table(name, of, multiplier, offset))
-        joint.remove(mimic)
     if not wrong:
         return mimics
     (name, of, line), others = wrong[0], wrong[1:]
@@ -111,7 +105,7 @@ def _take_mimics(robot: etree._Element, where: str) -> list[dict[str, Any]]:
     more = ", ".join(f"'{each}' mimics '{it}' (line {at})" for each, it, at in others)
     raise MechanismError(
         f"{where}:{line}: joint '{name}' mimics '{of}', which is no other joint of one coordinate; "
-        f"{one_of(of, [each for each in moving if each != name])}"
+        f"{one_of(of, [each for each in names if each != name])}"
         f"{f'; in the same way {more}' if more else ''}; correct the file, or take them as fixed: "
         f"{locks}"
     )

@@ -10,7 +10,6 @@ import codecs
 import math
 import re
 from collections.abc import Mapping, Sequence
-from graphlib import CycleError, TopologicalSorter
 from typing import NoReturn
 
 import numpy as np
@@ -129,22 +128,21 @@ def _check_tree(robot: etree._Element, where: str) -> None:
             how = "a URDF is a tree: close the loop by a [[closure]] in mechanism.toml"
             refuse(joint, where, f"link '{ends['child']}' is the child of two joints; {how}")
         parent_of[ends["child"]] = ends["parent"]
-    try:
-        TopologicalSorter({child: [parent] for child, parent in parent_of.items()}).prepare()
-    except CycleError as error:
-        _, *ring = error.args[1]
-        raise MechanismError(
-            f"{where}: the links {', '.join(ring)} form a ring; one link must be the ground, "
-            "and the loop closed by a [[closure]]"
-        ) from None
-    roots: dict[str, str] = {}
-    for name in [*parent_of.values(), *links]:
-        roots[name] = name
-        while roots[name] in parent_of:
-            roots[name] = parent_of[roots[name]]
-    root = next(iter(roots.values()))
-    separate = [name for name in links if roots[name] != root]
-    if separate:
+
+    def root_of(link: str) -> str:
+        path = [link]
+        while path[-1] in parent_of:
+            path.append(parent_of[path[-1]])
+            if path[-1] in path[:-1]:
+                ring = ", ".join(path[path.index(path[-1]) + 1 :])
+                raise MechanismError(
+                    f"{where}: the links {ring} form a ring; one link must be the ground, and the "
+                    "loop closed by a [[closure]]"
+                )
+        return path[-1]
+
+    root = root_of(next(iter(parent_of.values()), links[0]))
+    if separate := [name for name in links if root_of(name) != root]:
         raise MechanismError(
             f"{where}: no joint leads from the root '{root}' to link '{separate[0]}'"
             + (f" and {len(separate) - 1} more" if len(separate) > 1 else "")
@@ -188,15 +186,18 @@ def _check_inertial(link: etree._Element, where: str) -> None:
         refuse(mass, where, f"link '{link.get('name')}' has the mass {value:g} kg; it must be ≥ 0")
 
 
-def lock(robot: etree._Element, values: Mapping[str, float], where: str) -> dict[str, float]:
-    """Fix joints of a `<robot>` at coordinates [rad | m], and joints that mimic them; return all.
+def lock(
+    robot: etree._Element, values: Mapping[str, float], where: str
+) -> tuple[dict[str, float], list[str]]:
+    """Fix joints of a `<robot>` at coordinates [rad | m], and joints that mimic them; return all,
+    and notes on those that are outside of their limits.
 
     Raises:
         MechanismError: for a joint that is not there; one of several coordinates can be fixed at
             its origin, and must be.
     """
     joints = {j.get("name"): j for j in robot.findall("joint") if j.get("type") != "fixed"}
-    locked = dict(values)
+    locked, notes = dict(values), []
     for name in locked:
         if name not in joints:
             what = f"there is no joint '{name}' to be locked"
@@ -219,38 +220,38 @@ def lock(robot: etree._Element, values: Mapping[str, float], where: str) -> dict
         for name, mimic in pending:
             if name not in locked and mimic.get("joint") in locked:
                 (factor,), (offset,) = (
-                    numbers(mimic, key, NUMBERS["mimic"][key], 1, where)
-                    for key in ("multiplier", "offset")
+                    numbers(mimic, key, default, 1, where)
+                    for key, default in NUMBERS["mimic"].items()
                 )
                 locked[name] = factor * locked[mimic.get("joint")] + offset
     for name, value in locked.items():
         joint, axis = joints[name], np.array([1.0, 0.0, 0.0])
         if joint.find("axis") is not None:
             axis = np.array(numbers(joint.find("axis"), "xyz", "1 0 0", 3, where))
+        limit, kind = joint.find("limit"), joint.get("type")
+        if limit is not None and kind in ("revolute", "prismatic"):
+            (low,), (high,) = (numbers(limit, key, "0", 1, where) for key in ("lower", "upper"))
+            if low < high and not low <= value <= high:
+                limits = f"{low:.4g} to {high:.4g}"
+                notes.append(f"{name} is locked at {value:.4g}, outside its limits {limits}")
         step = value * axis / np.linalg.norm(axis)
         motion = pin.SE3(np.eye(3), step)
-        if joint.get("type") != "prismatic":
+        if kind != "prismatic":
             motion = pin.SE3(pin.exp3(step), np.zeros(3))
-        place = placement_of(joint, where) * motion
+        origin = joint.find("origin")
+        origin = etree.Element("origin") if origin is None else origin
+        xyz, rpy = (numbers(origin, key, "0 0 0", 3, where) for key in ("xyz", "rpy"))
+        place = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz)) * motion
         for tag in ("origin", "axis", "limit", "mimic"):
             for element in joint.findall(tag):
                 joint.remove(element)
-        rpy = words(pin.rpy.matrixToRpy(place.rotation))
-        etree.SubElement(joint, "origin", xyz=words(place.translation), rpy=rpy)
+        turn = words(pin.rpy.matrixToRpy(place.rotation))
+        etree.SubElement(joint, "origin", xyz=words(place.translation), rpy=turn)
         joint.set("type", "fixed")
-    return locked
+    return locked, notes
 
 
 # --- inertias -------------------------------------------------------------------------------------
-
-
-def placement_of(element: etree._Element, where: str = "") -> pin.SE3:
-    """Return the placement that an element's `<origin>` states."""
-    origin = element.find("origin")
-    if origin is None:
-        return pin.SE3.Identity()
-    rpy = numbers(origin, "rpy", "0 0 0", 3, where)
-    return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(numbers(origin, "xyz", "0 0 0", 3, where)))
 
 
 def words(values: Sequence[float] | np.ndarray) -> str:

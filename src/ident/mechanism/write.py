@@ -143,12 +143,12 @@ def _array(tables: Iterable[Mapping[str, Any]]) -> tomlkit.items.AoT:
 
 
 def _effect_table(effect: Effect, values: Mapping[str, float], file: str | None) -> dict[str, Any]:
+    words = {
+        "kind": effect.kind, "file": file, "joint": ",".join(effect.joints), "signal": effect.signal
+    }  # fmt: skip
     settings = {name: effect.values[name] for name in effect.settings if name in effect.values}
-    table: dict[str, Any] = {"kind": effect.kind}
-    table |= {} if file is None else {"file": file}
-    table |= {"joint": ",".join(effect.joints)} if effect.joints else {}
-    table |= {"signal": effect.signal} if effect.signal else {}
-    return table | {name: float(value) for name, value in {**settings, **values}.items()}
+    numbers = {name: float(value) for name, value in {**settings, **values}.items()}
+    return {**{key: word for key, word in words.items() if word}, **numbers}
 
 
 def own_file(effect: Effect, found: Found | None = None) -> tuple[str, bytes] | None:

@@ -321,6 +321,9 @@ def check_freedom(mechanism: Mechanism) -> None:
         raise MechanismError(
             f"{name}: no joint of it moves; valid: one revolute or prismatic, or more"
         )
+    left = f"{name}: the loops leave 0 degrees of freedom, so nothing can move"
+    if mechanism.locked:
+        raise MechanismError(f"{left}; lock fewer joints than {', '.join(mechanism.locked)}")
     J = pin.computeJointJacobians(model, model.createData(), mechanism.assembled)
     axes = {j.name: J[3:, j.index] for j in mechanism.joints if j.in_tree and j.rotational}
     parallel = [
@@ -329,15 +332,9 @@ def check_freedom(mechanism: Mechanism) -> None:
     ]
     most = max(parallel, key=len, default=[])
     apart = [each for each in axes if each not in most]
-    why = "check the closures' kinds and frames, and the joints' <axis>"
     if 0 < len(apart) < len(most):
-        why = (
-            f"the axis of {', '.join(apart)} is not parallel to those of {', '.join(most)}, as "
-            "it is in a planar loop: check its <axis> (without one it is x of the joint's frame) "
-            "and the closures' frames and kinds"
+        left += (
+            f"; the axis of {', '.join(apart)} is not parallel to those of {', '.join(most)}, as "
+            "it is in a planar loop (without an <axis> it is x of the joint's frame)"
         )
-    if mechanism.locked:
-        why = f"lock fewer joints than {', '.join(mechanism.locked)}"
-    raise MechanismError(
-        f"{name}: the loops leave 0 degrees of freedom, so nothing can move; {why}"
-    )
+    raise MechanismError(f"{left}; check the closures' kinds and frames, and the joints' <axis>")

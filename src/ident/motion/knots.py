@@ -136,15 +136,14 @@ def by_torques(
     coarsest = min(usual_run(each) for each in logs) / (FEWEST if given else LOST * FILTER)
     if given and band.cutoff:
         coarsest = min(coarsest, 0.5 / band.cutoff)
-    scenes = [
-        _scene(mechanism, signals, names, each) for signals, each in zip(logs, derived, strict=True)
-    ]
+    both = [*zip(logs, derived, strict=True)]
+    scenes = [_scene(mechanism, signals, names, each) for signals, each in both]
 
     def error(spacing: float) -> float:
         """Mean of the logarithms of all rms errors."""
         found = []
-        for each, (t, e) in zip(derived, scenes, strict=True):
-            known = e.known(mechanism, names)
+        for (signals, each), e in zip(both, scenes, strict=True):
+            known, t = e.known(mechanism, names), signals.t
             if each.smooth is not None:
                 place = [names.index(name) for name in each.smooth.names]
                 for run, _ in each.smooth.runs:
@@ -180,7 +179,7 @@ def usual_run(signals: LogSignals) -> float:
 
 def _scene(
     mechanism: Mechanism, signals: LogSignals, names: tuple[str, ...], derived: Derived
-) -> tuple[np.ndarray, State]:
+) -> State:
     at = np.flatnonzero(signals.usable)
     most = min(SAMPLES, EQUATIONS // mechanism.model.nv)
     at = at[:: max(1, len(at) // most)]
@@ -192,7 +191,7 @@ def _scene(
     ).at(mechanism, derived.known, names, start="follow").at_samples(at)  # fmt: skip
     if mechanism.closures:
         e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
-    return signals.t, e
+    return e
 
 
 def torque_errors(mechanism: Mechanism, e: State) -> np.ndarray:

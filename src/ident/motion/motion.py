@@ -29,8 +29,7 @@ from ident.motion.recipe import (
     checked_cutoff,
     checked_spacing,
     standstill,
-    thresholds,
-    top_speeds,
+    still_speeds,
 )
 from ident.motion.signals import LogSignals, Smoothed, measure, runs, without_repeats
 from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
@@ -42,7 +41,6 @@ AGREE = 1e-9  # numerics: share of its motion below which a logged joint differs
 MOSTLY = 0.5  # level: of a residual's squares that steps make, from which it is theirs
 NEAREST = 0.1  # work: periods of a given cut-off between two knots: the least of automatic choices
 ROUNDING = 1e-6  # numerics: of a sampling step, within which two times are the same
-LISTED = 4  # shown: cuts near singular positions that a note lists
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -155,7 +153,11 @@ def complete(
     if cutoff != "auto":
         finest = NEAREST / given_cutoff if given_cutoff else 0.0
         band = replace(band, cutoff=given_cutoff, knots=(finest, np.inf))
-    derived = [derive(signals, names, band, smoothing) for signals in measured]
+
+    def derived_with(band: Band) -> list[Derived]:
+        return [derive(signals, names, band, smoothing) for signals in measured]
+
+    derived = derived_with(band)
     free = names if mechanism.degrees_of_freedom > 1 else ()  # of one, motion looks the same
     moved = [without_time_errors(*both, free) for both in zip(measured, derived, strict=True)]
     for i, found in enumerate(moved):
@@ -170,7 +172,7 @@ def complete(
     if any(each is not None for each in moved):
         spacing = min(each.smooth.spacing for each in derived if each.smooth)
         band = replace(band, knots=(spacing, spacing))
-        derived = [derive(signals, names, band, smoothing) for signals in measured]
+        derived = derived_with(band)
     if cutoff == "auto" and band.cutoff is None and band.noise > CLEAN:
         notes.append(
             f"the motion reaches {band.motion:.3g} Hz, too near the sampling rate for a filter, "
@@ -183,10 +185,9 @@ def complete(
     if smoothing == AUTO and complete_torques and not white:
         if progress:
             progress("choosing knots by the torques", 0.0)
-        chosen = by_torques(mechanism, measured, names, band, derived, cutoff != "auto")
-        if chosen != band:
-            band = chosen
-            derived = [derive(signals, names, band, smoothing) for signals in measured]
+        before, band = band, by_torques(mechanism, measured, names, band, derived, cutoff != "auto")
+        if band != before:
+            derived = derived_with(band)
             if np.isfinite(band.knots[1]):
                 notes.append(
                     f"noise of the motion is not white: knots {1e3 * band.knots[1]:.3g} ms, "
@@ -207,10 +208,10 @@ def complete(
             notes += left_out(experiment, experiments[i])
             error = np.abs(mechanism.kinematics.closure_rows(experiment.q).value).max()
             worst = max(worst, float(error))
-    for i, signals in enumerate(measured):
-        still = standstill(mechanism, signals, experiments[i], names)
-        experiments[i] = replace(experiments[i], still=still)
-    states = tuple(experiments)
+    states = tuple(
+        replace(e, still=standstill(mechanism, signals, e, names))
+        for signals, e in zip(measured, experiments, strict=True)
+    )
     return Motion(
         states, independent, band, worst, tuple(dict.fromkeys(notes)), tuple(read), mechanism
     )
@@ -250,8 +251,7 @@ def prescribed(
     ).at(mechanism, known, joints, start="follow")  # fmt: skip
     if mechanism.closures:
         e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
-    top = top_speeds(e)
-    e = replace(e, still=thresholds(top, np.zeros_like(top)))
+    e = replace(e, still=still_speeds(e))
     return Motion((e,), e.independent, Band(0.0, 0.0, None), 0.0, mechanism=mechanism)
 
 
@@ -332,13 +332,11 @@ def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str,
     columns = _unmapped(mechanism, fewest.log.columns)
     entries = entry_for("q", free, columns)
     if not logged and columns:
-        lacking = _unmapped_joints(mechanism, fewest.log.columns)
+        entries = entries_for(_unmapped_joints(mechanism, fewest.log.columns), columns)
         entries = entries or f'"q.{free[0]}" = "…", and so on for the others'
-        more = entries_for({c: own for c, own in lacking.items() if c != "q"}, columns)
         raise MotionError(
             f"{fewest.log.name}: no column is the position of a joint; write in mechanism.toml: "
-            f"[log] {entries}{more and f' and {more}'}; columns that are not used: "
-            f"{some(columns)}"
+            f"[log] {entries}; columns that are not used: {some(columns)}"
         )
     other = f"; or hold what did not move, as --lock {free[0]} does" if free else ""
     other += f"; or map columns that it has in mechanism.toml: [log] {entries}" if entries else ""
@@ -467,11 +465,9 @@ def left_out(before: State, after: State) -> list[str]:
     singular = before.usable & ~after.usable
     if not singular.any():
         return []
-    cut = [(after.t[each.start], after.t[each.stop - 1]) for each in runs(singular)]
-    listed = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in cut[:LISTED])
-    more = f" and {len(cut) - LISTED} more" if len(cut) > LISTED else ""
+    cuts = [f"{after.t[x.start]:.4g} to {after.t[x.stop - 1]:.4g}" for x in runs(singular)]
     return [
         f"{after.name}: {int(singular.sum())} of {len(after)} samples are left out, near a "
-        f"singular position of {', '.join(after.independent)}: t = {listed} s{more}; nothing is "
+        f"singular position of {', '.join(after.independent)}: t = {some(cuts)} s; nothing is "
         "filtered across these cuts"
     ]

@@ -41,21 +41,13 @@ LOOKED_AT = 500  # work: samples from which the closures' transmission is taken
 
 @dataclass(frozen=True)
 class Band:
-    """Bandwidth and noise of a motion, and the filter that follows from them.
+    """Bandwidth and noise of a motion, and the filter that follows from them."""
 
-    Attributes:
-        motion: frequency below which 99.9 % of the velocities' power lies [Hz].
-        noise: largest share of noise found in a channel that the regression uses.
-        cutoff: of the zero-phase filter on all columns [Hz]; None: nothing to filter.
-        knots: least and largest spacing of knots [s] that smoothing may choose.
-        white: whether noise is white in all channels of the motion.
-    """
-
-    motion: float
-    noise: float
-    cutoff: float | None
-    knots: tuple[float, float] = (0.0, np.inf)
-    white: bool = False
+    motion: float  # frequency below which 99.9 % of the velocities' power lies [Hz]
+    noise: float  # largest share of noise found in a channel that the regression uses
+    cutoff: float | None  # of the zero-phase filter on all columns [Hz]; None: nothing to filter
+    knots: tuple[float, float] = (0.0, np.inf)  # spacings [s] between which smoothing may choose
+    white: bool = False  # whether noise is white in all channels of the motion
 
     @property
     def resolved(self) -> float:
@@ -95,20 +87,25 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
     Raises:
         MotionError: if one log is too slow for the filter that the others need.
     """
-    motion, noise = 0.0, 0.0
-    for signals in logs:
-        for name in names:
-            present = [k for k in range(3) if f"{'qva'[k]}.{name}" in signals.columns]
-            series = {k: signals.even(f"{'qva'[k]}.{name}") for k in present}
-            motion = max(motion, *(motion_bandwidth(*series[k], k) for k in present))
-            noise = max(noise, noise_share(series[present[-1]][0], 2 - present[-1]))
-        for name in mechanism.driven:
-            if f"tau.{name}" in signals.columns:
-                noise = max(noise, noise_share(signals.even(f"tau.{name}")[0]))
-    cutoff = min(
-        [ROWS_OVER_MOTION * motion]
-        + [_calm_cutoff(signals, name, motion) for signals in logs for name in names]
+    # of each joint and log, order, series, step and grain of its channels
+    joints = [
+        [
+            (k, *signals.even(column), grain(signals.log.series(column)[1]))
+            for k, column in enumerate(f"{letter}.{name}" for letter in "qva")
+            if column in signals.columns
+        ]
+        for signals in logs
+        for name in names
+    ]
+    every = [channel for own in joints for channel in own]
+    taus = [f"tau.{name}" for name in mechanism.driven]
+    torques = [each.even(tau)[0] for each in logs for tau in taus if tau in each.columns]
+    motion = max((motion_bandwidth(x, dt, k) for k, x, dt, _ in every), default=0.0)
+    noise = max(
+        [noise_share(x, 2 - k) for own in joints for k, x, *_ in own[-1:]]
+        + [noise_share(x) for x in torques]
     )
+    cutoff = min([ROWS_OVER_MOTION * motion, *(_calm_cutoff(own, motion) for own in joints)])
     slow = [signals for signals in logs if cutoff >= 0.25 / signals.dt]
     filtered = noise > CLEAN and cutoff > 0.0 and len(slow) < len(logs)
     if filtered and slow:
@@ -117,32 +114,22 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
             f"{cutoff:.3g} Hz that the other logs need; leave it out, or give a cut-off"
         )
     band = Band(motion, noise, cutoff if filtered else None)
-    channels = (  # steps of an encoder repeat with the motion, however white they look
-        (*signals.even(f"{k}.{name}"), grain(signals.log.series(f"{k}.{name}")[1]))
-        for signals in logs
-        for name in names
-        for k in "qva"
-        if f"{k}.{name}" in signals.columns
-    )
-    white = noise > CLEAN and all(
+    white = noise > CLEAN and all(  # steps of an encoder repeat, however white they look
         step <= noise_level(x) and is_white(x, int(WHITE * band.resolved / dt))
-        for x, dt, step in channels
+        for _, x, dt, step in every
     )
     return replace(band, white=white)
 
 
-def _calm_cutoff(signals: LogSignals, name: str, motion: float) -> float:
+def _calm_cutoff(channels: list[tuple[int, np.ndarray, float, float]], motion: float) -> float:
     """Cut-off [Hz] below which the acceleration of a logged joint holds little noise.
 
     White noise σ of the k-th derivative, seen in the acceleration below f, with j = 2 − k:
     σ_a² = σ² 2 dt (2π)^(2j) f^(2j+1) / (2j+1)      ≤ (NOISY · its rms)²
     """
-    size = acceleration_size(*signals.even(f"q.{name}"), motion)
+    size = acceleration_size(*channels[0][1:3], motion)
     cutoff = ROWS_OVER_MOTION_LEAST * motion
-    for k, channel in enumerate("qva"):
-        if f"{channel}.{name}" not in signals.columns:
-            continue
-        x, step = signals.even(f"{channel}.{name}")
+    for k, x, step, _ in channels:
         j = 2 - k
         noise = noise_level(x) * (2 * np.pi) ** j * np.sqrt(2 * step / (2 * j + 1))
         calm = (NOISY * size / max(noise, 1e-12 * size, 1e-300)) ** (2 / (2 * j + 1))
@@ -204,16 +191,12 @@ def standstill(
     noise = np.array([NOISE * _speed_noise(signals, e, name) for name in names])
     some = e.leverage[np.flatnonzero(e.usable)[:: max(1, len(e) // LOOKED_AT)]]
     gain = some @ linear.pinv(some[:, at])
-    return thresholds(top_speeds(e), np.sqrt((gain**2).mean(axis=0) @ noise**2))
+    return still_speeds(e, np.sqrt((gain**2).mean(axis=0) @ noise**2))
 
 
-def top_speeds(e: State) -> np.ndarray:
-    """(J,) of the usable samples [rad/s | m/s]."""
-    return np.asarray(np.abs(e.yd[e.usable]).max(axis=0, initial=0.0))
-
-
-def thresholds(top: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """(J,) speeds of standstill from top speeds and speeds that noise feigns, both (J,)."""
+def still_speeds(e: State, noise: np.ndarray | float = 0.0) -> np.ndarray:
+    """(J,) speeds of standstill, of top speeds and the speeds (J,) that noise feigns."""
+    top = np.abs(e.yd[e.usable]).max(axis=0, initial=0.0)
     speed = np.maximum(STILL * top, noise)
     return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
 

@@ -30,6 +30,7 @@ from ident.motion.closures import best_conditioned
 from ident.motion.recipe import AUTO, CLEAN, Band, Recipe
 from ident.motion.signals import Channel, LogSignals, Smoothed, channels_of, runs
 from ident.motion.spline import (
+    DEGREE,
     WIDTH,
     Observations,
     Smooth,
@@ -124,8 +125,8 @@ def derive(
     channels, t = channels_of(signals, names), signals.t
     joints = {name: [each for each in channels if each.joint == name] for name in names}
     known, ends, smooth = np.zeros((3, len(t), len(names))), 0.0, None
-    table: dict[str, Smoothed] = {}
     noisy: list[str] = []
+    table: list[Smoothed] = []
     for i, (name, own) in enumerate(joints.items()):
         as_logged = spacing is None or _as_logged(own, band, signals.exact)
         if name in recipe.noisy if recipe else not as_logged:
@@ -133,23 +134,23 @@ def derive(
             continue
         known[:, :, i], lost, done = _unsmoothed(signals, own)
         ends = max(ends, lost)
-        table |= {each.column: each for each in done}
+        table += done
     if noisy:
         own = [channel for channel in channels if channel.joint in noisy]
         smooth, done = smoothed(signals, own, tuple(noisy), band, spacing, recipe)
         at = [list(names).index(name) for name in noisy]
         for run, spline in smooth.runs:
             known[:, run, at] = spline.at(t[run])
-        table |= {each.column: each for each in done}
+        table += done
         if {channel.joint for channel in own if channel.order == 2} < set(noisy):
             shortest = min(float(np.ptp(t[run])) for run, _ in smooth.runs)
             ends = max(ends, min(ENDS * smooth.spacing, MOST * shortest))
     gap = ~signals.usable
     for i in range(len(names)):
         known[0, gap, i] = np.interp(t[gap], t[~gap], known[0, ~gap, i])
-    return Derived(
-        known, recipe.ends if recipe else ends, smooth, [table[each.column] for each in channels]
-    )
+    order = [channel.column for channel in channels]
+    table.sort(key=lambda each: order.index(each.column))
+    return Derived(known, recipe.ends if recipe else ends, smooth, table)
 
 
 def smoothed(
@@ -174,18 +175,20 @@ def smoothed(
     pieces = [(run, t, basis_over(t[0], t[-1], h, origin)) for run, t in spans]
     own = [replace(channel, sigma=noise[channel.column]) for channel in channels]
     smooth = Smooth.of(own, names, h, pieces)
-    squares, counts = np.zeros(len(own)), np.zeros(len(own))
-    for run, spline in smooth.runs:
-        inside = [channel.within(signals.t[run]) for channel in own]
-        for k, off in enumerate(residuals(spline, inside, names)):
-            squares[k] += off @ off
-            counts[k] += len(off)
-    rms = np.sqrt(squares / np.maximum(counts, 1))
+    missed = [
+        residuals(spline, [channel.within(signals.t[run]) for channel in own], names)
+        for run, spline in smooth.runs
+    ]
     how = f"spline, knots {1e3 * h:.3g} ms"
     return smooth, [
-        Smoothed(channel.column, how, channel.sigma, float(off), h)
-        for channel, off in zip(channels, rms, strict=True)
+        Smoothed(channel.column, how, channel.sigma, rms(off), h)
+        for channel, off in zip(channels, zip(*missed, strict=True), strict=True)
     ]
+
+
+def rms(parts: Sequence[np.ndarray]) -> float:
+    """Root mean square of all numbers in some arrays."""
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
 def _as_logged(channels: Sequence[Channel], band: Band, exact: bool) -> bool:
@@ -266,8 +269,8 @@ def together(
     e = along(mechanism, e, smooth)
     how = f"spline in {', '.join(names)}, knots {1e3 * smooth.spacing:.3g} ms"
     table = [
-        Smoothed(each.column, how, sigma, rms, smooth.spacing)
-        for each, sigma, rms in zip(channels, white, missed(mechanism, e, channels), strict=True)
+        Smoothed(each.column, how, sigma, off, smooth.spacing)
+        for each, sigma, off in zip(channels, white, missed(mechanism, e, channels), strict=True)
     ]
     return replace(e, channels=tuple(table))
 
@@ -277,12 +280,16 @@ def finer(mechanism: Mechanism, e: State, times: int) -> Smooth:
 
     Fewer where samples are too far apart for that.
     """
-    assert e.smooth is not None
-    times = max(1, min(times, int(e.smooth.spacing * e.rate / SAMPLES)))
-    if len(e.logged) == mechanism.degrees_of_freedom:
-        return e.smooth.finer(e.t, times)
-    through = replace(e.smooth, channels=tuple(through_motion(mechanism, e, e.smooth.names)))
-    return fused(mechanism, along(mechanism, e, through.finer(e.t, times)), e.smooth.channels)
+    smooth, surplus = e.smooth, len(e.logged) > mechanism.degrees_of_freedom
+    assert smooth is not None
+    times, runs = max(1, min(times, int(smooth.spacing * e.rate / SAMPLES))), []
+    for run, spline in smooth.runs:
+        b = spline.basis
+        count = times * (b.count - DEGREE) + DEGREE
+        runs.append((run, e.t[run], Basis.with_count(b.t0, b.t_end, count, DEGREE)))
+    own = through_motion(mechanism, e, smooth.names) if surplus else smooth.channels
+    fine = Smooth.of(own, smooth.names, smooth.spacing / times, runs)
+    return fused(mechanism, along(mechanism, e, fine), smooth.channels) if surplus else fine
 
 
 def through_motion(mechanism: Mechanism, e: State, names: tuple[str, ...]) -> list[Channel]:
@@ -330,15 +337,15 @@ def fused(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> Smooth
 def missed(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> list[float]:
     """rms of measured minus smoothed of each channel, in all runs of an experiment."""
     assert e.smooth is not None
-    rms = []
+    found = []
     for channel in channels:
         series = e.known(mechanism, (channel.joint,))[channel.order, :, 0]
         parts = []
         for run, _ in e.smooth.runs:
             inside = channel.within(e.t[run])
             parts.append(inside.x - np.interp(inside.t, e.t[run], series[run]))
-        rms.append(float(np.sqrt(np.mean(np.concatenate(parts) ** 2))))
-    return rms
+        found.append(rms(parts))
+    return found
 
 
 def _rows(

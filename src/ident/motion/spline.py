@@ -221,18 +221,3 @@ class Smooth:
             for run, t, basis in runs
         )
         return cls(names, spacing, splines, tuple(channels))
-
-    def finer(self, t: np.ndarray, times: int) -> Smooth:
-        """Splines with `times` knots for one, fitted to the own joints' channels.
-
-        t: (n,) [s], the clock.
-        """
-        runs = []
-        for run, spline in self.runs:
-            b = spline.basis
-            count = times * (b.count - DEGREE) + DEGREE
-            runs.append((run, t[run], Basis.with_count(b.t0, b.t_end, count, DEGREE)))
-        own = [channel for channel in self.channels if channel.joint in self.names]
-        return replace(
-            Smooth.of(own, self.names, self.spacing / times, runs), channels=self.channels
-        )

@@ -68,49 +68,32 @@ def _none() -> np.ndarray:
 class State:
     """One log's motion on a uniform clock.
 
-    With n samples, J named joints and d independent coordinates:
-
-    Attributes:
-        name: the log's.
-        t: (n,) [s], uniform.
-        q, v, a: (n, nq), (n, nv), (n, nv) of the model.
-        y, yd, ydd: (n, J) coordinate, rate and acceleration of the mechanism's joints.
-        tau: (n, driven) measured torques, in the order of `mechanism.driven`.
-        wrench: (n, nv) generalised forces of measured external wrenches, or None.
-        usable: (n,), false where a sample takes no part, with the reason in `Motion.notes`.
-        still: (J,) speed below which a joint counts as standing still [rad/s | m/s].
-        extra: the log's other columns on this clock.
-        logged: names of the joints from whose coordinates the motion was completed.
-        independent: names of the joints to which `leverage` refers.
-        noise: standard deviation of white noise in the logged channels, by column.
-        smooth: the splines behind the motion; None where the log was taken as it is.
-        channels: how each channel of the motion was smoothed.
-        ends: time [s] at the ends of a run where splines are not to be trusted.
-        loop: `pinv` and `leverage`; None for a tree, in which both are the identity.
-        store: what is slow to make from these, for all that need it.
+    It has n samples, J named joints and d independent coordinates.
     """
 
-    name: str
-    t: np.ndarray
-    tau: np.ndarray
-    usable: np.ndarray
-    q: np.ndarray = field(default_factory=_none)
+    name: str  # the log's
+    t: np.ndarray  # (n,) [s], uniform
+    tau: np.ndarray  # (n, driven) measured torques, in the order of `mechanism.driven`
+    usable: np.ndarray  # (n,), false where a sample takes no part; `Motion.notes` say why
+    q: np.ndarray = field(default_factory=_none)  # q, v, a: (n, nq), (n, nv), (n, nv), the model's
     v: np.ndarray = field(default_factory=_none)
     a: np.ndarray = field(default_factory=_none)
-    y: np.ndarray = field(default_factory=_none)
+    y: np.ndarray = field(default_factory=_none)  # y, yd, ydd: (n, J) of the mechanism's joints
     yd: np.ndarray = field(default_factory=_none)
     ydd: np.ndarray = field(default_factory=_none)
-    wrench: np.ndarray | None = None
+    wrench: np.ndarray | None = None  # (n, nv) generalised forces of measured external wrenches
+    # (J,) speed below which a joint counts as standing still [rad/s | m/s]
     still: np.ndarray = field(default_factory=_none)
-    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
-    logged: tuple[str, ...] = ()
-    independent: tuple[str, ...] = ()
-    noise: Mapping[str, float] = field(default_factory=dict)
-    smooth: Smooth | None = None
-    channels: tuple[Smoothed, ...] = ()
-    ends: float = 0.0
+    extra: Mapping[str, np.ndarray] = field(default_factory=dict)  # the log's other columns
+    logged: tuple[str, ...] = ()  # joints from whose coordinates the motion was completed
+    independent: tuple[str, ...] = ()  # joints to which `leverage` refers
+    noise: Mapping[str, float] = field(default_factory=dict)  # white, of channels, by column
+    smooth: Smooth | None = None  # splines behind the motion; None: the log was taken as it is
+    channels: tuple[Smoothed, ...] = ()  # how each channel of the motion was smoothed
+    ends: float = 0.0  # time [s] at the ends of a run where splines are not to be trusted
+    # `pinv` and `leverage`; None for a tree, in which both are the identity
     loop: tuple[np.ndarray, np.ndarray] | None = None
-    store: Store = field(default_factory=Store, init=False)
+    store: Store = field(default_factory=Store, init=False)  # of what is slow to make from these
 
     def __len__(self) -> int:
         return len(self.t)

@@ -196,7 +196,7 @@ def _on_curve(curve: FoundCurve, law: Law) -> np.ndarray | None:
     parameters often make, are taken from the curve; of a product, for a speed of 1, the offset.
     """
     formula, effect = law.effect, curve.effect
-    if len(formula.joints) > 1 or effect.arity > 1 or formula.signals_used != effect.depends_on:
+    if len(formula.joints) > 1 or effect.arity > 1 or formula.depends_on != effect.depends_on:
         return None
     values = {v.name.rpartition(".")[2]: v.value for v in law.parameters}
     second = {"load" if effect.second == "load" else "v": 1.0} if effect.second else {}
