@@ -131,3 +131,15 @@ def test_a_stream_needs_no_torque_there(planted):
     online.update(log)
     found = online.finish()
     assert found.rank == ident.identify(arm("wrist"), ident.complete(arm("wrist"), log)).rank
+
+
+def test_a_joint_whose_torque_is_measured_later_has_not_changed(planted, tmp_path):
+    mechanism = arm("wrist")
+    motion = ident.complete(mechanism, without(planted.log, "tau.wrist"), cutoff="auto")
+    ident.identify(mechanism, motion).write(tmp_path / "fit")
+    again = robot("arm").with_effect("viscous").with_effect("coulomb")
+    whole = ident.complete(again, planted.log, cutoff="auto")
+    saved = ident.read_fit(tmp_path / "fit" / "fit.json", again)
+    text = " ".join(str(ident.compare(saved, motion=whole)).split())
+    assert "in all joints as when it was fitted; wrist had no torque to be fitted to" in text
+    assert "changed since" not in text

@@ -71,6 +71,8 @@ def comparison_card(c: Comparison) -> Card:
     alone, (_, errors) = first is last, judged(c, last.name)
     good = good_enough(errors, floor, last.away)
     before = fitted(c, first.name) if alone else judged(c, first.name)[1]
+    blind = [j for j, e in before.items() if e.unmeasured and not errors[j].unmeasured]
+    before = {joint: e for joint, e in before.items() if joint not in blind}
     changed = first.risen(before) if alone else []
     bars = bars_of(before, errors, floor)
     models = shown[first.name] if alone else f"{shown[first.name]} → {shown[last.name]}"
@@ -90,6 +92,8 @@ def comparison_card(c: Comparison) -> Card:
             line += f": unchanged; {grown}"
         elif before:
             line += ": in all joints as when it was fitted"
+        if blind:
+            line += f"; {places(blind)} had no torque to be fitted to, and only now has one"
     else:
         rises = [bar.joint for bar in bars if bar.rises]
         falls = [x.joint for x in bars if x.after and x.after.rms < (1 - SAME) * x.before.rms]
