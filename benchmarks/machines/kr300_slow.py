@@ -1,8 +1,8 @@
-"""KUKA KR300 R2500, 60 runs of a minute at 10 Hz: a benchmark of nonlinear system identification.
+"""KUKA KR300 R2500, runs of a minute at 10 Hz, 60 for training and 6 for test: a benchmark.
 
 Weigand, Götz, Ulmen, Ruskowski, Dataset and Baseline for an Industrial Robot Identification
 Benchmark, 2023; here from yifang0-0/Physics-Guided-Recurrent-State-Space-Neural-Networks, where the
-positions are one sample late. Kinematics as in the shared data of the same robot.
+positions are one sample ahead of the torques. Kinematics as in the shared data of the same robot.
 """
 
 import io

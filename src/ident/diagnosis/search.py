@@ -111,8 +111,8 @@ class Search:
         return replace(member, rivals=tuple(equal))
 
     def beside(self, bare: EffectSet, member: Member, kind: str | None = None) -> Ranking:
-        """Return what could take the place of a member in a set without it: effects of its joints,
-        or of a kind.
+        """Return what could take the place of a member in a set without it: effects of its joints
+        and, if a kind is given, those of that kind at any joint.
         """
         effects, joints = (each.effect for each in bare.contest.candidates), member.effect.joints
         mine = {

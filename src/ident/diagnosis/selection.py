@@ -224,7 +224,7 @@ def rank(
     curved: bool = True,
     chance: Chance | None = None,
     least: float = 0.0,
-    only: Collection[str] = (),
+    only: Collection[str] | None = None,
 ) -> Ranking:
     """Weighs all candidates beside a model, `curved`: the curves as well as the laws.
 
@@ -236,7 +236,7 @@ def rank(
         for each in contest.candidates
         if each.effect.label not in without
         and (curved or not each.curve)
-        and (not only or each.effect.label in only)
+        and (only is None or each.effect.label in only)
     ]
     if chance is None and mine:
         regression = judging(contest, regression, noise, seed)

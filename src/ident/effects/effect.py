@@ -430,12 +430,11 @@ class Effect(ABC):
         return {shape.name: shape.range for shape in self.shapes if shape.range}
 
     def starts(self, s: Signals) -> list[Shape]:
-        """Shapes from which the outer search starts, so close that one leads to the optimum: by
-        default 0, no correction at all.
+        """Shapes from which the outer search starts, so close that one leads to the optimum.
 
         The signals `s` are those of its joints in all experiments.
         """
-        return [{shape.name: 0.0 for shape in self.shapes}]
+        return [{}]
 
     # --- correction and simulation --------------------------------------------------------------
 
@@ -470,6 +469,10 @@ class Correcting(Effect):
 
     def columns(self, s: Signals) -> np.ndarray:
         return np.zeros((*s.q.shape, 0))
+
+    def starts(self, s: Signals) -> list[Shape]:
+        # no correction at all
+        return [{shape.name: 0.0 for shape in self.shapes}]
 
 
 @dataclass(frozen=True)

@@ -279,7 +279,9 @@ class Projection:
         q, R = np.linalg.qr(C)
         U, s, _ = linear.svd(R)
         q = np.linalg.qr(self._projected(q @ U[:, s > RANK * np.sqrt(len(found.model))]))[0]
-        return found._with(np.hstack([self._Q, q]), self._residual - q @ (q.T @ self._residual))
+        return found._with(
+            np.hstack([self._Q, q]), self._residual - q @ (q.T @ self._residual), self
+        )
 
     def without(self, columns: Index) -> Self:
         """The same rows without some of the model's columns A.
@@ -296,10 +298,12 @@ class Projection:
         rank = int((s > RANK * s.max(initial=0.0)).sum())
         U, V = U[:, :rank], U[:, rank:]
         qY = np.sum([self.weight[p.coordinate] * (Q @ V).T @ p.Y for p, Q in both], axis=0)
-        return found._with(self._Q @ U, self._residual + (self._Q @ V) @ qY)
+        return found._with(self._Q @ U, self._residual + (self._Q @ V) @ qY, self)
 
-    def _with(self, Q: Array, residual: Array) -> Self:
-        vars(self).update(_Q=Q, _residual=residual)
+    def _with(self, Q: Array, residual: Array, rows: Self) -> Self:
+        """The same with what is projected, and with what only the rows decide."""
+        vars(self).update(_Q=Q, _residual=residual, cells=rows.cells, size=rows.size)
+        vars(self).update(squares=rows.squares, columns=rows.columns)
         return self
 
     def added(self, C: Sequence[Array]) -> tuple[Self, Index]:

@@ -151,10 +151,14 @@ def load(
     still: list[str] = []
     for table in effects:
         try:
-            effect = _effect(table, context)
-            if {*held} & {*effect.joints}:
-                still.append(effect.label)
+            joints = table.data.get("joint", "")
+            if isinstance(joints, str) and {*held} & {*joints.replace(" ", "").split(",")}:
+                kind = table.text("kind")  # its file is not run
+                if kind not in KINDS and "file" not in table:
+                    raise table.error(f"there is no effect '{kind}'; {one_of(kind, KINDS)}")
+                still.append(f"{kind}:{joints}")
                 continue
+            effect = _effect(table, context)
             if effect.label in {own.label for own in mechanism.effects}:
                 raise MechanismError(f"has the effect '{effect.label}' already")
             mechanism = mechanism + effect

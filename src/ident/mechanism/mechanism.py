@@ -359,7 +359,7 @@ class Mechanism(Displayed):
         """
         present = {effect.label for effect in self.effects}
         for effect in self.effects:
-            for other in {*effect.required} - present:
+            for other in (x for x in effect.required if x not in present):
                 raise MechanismError(
                     f"{self.name}: effect '{effect.label}' changes '{other}', which is not there; "
                     f"add it, or leave out {effect.label}"

@@ -229,7 +229,7 @@ def lock(
         if joint.find("axis") is not None:
             axis = np.array(numbers(joint.find("axis"), "xyz", "1 0 0", 3, where))
         limit, kind = joint.find("limit"), joint.get("type")
-        if limit is not None and kind in ("revolute", "prismatic"):
+        if name in values and limit is not None and kind in ("revolute", "prismatic"):
             (low,), (high,) = (numbers(limit, key, "0", 1, where) for key in ("lower", "upper"))
             if low < high and not low <= value <= high:
                 limits = f"{low:.4g} to {high:.4g}"

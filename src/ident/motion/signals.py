@@ -83,14 +83,21 @@ class Clock:
         return self.t0 + self.step * np.arange(first, last + 1)
 
 
+def longest_step(at: np.ndarray) -> float:
+    """Return the longest step of times [s] that is no gap: many times one that few exceed, which
+    half of all cells that are missing at random hardly change.
+    """
+    median, large = np.quantile(np.diff(at), (0.5, 0.9))
+    return GAP * float(min(large, GAP * median))
+
+
 def gaps(t: np.ndarray, at: np.ndarray) -> np.ndarray:
     """True (n,) where t lies in a gap of a column that has samples at the times `at`."""
-    # a step that few exceed: half of all cells that are missing at random hardly change it
-    median, large = np.quantile(np.diff(at), (0.5, 0.9))
-    step = min(large, GAP * median)
+    longest = longest_step(at)
+    step = longest / GAP
     right = np.clip(np.searchsorted(at, t), 1, len(at) - 1)
     outside = (t < at[0] - 0.5 * step) | (t > at[-1] + 0.5 * step)
-    return outside | (at[right] - at[right - 1] > GAP * step) & (
+    return outside | (at[right] - at[right - 1] > longest) & (
         np.minimum(np.abs(at[right] - t), np.abs(t - at[right - 1])) > 1e-9
     )
 
@@ -212,12 +219,13 @@ def measure(
     notes += _unevenness(log.t, n, even)
     usable = ~gaps(t, log.t)
     if (count := int((~usable).sum())) > 0:
-        holes = log.gaps(GAP)
-        longest = max(after - before for before, after in holes)
+        step = np.diff(log.t)
+        holes = np.flatnonzero(step > longest_step(log.t))
         several = f"{len(holes)} gaps of up to" if len(holes) > 1 else "a gap of"
+        first = log.t[holes].min(initial=np.inf)
         notes.append(
-            f"{several} {longest:.3g} s (first at t = {holes[0][0]:.4g} s): no sample near {count} "
-            f"of {n} instants, which are left out"
+            f"{several} {step.max():.3g} s (first at t = {first:.4g} s): no sample near {count} of "
+            f"{n} instants, which are left out"
         )
     columns, steps = {}, [dt]
     for name in log.columns:
@@ -273,7 +281,7 @@ def measure(
 def _unevenness(t: np.ndarray, count: int, even: bool) -> list[str]:
     """Say how far the steps of t are from uniform, but for gaps, if the clock is another one."""
     step, dt = np.diff(t), float(np.median(np.diff(t)))
-    off = np.abs(step - dt)[step <= GAP * dt]
+    off = np.abs(step - dt)[step <= longest_step(t)]
     largest, rms = off.max(initial=0.0), np.sqrt((off**2).mean())
     if even or largest <= UNEVEN * dt:
         return []

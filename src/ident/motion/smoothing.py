@@ -187,8 +187,9 @@ def smoothed(
 
 
 def rms(parts: Sequence[np.ndarray]) -> float:
-    """Root mean square of all numbers in some arrays."""
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+    """Root mean square of all numbers in some arrays; 0 where there are none."""
+    every = np.concatenate(parts)
+    return float(np.sqrt((every**2).sum() / max(len(every), 1)))
 
 
 def _as_logged(channels: Sequence[Channel], band: Band, exact: bool) -> bool:

@@ -71,7 +71,8 @@ def comparison_card(c: Comparison) -> Card:
     alone, (_, errors) = first is last, judged(c, last.name)
     good = good_enough(errors, floor, last.away)
     before = fitted(c, first.name) if alone else judged(c, first.name)[1]
-    blind = [j for j, e in before.items() if e.unmeasured and not errors[j].unmeasured]
+    now = {joint for joint, e in errors.items() if not e.unmeasured}
+    blind = [joint for joint, e in before.items() if e.unmeasured and joint in now]
     before = {joint: e for joint, e in before.items() if joint not in blind}
     changed = first.risen(before) if alone else []
     bars = bars_of(before, errors, floor)
@@ -84,16 +85,14 @@ def comparison_card(c: Comparison) -> Card:
         line += f": changed since it was fitted in {places(changed)}"
         others = f"the error is larger in {places(larger)} too, less surely"
         others = others if larger else "all other joints are as then"
-        line += f"; {others}" * (len(changed) < len(errors))
+        line += f"; {others}" * (len(changed) + len(blind) < len(errors))
         if all(((bar.after or bar.before).relative or 0.0) > OTHERWISE for bar in bars):
             line += f", by much of its torque: {OTHER}"
     elif alone:
         if larger:
             line += f": unchanged; {grown}"
         elif before:
-            line += ": in all joints as when it was fitted"
-        if blind:
-            line += f"; {places(blind)} had no torque to be fitted to, and only now has one"
+            line += f": in all {'other ' * bool(blind)}joints as when it was fitted"
     else:
         rises = [bar.joint for bar in bars if bar.rises]
         falls = [x.joint for x in bars if x.after and x.after.rms < (1 - SAME) * x.before.rms]
@@ -101,6 +100,8 @@ def comparison_card(c: Comparison) -> Card:
         parts = [f"{way} in {places(names)}" for way, names in ways.items() if names]
         line += f": the error {' and '.join(parts) or 'is the same in all joints'}"
         good = good and f"Of {shown[last.name]}: {good}"
+    if alone and blind:
+        line += f"; without a measured torque when it was fitted: {listed(blind)}"
     differs = alone and bool(changed)
     verb = "diagnose" if differs or not enough(errors, floor) else "monitor"
     columns = list(_error_columns(c))

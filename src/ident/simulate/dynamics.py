@@ -214,9 +214,9 @@ class _Instant:
         bodies = zip(mechanism.bodies.links, self.plant.laws.pi.reshape(-1, COUNT), strict=True)
         why = "something that moves has no inertia"
         least = (
-            (x, np.linalg.eigvalsh(pseudo_inertia(pi)).min() / abs(pi).max()) for x, pi in bodies
+            (x, np.linalg.eigvalsh(pseudo_inertia(pi)).min(), abs(pi).max()) for x, pi in bodies
         )
-        if bad := [link for link, share in least if share < -1e-9]:
+        if bad := [link for link, value, size in least if value < -1e-9 * size]:
             why = f"no real body has the parameters of {', '.join(bad)}"
         raise MechanismError(
             f"{mechanism.name}: at t = {self.m.t:.4g} s the mass matrix is not positive definite, "

@@ -211,7 +211,8 @@ def excerpt(
         for each in remaining:
             if note.startswith(f"{each.name}, "):
                 text = note.removeprefix(f"{each.name}, ").partition(" s:")[2]
-                note = "" if text.endswith("left out") else f"{each.name}:{text}"
+                ends = text.endswith("left out") and "no sample near" not in text
+                note = "" if ends else f"{each.name}:{text}"
         # each log reports itself what is no measurement
         notes += [note] if note and NO_MEASUREMENT not in note else []
     return Excerpt(

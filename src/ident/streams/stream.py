@@ -185,14 +185,15 @@ class Stream:
         kept = 2 * (half + self._around + self._decimator.factor) + SHORTEST
         first = int(np.searchsorted(X[:, 0], end - kept * dt))
         try:
-            if (e := self._state(X)) is not None:
-                made += self._made(e, end - (0 if last else self._around) * dt)
-                self._q = e.q[min(int(np.searchsorted(e.t, X[first, 0])), len(e) - 1)]
+            e = self._state(X)
         except MotionError as error:
             self._lose(new, str(error))
             self._X = self._X[stop:]
             self._cut()
             return []
+        if e is not None:
+            made += self._made(e, end - (0 if last else self._around) * dt)
+            self._q = e.q[min(int(np.searchsorted(e.t, X[first, 0])), len(e) - 1)]
         self._X, self._old = self._X[first:], stop - first
         return made
 
