@@ -159,6 +159,27 @@ def test_columns_that_never_meet_are_refused(robots):
         run(robots, "arm", t, columns)
 
 
+def test_only_what_is_cut_is_a_gap_and_the_rest_is_jitter(robots):
+    t, columns = drive("arm", rate=100.0, seconds=12.0)
+    keep = np.random.default_rng(0).uniform(size=len(t)) > 0.6  # two cells in five are there
+    keep &= (t < 6) | (t > 9)
+    logged = {k: x[keep] for k, x in positions(columns).items()}
+    _, motion = run(robots, "arm", t[keep], logged)
+    cut = [note for note in motion.notes if "no sample near" in note]
+    assert len(cut) == 1
+    assert re.search(r"a gap of 3(\.\d+)? s \(first at t = [56](\.\d+)? s\)", cut[0])
+    assert any("time stamps are uneven" in note for note in motion.notes)
+
+
+def test_a_log_of_even_runs_has_gaps_and_no_jitter(robots):
+    t, columns = drive("arm", rate=100.0, seconds=12.0)
+    keep = (t < 4) | ((t > 5) & (t < 7)) | (t > 8)
+    logged = {k: x[keep] for k, x in positions(columns).items()}
+    _, motion = run(robots, "arm", t[keep], logged)
+    assert any("2 gaps of up to 1" in note for note in motion.notes)
+    assert not any("uneven" in note for note in motion.notes)
+
+
 @pytest.mark.parametrize("share", [0.05, 0.3])
 @pytest.mark.parametrize("name", ["four_bar", "arm"])
 def test_uneven_time_stamps(name, share, robots):
