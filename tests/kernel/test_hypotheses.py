@@ -13,6 +13,7 @@ from ident.information.chance import (
     SMOOTH,
     Chance,
     exceeding,
+    paired,
     quantile,
     remaining_power,
     surrogates,
@@ -341,3 +342,9 @@ def test_rounding_does_not_change_random_residuals():
     both = (r, r + 1e-15 * random.standard_normal(r.shape))
     one, other = (surrogates(x, [slice(0, 300)], 5, np.random.default_rng(1)) for x in both)
     np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+def test_squares_that_differ_by_rounding_are_the_same():
+    b = 1 + np.random.default_rng(0).uniform(size=20)
+    assert paired(b * (1 + 1e-14), b) == 0  # every block the larger one, by rounding
+    assert paired(b * (1 + 1e-6), b) > 2

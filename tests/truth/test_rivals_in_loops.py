@@ -1,10 +1,17 @@
 """A passive joint that turns as a driven one does: friction of either has the same columns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import ident
 from ident import Log, Noise
+from ident.diagnosis.candidates import Contest
+from ident.diagnosis.diagnosis import candidates_of
+from ident.diagnosis.null import noise
+from ident.diagnosis.search import Search
+from ident.diagnosis.selection import Decision
 
 LINK = (
     '<link name="{0}_link"><inertial><origin xyz="0 0 -{1}"/><mass value="{2}"/><inertia '
@@ -22,8 +29,10 @@ MIRROR = (
 
 
 @pytest.fixture(scope="module")
-def mirrored(tmp_path_factory):
-    """Two driven pendulums, one on the other, and a passive one that mirrors the first."""
+def fit(tmp_path_factory):
+    """Of two driven pendulums, one on the other, and a passive one that mirrors the first, without
+    the dry friction that both drives have.
+    """
     folder = tmp_path_factory.mktemp("mirror")
     chain = (("first", "base", 0.0), ("second", "first_link", 0.1), ("mirror", "base", 0.5))
     bodies = (LINK.format("first", 0.2, 1.0), LINK.format("second", 0.1, 0.5))
@@ -31,31 +40,35 @@ def mirrored(tmp_path_factory):
     text = f'<robot name="two"><link name="base"/>{"".join(parts)}</robot>'
     (folder / "two.urdf").write_text(text)
     (folder / "mechanism.toml").write_text(MIRROR)
-    return ident.load(folder)
-
-
-def diagnosed(mechanism, **values):
-    """A diagnosis of the model without effects; `values` are those of the simulated ones."""
-    t = np.arange(0, 10, 0.005)
+    mechanism, t = ident.load(folder), np.arange(0, 10, 0.005)
     angle = np.outer(t, 2 * np.pi * np.array([0.31, 0.53, 0.87]))
     columns = {
         "q.first": np.sin(angle) @ [0.8, 0.3, 0.1],
         "q.second": np.sin(angle + 1) @ [0.3, -0.6, 0.2],
     }
-    hidden, planted = mechanism, {}
-    for name, pair in values.items():
-        kind, parameter = name.split("_")
-        for joint, value in zip(("first", "second"), pair, strict=True):
-            hidden = hidden.with_effect(f"{kind}:{joint}")
-            planted[f"{kind}.{joint}.{parameter}"] = value
     log, _ = ident.simulate(
-        hidden, Log.from_arrays("run.csv", t, columns), values=planted,
-        noise=[Noise("tau", 0.01, relative=True)], seed=1,
-    )  # fmt: skip
-    return ident.diagnose(ident.identify(mechanism, ident.complete(mechanism, log, cutoff="auto")))
+        mechanism.with_effect("coulomb:first").with_effect("coulomb:second"),
+        Log.from_arrays("run.csv", t, columns),
+        values={"coulomb.first.Fc": 0.6, "coulomb.second.Fc": 0.4},
+        noise=[Noise("tau", 0.01, relative=True)],
+        seed=1,
+    )
+    return ident.identify(mechanism, ident.complete(mechanism, log, cutoff="auto"))
 
 
-def test_of_the_same_columns_those_of_a_drive_are_named_first(mirrored):
-    found = diagnosed(mirrored, coulomb_Fc=(0.6, 0.4))
+def test_of_the_same_columns_those_of_a_drive_are_named_first(fit):
+    found = ident.diagnose(fit)
     assert found.best.label == "coulomb:first"
     assert [each.label for each in found.rivals] == ["coulomb:mirror"]
+
+
+def test_what_came_with_others_has_the_same_effect_of_another_joint_as_rival(fit):
+    contest = Contest.of(fit, candidates_of(fit), lambda *_: None)
+    decision = Decision(0.01, 0.003, 2.0)
+    search = Search(contest, noise(contest, 0), decision, 0, (), lambda *_: None)
+    first = search.ranked(search.start)
+    own = next(e for e in first.credible if e.effect.label == "coulomb:first")
+    alone = search.start.plus(own)
+    now = replace(alone, members=(replace(alone.members[0], grouped=True),))
+    came = search.with_rivals(now, now.members[0])
+    assert "coulomb:mirror" in {each.effect.label for each in came.rivals}

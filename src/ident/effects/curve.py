@@ -6,23 +6,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from abc import abstractmethod
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.effect import (
-    NOWHERE,
-    UNITS,
-    Bounds,
-    Effect,
-    OfSignals,
-    Shape,
-    Signals,
-    Unknown,
-    unit_of,
-)
+from ident.effects.effect import NOWHERE, UNITS, Bounds, Effect, Shape, Signals, Unknown, unit_of
 from ident.effects.joint import direction
 from ident.errors import MechanismError, one_of
 
@@ -34,6 +25,62 @@ PRODUCTS = (  # the curve's signal, what it multiplies
 )  # fmt: skip
 LAGS = 5  # range: time constants of a response, each twice the one before
 OF_TWO = "q*q"  # a curve of the second joint's position, times the first joint's
+
+
+@dataclass(frozen=True)
+class OnFirst(Effect):
+    """An effect whose torque acts on the first of its joints; the others give signals alone."""
+
+    @abstractmethod
+    def torque(self, s: Signals) -> np.ndarray:
+        """E (n, unknowns) of the first joint."""
+
+    @property
+    @abstractmethod
+    def dry(self) -> bool:
+        """Whether it has the sign of its joints' speeds, and is open where one stands still."""
+
+    def columns(self, s: Signals) -> np.ndarray:
+        E = np.zeros((*s.q.shape, len(self.unknowns)))
+        E[:, 0] = self.torque(s)
+        return E
+
+    def informed(self, s: Signals) -> np.ndarray:
+        found = np.ones(s.q.shape, dtype=bool)
+        if self.dry:
+            found[:, 0] = (np.abs(s.v) >= s.still).all(axis=1)
+        return found
+
+
+@dataclass(frozen=True)
+class OfSignals(OnFirst):
+    """A torque that is a function of signals of its joints."""
+
+    not_integrable = ""  # its state is the time
+    second_rotational: bool = field(default=True, kw_only=True)  # whether the second joint turns
+
+    @property
+    @abstractmethod
+    def depends_on(self) -> frozenset[str]:
+        """Signals on which it depends."""
+
+    @property
+    def implicit(self) -> bool:  # type: ignore[override]
+        return "load" in self.depends_on
+
+    @property
+    def memory(self) -> bool:  # type: ignore[override]
+        return "t" in self.depends_on  # it counts from the log's first sample
+
+    @property
+    def asks(self) -> tuple[str, ...]:  # type: ignore[override]
+        return tuple({"a", "load"} & self.depends_on)
+
+    def placed(self, rotational: Sequence[bool]) -> Effect:
+        return replace(self, rotational=rotational[0], second_rotational=rotational[-1])
+
+    def reads(self) -> tuple[str, ...]:
+        return (f"temperature.{self.joints[0]}",) if "temperature" in self.depends_on else ()
 
 
 @dataclass(frozen=True)

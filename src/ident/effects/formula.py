@@ -18,11 +18,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ident.effects.curve import OfSignals
 from ident.effects.effect import (
     UNITS,
     Bounds,
     Found,
-    OfSignals,
     Powers,
     Shape,
     Signals,

@@ -23,8 +23,8 @@ import casadi as ca
 import numpy as np
 
 from ident.effects import drive, joint
-from ident.effects.curve import Curve
-from ident.effects.effect import Effect, OnFirst, Shape, Signals, Sites, Unknown
+from ident.effects.curve import Curve, OnFirst
+from ident.effects.effect import Effect, Shape, Signals, Sites, Unknown
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import function_of
 from ident.text import listed, places

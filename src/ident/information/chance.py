@@ -181,6 +181,7 @@ def _pairs(times: Times, lag: int) -> tuple[list[int], list[int]]:
 
 
 FOLDS = 10  # work
+DIFFERENT = 1e-9  # numerics: of squares, up to which two differ by rounding alone
 ROUNDING = 1e-9  # numerics: of the torque, below which an error is none
 
 
@@ -428,8 +429,10 @@ def odds_ratio(gain: float, limit: float) -> float:
 
 def paired(a: Array, b: Array) -> float:
     """Standard errors of paired blocks by which squares b (blocks,) are lower than a: of the
-    differences, or of the differences of the logarithms, the larger.
+    differences, or of the differences of the logarithms, the larger; 0 where they differ by
+    rounding, as those of equal columns do.
     """
+    a = np.where(np.abs(a - b) > DIFFERENT * np.maximum(a, b), a, b)
     tiny = 1e-12 * max(float(a.sum()), float(b.sum())) + 1e-300
     return max(zscore(a - b), zscore(np.log((a + tiny) / (b + tiny))))
 

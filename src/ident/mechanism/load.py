@@ -327,15 +327,16 @@ def _unmeasured(
 
 def _remarks(mechanism: Mechanism) -> list[str]:
     asked = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
-    idle = mechanism.passive and not mechanism.driven
-    return [
+    idle = (
         "nothing is driven: [joints] passive names every joint, so no torque is compared with a "
         "model; leave out the joints whose torque is logged"
-    ] * bool(idle) + [
+    )
+    massless = [
         f"link '{link}' has no <inertial>; its prior is massless"
         for link in mechanism.bodies.links
         if link in asked and not mechanism.prior[mechanism.bodies.columns(link)].any()
     ]
+    return [idle, *massless] if mechanism.passive and not mechanism.driven else massless
 
 
 def _columns(table: TomlTable, joints: Sequence[str]) -> dict[str, Column]:

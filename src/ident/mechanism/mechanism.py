@@ -359,10 +359,11 @@ class Mechanism(Displayed):
         """
         present = {effect.label for effect in self.effects}
         for effect in self.effects:
-            for other in (x for x in effect.required if x not in present):
+            absent = [other for other in effect.required if other not in present]
+            if absent:
                 raise MechanismError(
-                    f"{self.name}: effect '{effect.label}' changes '{other}', which is not there; "
-                    f"add it, or leave out {effect.label}"
+                    f"{self.name}: effect '{effect.label}' changes '{absent[0]}', which is not "
+                    f"there; add it, or leave out {effect.label}"
                 )
 
     def without(self, label: str) -> Mechanism:

@@ -40,13 +40,15 @@ SLOW = 0.03  # tuned: share of a joint's top speed below which it is at rest, or
 REGULAR = 0.9  # tuned: share of the times that rows or a channel are held, which have one length
 SWITCHED = 0.5  # level: share of all samples that are too many to be left out
 FACTORS = {
-    factor**power: f"the {which} in {unit}"
-    for unit, factor in {
-        "degrees": 180 / np.pi, "millimetres": 1e3, "revolutions a minute": 30 / np.pi,
-        "revolutions": 0.5 / np.pi,
-    }.items()
-    for power, which in ((1, "first"), (-1, "second"))
-}  # fmt: skip
+    180 / np.pi: "the first in degrees",
+    np.pi / 180: "the second in degrees",
+    1e3: "the first in millimetres",
+    1e-3: "the second in millimetres",
+    30 / np.pi: "the first in revolutions a minute",
+    np.pi / 30: "the second in revolutions a minute",
+    1 / (2 * np.pi): "the first in revolutions",
+    2 * np.pi: "the second in revolutions",
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,8 +79,9 @@ def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Pat
     They are absolute for a scheduler, whose workers are in folders of their own.
     """
     given = [given] if isinstance(given, str | os.PathLike) else given
-    for each in (x for x in given if not isinstance(x, str | os.PathLike)):
-        raise LogError(f"{type(each).__name__} is no path; give paths of logs and folders")
+    for each in given:
+        if not isinstance(each, str | os.PathLike):
+            raise LogError(f"{type(each).__name__} is no path; give paths of logs and folders")
     paths = expanded(given)
     return paths if scheduler is None else [path.absolute() for path in paths]
 
