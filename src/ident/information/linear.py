@@ -31,6 +31,8 @@ Columns = Index | NDArray[np.bool_] | list[int]
 
 _PIECE = 512  # work: rows reduced at a time: the piece and the triangle stay in the cache
 _PANEL = 16  # work: columns LAPACK handles as one block
+RIDGE = 1e-12  # numerics: of what is compared: below, it is rounding
+ROUNDS = 10  # range: of active sets, so many a number; each is looked at once but for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,6 +216,33 @@ def lstsq(A: Array, b: Array, rcond: float | None = None) -> tuple[Array, int]:
         small = np.finfo(float).eps * max(A.shape) if rcond is None else rcond
         x, _, rank, _ = scipy.linalg.lstsq(A, b, cond=small, lapack_driver="gelss")
     return np.asarray(x), int(rank)
+
+
+def nonnegative(H: Array, b: Array) -> Array:
+    """Return x (n,) of the least ½ xᵀH x − bᵀx with x ≥ 0, H (n, n) semidefinite, by active sets.
+
+    SciPy's takes H = LLᵀ apart, and 0.2 s to import. Source: C. Lawson, R. Hanson, Solving Least
+    Squares Problems (1974), ch. 23.
+    """
+    size = np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
+    H, b = H / size / size[:, None] + RIDGE * np.eye(len(b)), b / size
+    x, free = np.zeros(len(b)), np.zeros(len(b), dtype=bool)
+    for _ in range(ROUNDS * len(b)):
+        rising = np.where(free, -np.inf, b - H @ x)
+        if free.all() or rising.max() <= RIDGE * np.abs(b).max():
+            break
+        free[rising.argmax()] = True
+        while True:
+            new = np.zeros(len(b))
+            new[free] = np.linalg.solve(H[np.ix_(free, free)], b[free])
+            bad = free & (new <= 0)
+            if not bad.any():
+                break
+            x = x + (x[bad] / (x[bad] - new[bad])).min() * (new - x)
+            free &= x > RIDGE * x.max()
+            x[~free] = 0.0
+        x = new
+    return x / size
 
 
 def _check_finite(*arrays: Array) -> None:

@@ -13,12 +13,13 @@ from ident.display import acceptable, folder, inputs
 from ident.effects import Effect
 from ident.fit.faults import UNITS
 from ident.fit.findings import DRIVING, Finding
+from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.information.chance import LEAVES
 from ident.information.estimate import MATERIAL
 from ident.mechanism.load import has_identified
 from ident.mechanism.mechanism import Mechanism
-from ident.text import percent, places, significant, some, two_digits, width, wrapped
+from ident.text import percent, places, rounded, significant, some, two_digits, width, wrapped
 
 # options of the model
 PAIRS, FLAGS = ("--with", "--lock", "--unmeasured"), ("--absolute", "--allow-code")
@@ -375,3 +376,24 @@ def next_command(
     elif verb == "diagnose" and known and given.fit:  # effects are in it, with their values
         mechanism, words[verb] = f"{given.fit}/identified", [*given.logs, *own(*PAIRS[1:], *FLAGS)]
     return shlex.join(["ident", verb, mechanism, *words[verb]])
+
+
+def body_words(parameters: Sequence[Value]) -> str:
+    """Return mass and centre of mass of a body by its ten parameters; none where the data do not
+    determine them, or of the centre what they do: in a plane two coordinates. The centre's errors
+    are the sums of those of the moment and of the mass.
+    """
+    own = {v.name.rpartition(".")[2]: v for v in parameters}
+    moments = {axis: own[f"m{axis}"] for axis in "xyz" if f"m{axis}" in own}
+    known = {axis: v for axis, v in moments.items() if v.stderr is not None}
+    if len(moments) < 3 or len(known) < 2 or "m" not in own or own["m"].stderr is None:
+        return ""
+    m, error = own["m"].value, own["m"].stderr or 0.0
+    if abs(m) <= 2 * error:
+        return ""
+    centre = []
+    for axis, v in known.items():
+        c = v.value / m
+        size = ((v.stderr or 0.0) + abs(c) * error) / abs(m)
+        centre.append(f"{axis} = {rounded(c, size)}")
+    return f"mass {rounded(m, error)} kg, its centre at {', '.join(centre)} m in the link's axes"

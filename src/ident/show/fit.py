@@ -21,6 +21,7 @@ from ident.information.blocks import Error
 from ident.show.card import (
     Card,
     bars_of,
+    body_words,
     enough,
     good_enough,
     next_command,
@@ -32,7 +33,6 @@ from ident.show.charts import PRIOR, Chart, Dots, Panel
 from ident.show.comparison import change_tables, changes_line, plot_forces
 from ident.show.html import Block, Section, Sheet, by_log, folded, items, paragraph, report_page
 from ident.show.html import table as html_table
-from ident.show.laws import body_words
 from ident.show.motion import made_of, understood
 from ident.show.residual import compared, error_rows, errors_section, residual_sections, short
 from ident.text import listed, percent, rounded, shortened, significant, some, two_digits

@@ -14,6 +14,7 @@ from ident.display import folder
 from ident.effects import Effect, Unknown
 from ident.fit.values import Value
 from ident.information import linear
+from ident.show.card import body_words
 from ident.show.charts import FAINT, Chart, Level, Line, Panel
 from ident.show.html import Block, code, headed, paragraph, table
 from ident.text import listed, percent, rounded, some, wrapped
@@ -43,27 +44,6 @@ def numbers(parameters: Sequence[Value]) -> str:
         value = f"{name} = {number} {v.unit}".removesuffix(" 1")
         found.append(value + " (not determined)" * unknown)
     return some(found)
-
-
-def body_words(parameters: Sequence[Value]) -> str:
-    """Return mass and centre of mass of a body by its ten parameters; none where the data do not
-    determine them, or of the centre what they do: in a plane two coordinates. The centre's errors
-    are the sums of those of the moment and of the mass.
-    """
-    own = {v.name.rpartition(".")[2]: v for v in parameters}
-    moments = {axis: own[f"m{axis}"] for axis in "xyz" if f"m{axis}" in own}
-    known = {axis: v for axis, v in moments.items() if v.stderr is not None}
-    if len(moments) < 3 or len(known) < 2 or "m" not in own or own["m"].stderr is None:
-        return ""
-    m, error = own["m"].value, own["m"].stderr or 0.0
-    if abs(m) <= 2 * error:
-        return ""
-    centre = []
-    for axis, v in known.items():
-        c = v.value / m
-        size = ((v.stderr or 0.0) + abs(c) * error) / abs(m)
-        centre.append(f"{axis} = {rounded(c, size)}")
-    return f"mass {rounded(m, error)} kg, its centre at {', '.join(centre)} m in the link's axes"
 
 
 def labels(effects: Iterable[Effect], word: str = "and") -> str:
