@@ -296,13 +296,15 @@ def identify() -> str:
 
 
 def command() -> str:
-    """Processor time of the whole command `ident identify robots/arm robots/arm/run.csv`."""
-    words = []
+    """Processor time of the whole command `ident identify robots/arm robots/arm/run.csv`, its
+    modules compiled, as they are from the second time on.
+    """
+    words, compiled = [], {k: x for k, x in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     for _ in range(3):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(
             [sys.executable, "-m", "ident", "identify", str(ARM), str(ARM / "run.csv")],
-            capture_output=True, check=True,
+            capture_output=True, check=True, env=compiled,
         )  # fmt: skip
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         words.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)

@@ -440,8 +440,8 @@ class Table(Rows):
             bare = replace(self.thin[number], mechanism=grown, point=point)
             h, moved = beside(bare, effect, name, cutoff, effect)
             still = not effect.unknowns and not any(shape.values())  # it corrects nothing yet
-            at = self.thin[number] if still else corrected(bare, cutoff, effect)
-            S, t = (residual(at) - residual(moved)) / h, scene.e.t
+            r = self._unmoved[number] if still else residual(corrected(bare, cutoff, effect))
+            S, t = (r - residual(moved)) / h, scene.e.t
             if len(S) != len(t):
                 from scipy.interpolate import CubicSpline  # takes 0.2 s to import
 
@@ -457,6 +457,11 @@ class Table(Rows):
             every = max(1, int(scene.e.rate / (SMOOTH * cutoff))) if cutoff else 1
             found.append(replace(scene.whole, e=scene.e.thinned(every), memo={}))
         return tuple(found)
+
+    @cached_property
+    def _unmoved(self) -> tuple[np.ndarray, ...]:
+        """b − A x of the thin experiments at the point."""
+        return tuple(map(residual, self.thin))
 
     @cached_property
     def samples(self) -> tuple[Samples, ...]:

@@ -197,7 +197,7 @@ def depends_on(
     r: np.ndarray, fold: np.ndarray, maps: Sequence[SignalMap], runs: Sequence[slice]
 ) -> tuple[list[Dependence], float]:
     """Return the signals that explain a residual, the one that adds most first, and the R² that
-    the next one would have needed.
+    was needed last.
 
     Args:
         r: (n,) the residual; fold: (n,) consecutive rows of one number are one stretch of time.
@@ -215,15 +215,18 @@ def depends_on(
     part = Part(0, np.arange(ends[-1]), X, r[:, None], edges)
     now = PartialRegression((part,), np.zeros(1, dtype=np.intp), np.ones(1))
     total, rest, random = float(now.loss.sum()), [*range(len(maps))], np.random.default_rng(0)
-    while rest:
+    while rest and len(added) < SIGNALS:
+        some, left = [groups[i] for i in rest], float(now.loss.sum())
+        g, threshold = now.explained(now.gains(some).by) * left / total, LEAST
+        if g.max() <= threshold:
+            break
         noise = surrogates(now.residual[0], runs, DRAWS, random)[:, 0]
         asked = now.judging([np.column_stack([r, noise])])
-        gains = asked.gains([groups[i] for i in rest])
-        chance = asked.explained(gains.null.transpose(0, 2, 1), asked.null_losses.T)
-        left = float(now.loss.sum())
-        threshold = max(LEAST, float(chance.max()) * left / total)
-        g = asked.explained(gains.by) * left / total
-        if g.max() <= threshold or len(added) == SIGNALS:
+        null = asked.gains(some).null.transpose(0, 2, 1)
+        threshold = max(
+            LEAST, float(asked.explained(null, asked.null_losses.T).max()) * left / total
+        )
+        if g.max() <= threshold:
             break
         near = np.flatnonzero(g >= g.max() - LEAST)
         pick = min(near, key=lambda k: (len(groups[rest[k]]), rest[k]))

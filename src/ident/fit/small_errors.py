@@ -151,8 +151,9 @@ def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
     products = products[np.unique(table.blocks[use.any(axis=1)])]
     delay = abs(products.sum()) / max(float(column @ column), 1e-300)
     shares = delay * np.sqrt((late**2).sum(axis=0) / np.maximum(squares, 1e-300))
-    chance = credible_t(1, len(products)) if len(products) > 1 else np.inf
-    return bool(shares.max() > HALF * SMALL and abs(zscore(products)) > chance)
+    if len(products) < 2 or shares.max() <= HALF * SMALL:
+        return False
+    return abs(zscore(products)) > credible_t(1, len(products))
 
 
 def common_delay(

@@ -13,10 +13,10 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from statistics import NormalDist
 from typing import Protocol
 
 import numpy as np
-from scipy.special import ndtri
 
 from ident.display import Displayed
 from ident.effects import Effect
@@ -352,7 +352,7 @@ class Changes(Displayed):
     @property
     def least(self) -> float:
         """Return the standard errors from which a change is none of chance."""
-        return float(-ndtri(ALPHA / 2 / max(len(self.compared), 1)))
+        return -NormalDist().inv_cdf(ALPHA / 2 / max(len(self.compared), 1))
 
     @cached_property
     def changed(self) -> tuple[Change, ...]:

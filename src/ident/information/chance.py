@@ -301,7 +301,7 @@ def surrogates(
             turn = np.exp(2j * np.pi * random.random((n + 1, 1, size)))
             turn[[0, n]] = np.sign(random.standard_normal((2, 1, size)))
             drawn = F[:, :, None] * np.sqrt(_smooth(w * power[:, :, None])) * turn
-            found[run, :, some] = np.fft.irfft(drawn, 2 * n, axis=0)[:n]
+            found[run, :, some] = np.fft.irfft(drawn.astype(np.complex64), 2 * n, axis=0)[:n]
     return found
 
 

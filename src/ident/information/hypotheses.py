@@ -111,7 +111,7 @@ class PartialRegression(Projection):
         cn = np.zeros((blocks, n * u, B), dtype=np.float32)
         for part, Q, Y, (mine, X) in zip(self.parts, self.Q, self.residual, columns, strict=True):
             place = (mine[:, None] * u + np.arange(u)).ravel()
-            r = Y[:, 1:].astype(np.float32)
+            r, single = Y[:, 1:].astype(np.float32), X.astype(np.float32) if B else X
             where = slice(None) if len(place) == n * u else place  # a view, where it can be
             for k in range(blocks):
                 rows = part.block(k)
@@ -119,7 +119,7 @@ class PartialRegression(Projection):
                 p[k][:, where] += Q[rows].T @ x
                 cy[k][where] += x.T @ Y[rows, :1]
                 if B:
-                    cn[k][where] += x.astype(np.float32).T @ r[rows]
+                    cn[k][where] += single[rows].T @ r[rows]
                 cc[k, mine] += _inner(x, x, u)
         P = p.sum(axis=0)
         small, qn = P.astype(np.float32), q[:, :, 1:].astype(np.float32)
@@ -154,11 +154,13 @@ class PartialRegression(Projection):
             Z[k] = P - Mp
         D, by = np.zeros((n, blocks)), np.zeros((n, self.d))
         null = np.zeros((n, self.d, B), dtype=np.float32)
-        single = Z.astype(np.float32) if B else Z
+        few = Z.astype(np.float32) if B else Z
         for part, Q, left, (mine, X) in zip(self.parts, self.Q, self._left, columns, strict=True):
+            X = _turned(V[mine], X)
+            single = X.astype(np.float32) if B else X
             for k, (QQ, e, qe, random, q_random) in enumerate(left):
                 rows = part.block(k)
-                x = _turned(V[mine], X[rows])
+                x = X[rows]
                 a = _inner(Z[k], QQ @ Z[k], u)
                 own = Z[k].reshape(rank, n, u)[:, mine].reshape(rank, len(mine) * u)
                 cross = _inner(Q[rows].T @ x, own, u)
@@ -167,8 +169,8 @@ class PartialRegression(Projection):
                 D[:, k] += fall
                 by[:, part.coordinate] += fall
                 if B:
-                    x, a = x.astype(np.float32), a.astype(np.float32)
-                    fall = _fall(mine, cn[k], x, single[k], random, q_random, a)
+                    a = a.astype(np.float32)
+                    fall = _fall(mine, cn[k], single[rows], few[k], random, q_random, a)
                     null[:, part.coordinate] += fall
         return Gains(D, by, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
 

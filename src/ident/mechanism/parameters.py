@@ -303,9 +303,10 @@ def rigid_forces(
     model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray, pi: np.ndarray
 ) -> np.ndarray:
     """Γ π (n, nv) of π (10 · bodies,), which needs no Γ."""
-    rigid = Rigid.of(model, pi)
-    forces = [rigid(pin.rnea, *state) for state in zip(q, v, a, strict=True)]
-    return np.reshape(forces, (len(q), model.nv))
+    states, total = [*zip(q, v, a, strict=True)], np.zeros((len(q), model.nv))
+    for sign, other, data in Rigid.of(model, pi).terms:
+        total += sign * np.reshape([pin.rnea(other, data, *state) for state in states], total.shape)
+    return total
 
 
 def supports(model: pin.Model) -> list[np.ndarray]:
