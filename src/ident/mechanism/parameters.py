@@ -289,13 +289,14 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
     Γ π are the joint torques of rigid bodies with gravity. Samples are contiguous in memory, as the
     filter of the rows wants them: a column of one row is one stretch.
     """
-    data, gamma = model.createData(), np.empty((model.nv, COUNT * (model.njoints - 1), len(q)))
+    data, gamma = model.createData(), np.zeros((model.nv, COUNT * (model.njoints - 1), len(q)))
     some = np.empty((TURNED, *gamma.shape[:2]))
     for start in range(0, len(q), TURNED):
         now = slice(start, start + TURNED)
         for i, state in enumerate(zip(q[now], v[now], a[now], strict=True)):
             some[i] = pin.computeJointTorqueRegressor(model, data, *state)
-        gamma[:, :, now] = some[: len(q) - start].transpose(1, 2, 0)
+        for row, span in enumerate(spans(model)):  # the others are zero
+            gamma[row, span, now] = some[: len(q) - start, row, span].T
     return gamma.transpose(2, 0, 1)
 
 
@@ -316,6 +317,11 @@ def supports(model: pin.Model) -> list[np.ndarray]:
         bodies = np.sort(model.subtrees[joint])[:, None] - 1
         found += [(COUNT * bodies + np.arange(COUNT)).ravel()] * model.nvs[joint]
     return found
+
+
+def spans(model: pin.Model) -> list[slice]:
+    """For every row of Γ the stretch of its columns that can differ from zero."""
+    return [slice(int(mine[0]), int(mine[-1]) + 1) for mine in supports(model)]
 
 
 @dataclass(frozen=True, eq=False)
