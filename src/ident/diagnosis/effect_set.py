@@ -189,12 +189,14 @@ def reweighted(regression: PartialRegression) -> PartialRegression:
 def on_all_rows(
     contest: Contest, members: Iterable[Member]
 ) -> tuple[PartialRegression, dict[str, Index]]:
-    """The rows of a fit, those at reversals too, with columns of members by label and without
-    pulses: on them errors are announced, as a refit has them.
+    """The rows of a fit in motion, those at reversals too, with columns of members by label and
+    without pulses: on them errors are announced, as a refit has them. A joint that never moves has
+    all that inform.
     """
     table, held = contest.table, contest.fit.estimate.held
+    use = np.where(table.moving.any(axis=0), table.moving, table.informed)
     prior = table.columns.prior_at(table.point.values)
-    store = ColumnStore(table, table.informed, table.A, table.b - table.A[:, :, held] @ prior[held])
+    store = ColumnStore(table, use, table.A, table.b - table.A[:, :, held] @ prior[held])
     columns = {}
     for each in members:
         assert each.evidence is not None
