@@ -2,6 +2,10 @@
 
 from types import SimpleNamespace
 
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
 import ident
 from helpers import ROBOTS
 from ident.diagnosis.grow import _contradicted, undetermined
@@ -56,3 +60,30 @@ def test_corrections_must_stand_out_of_their_errors():
 
     assert undetermined(values(-0.45, 0.18), mechanism.effects) == "encoder_offset:elbow"
     assert undetermined(values(-0.45, 0.1), mechanism.effects) == ""
+
+
+def test_errors_with_pauses_are_announced_in_motion():
+    """Half of the log stands still, where friction holds any torque: those rows inform a model
+    without dry friction alone.
+    """
+    arm, run = ident.load(ROBOTS / "arm"), ident.read_log(ROBOTS / "arm" / "run.csv")
+    speed = 1.5 * np.maximum(0.0, np.sin(2 * np.pi * run.t / 2.5)) ** 2
+    phase = np.cumsum(speed) * np.median(np.diff(run.t))
+    columns = {name: CubicSpline(run.t, x)(phase) for name, x in run.columns.items()
+               if name.startswith("q.")}  # fmt: skip
+    true = arm.with_effect("viscous").with_effect("coulomb")
+    values = {name: 6.0 if "coulomb" in name else 1.0 for e in true.effects for name in e.names}
+    noise = [ident.Noise("tau", 0.003, True), ident.Noise("q", 1e-5)]
+    log, _ = ident.simulate(
+        true, ident.Log.from_arrays("pauses", run.t, columns), values=values, noise=noise, seed=1,
+        columns=["q", "tau"],
+    )  # fmt: skip
+    # what sticking holds where nothing moves no model predicts
+    held = 3.0 * np.sin(log.t) * (np.interp(log.t, run.t, speed) < 1e-3)
+    stuck = {n: x + held * n.startswith("tau.") for n, x in log.columns.items()}
+    motion = ident.complete(arm, ident.Log.from_arrays("pauses", log.t, stuck))
+    _, first, *_ = ident.grow(arm, motion).steps
+    assert {effect.label for effect in first.added} == {f"coulomb:{name}" for name in arm.driven}
+    refitted = ident.identify(arm.with_effect("coulomb"), motion).held_out
+    for joint, error in refitted.items():
+        assert first.errors[joint].relative == pytest.approx(error.relative, rel=0.25)
