@@ -20,6 +20,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby, pairwise
+from math import gcd
 from operator import itemgetter
 
 import numpy as np
@@ -55,6 +56,7 @@ TORQUE = 10.0  # range: times the largest torque, by which an effect's unknown i
 TABLE = 20_000  # work: rows; of more, one in so many is kept: they decide, they are not fitted
 BLOCKS = 20  # work: of time, in all experiments together
 SMOOTH = 16.0  # numerics: samples a period of the cut-off at which sensitivities are evaluated
+COARSE = 8.0  # numerics: samples a period of the cut-off, at least, from which many are screened
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,6 +348,7 @@ class Table(Rows):
         experiment: (n,) its number.
         mechanism, columns, motion, point: whose rows.
         scenes: one an experiment.
+        every: of so many samples one is evaluated for columns.
     """
 
     experiment: np.ndarray
@@ -354,6 +357,7 @@ class Table(Rows):
     motion: Motion
     point: Point
     scenes: tuple[Scene, ...]
+    every: int = 1
 
     @classmethod
     def of(cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point) -> Table:
@@ -385,8 +389,22 @@ class Table(Rows):
             found[mine] = number * each + np.arange(mine.sum()) * each // max(mine.sum(), 1)
         return found
 
+    @cached_property
+    def coarse(self) -> Table:
+        """The same rows, with columns of effects that correct nothing from fewer samples: those of
+        friction are off by 0.2 % (rms, TX40). The rows are among these samples.
+        """
+        step = 0
+        for number in range(len(self.scenes)):
+            at = self.sample[self.experiment == number]
+            step = gcd(step, *(at - at[:1]).tolist())
+        cutoff = self.motion.band.cutoff
+        most = min(s.e.rate for s in self.scenes) / (COARSE * cutoff) if cutoff else 1
+        every = [k for k in range(1, int(most) + 1) if step % k == 0]
+        return replace(self, every=max(every, default=1))
+
     def filtered(self, number: int, x: np.ndarray) -> np.ndarray:
-        """Return a series x (n, …) of one experiment at full rate, in its rows (N_e, …)."""
+        """Return a series x (n, …) of an experiment's `samples`, in its rows (N_e, …)."""
         at, found = self._products[number]
         if not found:
             return x[at]
@@ -398,8 +416,9 @@ class Table(Rows):
         """Samples (N_e,) of the rows of each experiment, and the products that filter a series."""
         found = []
         for number, scene in enumerate(self.scenes):
-            at = self.sample[self.experiment == number]
-            taps = Decimator.of(self.motion.band.cutoff, scene.e.rate).taps
+            at, n = self.sample[self.experiment == number] // self.every, self.every
+            whole = Decimator.of(self.motion.band.cutoff, scene.e.rate)
+            taps = None if whole.taps is None else n * whole.taps[whole.half % n :: n]
             found.append((at, [] if taps is None else products(taps, at)))
         return found
 
@@ -465,8 +484,15 @@ class Table(Rows):
 
     @cached_property
     def samples(self) -> tuple[Samples, ...]:
-        """All samples of every experiment."""
-        return tuple(scene.whole.reduced(slice(None)) for scene in self.scenes)
+        """The samples of every experiment of which columns are evaluated: all of them, or one in
+        so many, rows among them.
+        """
+        found = []
+        for number, scene in enumerate(self.scenes):
+            first = int(self.sample[self.experiment == number][:1].sum())
+            some = slice(first % self.every, None, self.every)
+            found.append(scene.whole.reduced(some if self.every > 1 else slice(None)))
+        return tuple(found)
 
     def starts(self, effect: Effect) -> list[Mapping[str, float]]:
         """Return the shapes at which a search starts, known ones at their values."""
