@@ -389,8 +389,8 @@ def ladder(
 ) -> list[Step]:
     """A rung a kind of effect: what a diagnosis names, then what explains most of what is left.
 
-    The last rung is fitted; errors before it are announced by the same regression, of all rows in motion. A
-    rung whose announcement the fit contradicts is one with the last.
+    The last rung is fitted; errors before it are announced by the same regression, of all rows in
+    motion. A rung whose announcement the fit contradicts is one with the last.
     """
     new = [each for each in found.members if each.evidence is not None]
     regression, columns = on_all_rows(start.contest, new)

@@ -441,7 +441,7 @@ def _entry(v: Value) -> dict[str, Any]:
 
 
 def announced_with(fit: Fit, selection: Selection, members: Sequence[Member]) -> dict[str, Error]:
-    """Return held-out errors with members of the set, as all rows of a fit in motion predict them."""
+    """Return held-out errors with members of the set, as rows in motion predict them."""
     regression, columns = on_all_rows(selection.first.contest, members)
     richer = reweighted(regression.extended(np.concatenate([*columns.values()])))
     old, new = (x.losses.sum(axis=0) / x.weight**2 for x in (regression, richer))
