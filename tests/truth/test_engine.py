@@ -350,6 +350,23 @@ def test_of_many_rows_one_in_so_many_decides(monkeypatch):
     assert ident.diagnose(fit).candidates[0].effect.label == "coulomb:elbow"
 
 
+@pytest.mark.parametrize("name", ["arm", "five_bar"])
+@pytest.mark.parametrize(
+    ("kind", "off"), [("coulomb", 0.1), ("spring", 0.01), ("ripple", 0.01)]
+)  # steps are between samples
+def test_fewer_samples_make_nearly_the_same_columns(name, kind, off):
+    mechanism = ident.load(ROBOTS / name)
+    effect = ident.effect(kind, mechanism.driven[0])
+    log = ident.read_log(ROBOTS / name / "run.csv")
+    motions = ident.complete(mechanism, [log, log], cutoff=6.0)
+    fit = ident.identify(mechanism, motions)
+    table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+    assert table.coarse.every > 2
+    shape = dict(table.starts(effect)[0])
+    few, every = (x.effect_columns(effect, [shape])[0] for x in (table.coarse, table))
+    assert np.linalg.norm(few - every) < off * np.linalg.norm(every)
+
+
 def test_three_effects_of_which_none_is_credible_alone_are_found_together():
     """One slow law explains random residuals of that spectrum as well; three do not."""
     labels = ("ripple:elbow", "spring:elbow", "stribeck:elbow")

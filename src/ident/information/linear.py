@@ -31,7 +31,7 @@ Columns = Index | NDArray[np.bool_] | list[int]
 
 _PIECE = 512  # work: rows reduced at a time: the piece and the triangle stay in the cache
 _PANEL = 16  # work: columns LAPACK handles as one block
-RIDGE = 1e-12  # numerics: of what is compared: below, it is rounding
+RIDGE = 1e-12  # numerics: of the trace or of the largest number: below, it is rounding
 ROUNDS = 10  # range: of active sets, so many a number; each is looked at once but for rounding
 
 
@@ -238,9 +238,10 @@ def nonnegative(H: Array, b: Array) -> Array:
             bad = free & (new <= 0)
             if not bad.any():
                 break
-            x = x + (x[bad] / (x[bad] - new[bad])).min() * (new - x)
-            free &= x > RIDGE * x.max()
-            x[~free] = 0.0
+            share = np.where(bad, x, np.inf) / np.where(bad, x - new, 1.0)  # of the way to new
+            first = int(share.argmin())  # of the numbers that reach zero
+            x = x + share[first] * (new - x)
+            x[first], free[first] = 0.0, False
         x = new
     return x
 
