@@ -47,6 +47,7 @@ TRIED = 3  # work: rivals of a formula whose constants are not determined
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
 STEP = 0.08  # tuned: of dry friction's rms, by which it may differ from a step around reversals; a
 # simulator's friction, 10 ms early, differs by 0.06, breakaway of eight times as much by 0.1
+AGAIN = 0.6  # tuned: correlation of a residual between periods that noise does not have
 
 
 def diagnose(
@@ -372,7 +373,7 @@ def _verdict(
         return "missing"
     if selection.members or lawful or (loud and selection.last.curves):
         return "unexplained"
-    if loud and periods is not None and max(periods.rho.values()) > periods.chance:
+    if loud and periods is not None and max(periods.rho.values()) > max(AGAIN, periods.chance):
         return "unexplained"
     return "undecided" if loud else "nothing"
 

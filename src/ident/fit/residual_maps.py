@@ -246,8 +246,7 @@ MOVING = 0.05  # tuned: share of samples in which a joint moves, for it to count
 FINE = 16  # work: samples a period of the motion's bandwidth, from which periods are found
 LONGEST = 0.6  # range: of a log, of its period: a motion that is made twice loses its ends
 FEWEST_PAIRS = 16  # work: samples, and pairs of rows, from which repetition can be determined
-# level: correlation between periods from which most of a residual repeats; good logs: up to 0.35
-MOST = 0.5
+CHANCE = 0.4  # tuned: correlation between periods that the noise of good logs has
 
 
 @dataclass(frozen=True)
@@ -257,7 +256,7 @@ class Periods:
     Attributes:
         period: [s], by experiment that has any.
         rho: correlation of the residual between periods, by joint.
-        chance: correlation below which noise may repeat: a half, or four standard errors.
+        chance: correlation below which noise may repeat: 0.4, or four standard errors.
     """
 
     period: Mapping[str, float]
@@ -315,7 +314,7 @@ def repetition(
     rho = (a * b).sum(axis=0) / np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0) + 1e-300)
     own = own_correlation(motion.band.cutoff, rate)
     independent = len(first) / float(1 + 2 * (own**2).sum())
-    chance = max(MOST, ERRORS / float(np.sqrt(max(independent, 1.0))))
+    chance = max(CHANCE, ERRORS / float(np.sqrt(max(independent, 1.0))))
     return Periods(found, dict(zip(motion.independent, map(float, rho), strict=True)), chance)
 
 
