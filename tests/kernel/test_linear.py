@@ -70,3 +70,9 @@ def test_no_number_is_negative_and_none_could_be_better(seed):
     best = nnls(A, b)[1]
     assert (x >= 0).all()
     assert np.linalg.norm(A @ x - b) == pytest.approx(best, rel=1e-6, abs=1e-6)
+
+
+def test_a_limit_that_holds_by_far_hides_no_other():
+    assert linear.nonnegative(np.eye(2), np.array([-1e13, 1.0])) == pytest.approx([0.0, 1.0])
+    with pytest.raises(FitError, match="finite"):
+        linear.nonnegative(np.eye(2), np.array([np.nan, 1.0]))

@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 import ident
 from helpers import ROBOTS
 from ident.diagnosis.grow import _contradicted, undetermined
+from ident.diagnosis.result import announced_errors
 from ident.information.blocks import Error
 from ident.show.ladder import _larger
 
@@ -87,3 +88,9 @@ def test_errors_with_pauses_are_announced_in_motion():
     refitted = ident.identify(arm.with_effect("coulomb"), motion).held_out
     for joint, error in refitted.items():
         assert first.errors[joint].relative == pytest.approx(error.relative, rel=0.25)
+
+
+def test_what_has_no_rows_is_announced_as_it_was():
+    errors = {"yaw": Error(0.2, 0.02, "N m"), "locked": Error(1.0, 0.1, "N m")}
+    now = announced_errors(errors, np.array([4.0, 0.0]), np.array([1.0, 0.0]))
+    assert [e.rms for e in now.values()] == [0.1, 1.0]

@@ -486,7 +486,7 @@ def announced_errors(
     errors: Mapping[str, Error], before: np.ndarray, after: np.ndarray
 ) -> dict[str, Error]:
     """Return errors by joint as left-out squares (d,) before and after a change scale them."""
-    ratio = np.sqrt(after / np.where(before > 0, before, 1.0))
+    ratio = np.sqrt(np.where(before > 0, after, 1.0) / np.where(before > 0, before, 1.0))
     return {
         name: Error(e.rms * s, None if e.relative is None else e.relative * s, e.unit)
         for (name, e), s in zip(errors.items(), map(float, ratio), strict=True)

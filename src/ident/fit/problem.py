@@ -390,8 +390,8 @@ class Table(Rows):
 
     @cached_property
     def coarse(self) -> Table:
-        """The same rows, with columns of effects that correct nothing from fewer samples, the rows
-        among them. Those with steps are off at reversals: of dry friction by 0.2 % (rms) on the
+        """The same rows, with columns from fewer samples, the rows among them. Columns with steps
+        are off at reversals: of dry friction by 0.2 % (rms) on the
         TX40, by 7 % on a five-bar at 500 Hz.
         """
         own = (self.sample[self.experiment == i] for i in range(len(self.scenes)))
@@ -456,13 +456,13 @@ class Table(Rows):
             bare = replace(self.thin[number], mechanism=grown, point=point)
             h, moved = beside(bare, effect, name, cutoff, effect)
             still = not effect.unknowns and not any(shape.values())  # it corrects nothing yet
-            r = self._unmoved[number] if still else residual(corrected(bare, cutoff, effect))
-            S, t = (r - residual(moved)) / h, scene.e.t
+            at = self.thin[number] if still else corrected(bare, cutoff, effect)
+            S, t = (residual(at) - residual(moved)) / h, scene.e.t
             if len(S) != len(t):
                 from scipy.interpolate import CubicSpline  # takes 0.2 s to import
 
                 S = CubicSpline(bare.e.t, S)(t)
-            series.append(self.filtered(number, S))
+            series.append(self.filtered(number, S[self.samples[number].part]))
         return np.concatenate(series)
 
     @cached_property
@@ -473,11 +473,6 @@ class Table(Rows):
             every = max(1, int(scene.e.rate / (SMOOTH * cutoff))) if cutoff else 1
             found.append(replace(scene.whole, e=scene.e.thinned(every), memo={}))
         return tuple(found)
-
-    @cached_property
-    def _unmoved(self) -> tuple[np.ndarray, ...]:
-        """b − A x of the thin experiments at the point."""
-        return tuple(map(residual, self.thin))
 
     @cached_property
     def samples(self) -> tuple[Samples, ...]:

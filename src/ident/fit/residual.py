@@ -97,7 +97,7 @@ class Failure(Displayed):
         depends_on: signals, the most important first.
         memory: autocorrelation beyond the filter's length, and its threshold.
         repeats: correlation of the residual between periods of the motion, if the log has any.
-        threshold: R² below which a signal explains no more than it would of noise.
+        threshold: R² that a signal needed last: 0.03, or more where noise explains more.
         white: whether the residual is noise: no memory, no signal above the threshold, and nothing
             that repeats with the motion.
     """

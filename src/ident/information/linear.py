@@ -32,7 +32,7 @@ Columns = Index | NDArray[np.bool_] | list[int]
 _PIECE = 512  # work: rows reduced at a time: the piece and the triangle stay in the cache
 _PANEL = 16  # work: columns LAPACK handles as one block
 RIDGE = 1e-12  # numerics: of the trace or of the largest number: below, it is rounding
-ROUNDS = 10  # range: of active sets, so many a number; each is looked at once but for rounding
+ROUNDS = 10  # range: active sets that are tried, per unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,15 +221,16 @@ def lstsq(A: Array, b: Array, rcond: float | None = None) -> tuple[Array, int]:
 def nonnegative(H: Array, b: Array) -> Array:
     """Return x (n,) of the least ½ xᵀH x − bᵀx with x ≥ 0, H (n, n) semidefinite, by active sets.
 
-    Directions far below the largest diagonal are as good as free: a ridge RIDGE tr H is added.
-    SciPy's takes L with H = LLᵀ, and 0.2 s to import. Source: C. Lawson, R. Hanson, Solving Least
-    Squares Problems (1974), ch. 23.
+    A ridge RIDGE tr H is added, so that directions that nothing determines stay bounded.
+    `scipy.optimize.nnls` takes L with H = LLᵀ, and 0.2 s to import. Source: C. Lawson, R. Hanson,
+    Solving Least Squares Problems (1974), ch. 23.
     """
+    _check_finite(H, b)
     H = H + (RIDGE * np.trace(H) or 1.0) * np.eye(len(b))
     x, free = np.zeros(len(b)), np.zeros(len(b), dtype=bool)
     for _ in range(ROUNDS * len(b)):
         rising = np.where(free, -np.inf, b - H @ x)
-        if free.all() or rising.max() <= RIDGE * np.abs(b).max():
+        if free.all() or rising.max() <= RIDGE * b.max(initial=0.0):
             break
         free[rising.argmax()] = True
         while True:

@@ -290,12 +290,12 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
     filter of the rows wants them: a column of one row is one stretch.
     """
     data, gamma = model.createData(), np.zeros((model.nv, COUNT * (model.njoints - 1), len(q)))
-    some = np.empty((TURNED, *gamma.shape[:2]))
+    some, stretches = np.empty((TURNED, *gamma.shape[:2])), spans(model)
     for start in range(0, len(q), TURNED):
         now = slice(start, start + TURNED)
         for i, state in enumerate(zip(q[now], v[now], a[now], strict=True)):
             some[i] = pin.computeJointTorqueRegressor(model, data, *state)
-        for row, span in enumerate(spans(model)):  # the others are zero
+        for row, span in enumerate(stretches):  # the others are zero
             gamma[row, span, now] = some[: len(q) - start, row, span].T
     return gamma.transpose(2, 0, 1)
 
