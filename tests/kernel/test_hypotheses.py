@@ -334,6 +334,8 @@ def test_what_a_residual_depends_on_does_not_depend_on_its_unit(size: float) -> 
     (step,), threshold = depends_on(r, np.arange(n) // 60, maps, [slice(0, n)])
     assert step.r2 == pytest.approx(0.85, abs=0.03)
     assert 0.03 <= threshold < 1
+    noise = size * random.standard_normal(n)
+    assert depends_on(noise, np.arange(n) // 60, maps, [slice(0, n)]) == ([], 0.03)
 
 
 def test_rounding_does_not_change_random_residuals():

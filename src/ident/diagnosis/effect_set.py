@@ -186,12 +186,12 @@ def reweighted(regression: PartialRegression) -> PartialRegression:
     return regression.weighted(regression.weight / np.where(sigma > 0, sigma, 1.0))
 
 
-def on_all_rows(
+def on_rows_in_motion(
     contest: Contest, members: Iterable[Member]
 ) -> tuple[PartialRegression, dict[str, Index]]:
     """The rows of a fit in motion, those at reversals too, with columns of members by label and
-    without pulses: on them errors are announced, as a refit has them. A joint that never moves has
-    all that inform.
+    without pulses: on them errors are announced, as those of a fit are. A joint that never moves
+    has all that inform.
     """
     table, held = contest.table, contest.fit.estimate.held
     use = np.where(table.moving.any(axis=0), table.moving, table.informed)

@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, possible
 from ident.diagnosis.diagnosis import Decision, at_reversals, concluded, seen_elsewhere
-from ident.diagnosis.effect_set import EffectSet, Member, leader, on_all_rows, reweighted
+from ident.diagnosis.effect_set import EffectSet, Member, leader, on_rows_in_motion, reweighted
 from ident.diagnosis.null import noise
 from ident.diagnosis.refitted import started
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
@@ -393,7 +393,7 @@ def ladder(
     motion. A rung whose announcement the fit contradicts is one with the last.
     """
     new = [each for each in found.members if each.evidence is not None]
-    regression, columns = on_all_rows(start.contest, new)
+    regression, columns = on_rows_in_motion(start.contest, new)
     given = regression.losses.sum(axis=0) / regression.weight**2
     errors, rungs = errors_of(before), list[Step]()
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.effect_set import Member, leading, on_all_rows, reweighted
+from ident.diagnosis.effect_set import Member, leading, on_rows_in_motion, reweighted
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.law_search import FittedFormula
 from ident.diagnosis.laws import FoundLaw
@@ -442,7 +442,7 @@ def _entry(v: Value) -> dict[str, Any]:
 
 def announced_with(fit: Fit, selection: Selection, members: Sequence[Member]) -> dict[str, Error]:
     """Return held-out errors with members of the set, as rows in motion predict them."""
-    regression, columns = on_all_rows(selection.first.contest, members)
+    regression, columns = on_rows_in_motion(selection.first.contest, members)
     richer = reweighted(regression.extended(np.concatenate([*columns.values()])))
     old, new = (x.losses.sum(axis=0) / x.weight**2 for x in (regression, richer))
     return announced_errors(errors_of(fit), old, new)

@@ -32,7 +32,7 @@ from ident.errors import FitError, MotionError
 from ident.information.chance import MINE
 from ident.information.time_bases import Basis, Chunk
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import spans, supports
+from ident.mechanism.parameters import row_spans, supports
 from ident.motion.closures import integrate
 from ident.motion.state import State
 
@@ -310,7 +310,7 @@ def rows(
     farthest = largest_transmission(e) if farthest is None else farthest
     key = "Γ", cutoff, e.loop is not None
     stored = e.store.get(key, model)
-    wide = _spans(scene.mechanism, e)
+    spans = _spans(scene.mechanism, e)
     supports = row_supports(scene.mechanism, scene.columns, e)
     before = len(scene.columns.rigid)
     of_effects = [mine[mine >= before] - before for mine in supports]
@@ -320,12 +320,12 @@ def rows(
         """Γ by row, effects' columns by row, b, τ, informed, moving of some samples."""
         s = scene.whole.reduced(part)
         found = scene.effects(s)
-        gamma = [] if stored is not None else [s.gamma[:, u, x] for u, x in enumerate(wide)]
+        gamma = [] if stored is not None else [s.gamma[:, u, span] for u, span in enumerate(spans)]
         effects = [found.A[:, u, mine] for u, mine in enumerate(of_effects)]
         informed = informing(s, farthest)
         return [*gamma, *effects, found.b, found.tau, informed, in_motion(s, farthest)]
 
-    d, done, size = len(wide), 0, 0
+    d, done, size = len(spans), 0, 0
     for segment in e.segments():
         for sample, series in Decimator.of(cutoff, e.rate).filtered(segment, make):
             n = len(sample)
@@ -343,7 +343,7 @@ def rows(
                 A[:, u, mine] = series[u]
             b, tau, opened, standing = series[d:]
             informed, moving = opened < sticking, standing < STANDING
-            A, b = with_bodies(scene.columns, scene.point, gamma, A, b, wide)
+            A, b = with_bodies(scene.columns, scene.point, gamma, A, b, spans)
             for u in scene.mechanism.unmeasured_rows:
                 A[:, u], b[:, u], tau[:, u], informed[:, u] = 0.0, 0.0, 0.0, False
             yield Rows(e.t[sample], sample, A, b, tau, informed, moving & informed)
@@ -357,7 +357,7 @@ def _spans(mechanism: Mechanism, e: State) -> list[slice]:
     """For each independent coordinate the stretch of Γ's columns that can differ from zero."""
     if e.loop is not None:
         return [slice(0, len(mechanism.prior))] * e.leverage.shape[2]
-    return spans(mechanism.model)
+    return row_spans(mechanism.model)
 
 
 def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.ndarray]:

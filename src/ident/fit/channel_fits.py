@@ -24,7 +24,6 @@ from scipy.linalg import lapack
 from ident.effects import Effect
 from ident.fit.faults import Fault
 from ident.fit.problem import Table
-from ident.information import linear
 from ident.information.chance import BEYOND, LEAVES
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
@@ -191,9 +190,13 @@ class ChannelEquations:
         x, _ = lapack.dpotrs(R, b / scale)
         G = self.limits[0] / scale
         slack = G @ x + self.limits[1]
-        if (slack < 0).any():
+        if (slack < 0).any():  # the dual problem: min ½|Lᵀμ + L⁻¹ slack|² over μ ≥ 0
+            from scipy.optimize import nnls  # takes 0.2 s to import
+
             GH, _ = lapack.dpotrs(R, G.T)
-            x = x + GH @ linear.nonnegative(G @ GH, -slack)
+            dual = G @ GH
+            L = np.linalg.cholesky(dual + (1e-12 * np.trace(dual) or 1.0) * np.eye(len(dual)))
+            x = x + GH @ nnls(L.T, -lapack.dtrtrs(L, slack, lower=1)[0])[0]
         return np.asarray(x / scale)
 
     def rows_of(self, cause: Fault) -> Array:

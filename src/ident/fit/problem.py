@@ -55,7 +55,9 @@ TORQUE = 10.0  # range: times the largest torque, by which an effect's unknown i
 TABLE = 20_000  # work: rows; of more, one in so many is kept: they decide, they are not fitted
 BLOCKS = 20  # work: of time, in all experiments together
 SMOOTH = 16.0  # numerics: samples a period of the cut-off at which sensitivities are evaluated
-COARSE = 8.0  # numerics: samples a period of the cut-off, at least, from which many are screened
+COARSE = (
+    8.0  # numerics: samples a period of the cut-off, at least, from which formulas are screened
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,8 +393,7 @@ class Table(Rows):
     @cached_property
     def coarse(self) -> Table:
         """The same rows, with columns from fewer samples, the rows among them. Columns with steps
-        are off at reversals: of dry friction by 0.2 % (rms) on the
-        TX40, by 7 % on a five-bar at 500 Hz.
+        are off at reversals: of dry friction by 0.2 % (rms) on the TX40, by 7 % on a five-bar.
         """
         own = (self.sample[self.experiment == i] for i in range(len(self.scenes)))
         step = int(np.gcd.reduce(np.concatenate([np.diff(at) for at in own])))

@@ -223,9 +223,8 @@ def depends_on(
         noise = surrogates(now.residual[0], runs, DRAWS, random)[:, 0]
         asked = now.judging([np.column_stack([r, noise])])
         null = asked.gains(some).null.transpose(0, 2, 1)
-        threshold = max(
-            LEAST, float(asked.explained(null, asked.null_losses.T).max()) * left / total
-        )
+        chance = asked.explained(null, asked.null_losses.T).max() * left / total
+        threshold = max(LEAST, float(chance))
         if g.max() <= threshold:
             break
         near = np.flatnonzero(g >= g.max() - LEAST)

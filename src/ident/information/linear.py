@@ -31,8 +31,6 @@ Columns = Index | NDArray[np.bool_] | list[int]
 
 _PIECE = 512  # work: rows reduced at a time: the piece and the triangle stay in the cache
 _PANEL = 16  # work: columns LAPACK handles as one block
-RIDGE = 1e-12  # numerics: of the trace or of the largest number: below, it is rounding
-ROUNDS = 10  # range: active sets that are tried, per unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,35 +214,6 @@ def lstsq(A: Array, b: Array, rcond: float | None = None) -> tuple[Array, int]:
         small = np.finfo(float).eps * max(A.shape) if rcond is None else rcond
         x, _, rank, _ = scipy.linalg.lstsq(A, b, cond=small, lapack_driver="gelss")
     return np.asarray(x), int(rank)
-
-
-def nonnegative(H: Array, b: Array) -> Array:
-    """Return x (n,) of the least ½ xᵀH x − bᵀx with x ≥ 0, H (n, n) semidefinite, by active sets.
-
-    A ridge RIDGE tr H is added, so that directions that nothing determines stay bounded.
-    `scipy.optimize.nnls` takes L with H = LLᵀ, and 0.2 s to import. Source: C. Lawson, R. Hanson,
-    Solving Least Squares Problems (1974), ch. 23.
-    """
-    _check_finite(H, b)
-    H = H + (RIDGE * np.trace(H) or 1.0) * np.eye(len(b))
-    x, free = np.zeros(len(b)), np.zeros(len(b), dtype=bool)
-    for _ in range(ROUNDS * len(b)):
-        rising = np.where(free, -np.inf, b - H @ x)
-        if free.all() or rising.max() <= RIDGE * b.max(initial=0.0):
-            break
-        free[rising.argmax()] = True
-        while True:
-            new = np.zeros(len(b))
-            new[free] = np.linalg.solve(H[np.ix_(free, free)], b[free])
-            bad = free & (new <= 0)
-            if not bad.any():
-                break
-            share = np.where(bad, x, np.inf) / np.where(bad, x - new, 1.0)  # of the way to new
-            first = int(share.argmin())  # of the numbers that reach zero
-            x = x + share[first] * (new - x)
-            x[first], free[first] = 0.0, False
-        x = new
-    return x
 
 
 def _check_finite(*arrays: Array) -> None:

@@ -290,12 +290,12 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
     filter of the rows wants them: a column of one row is one stretch.
     """
     data, gamma = model.createData(), np.zeros((model.nv, COUNT * (model.njoints - 1), len(q)))
-    some, stretches = np.empty((TURNED, *gamma.shape[:2])), spans(model)
+    some, spans = np.empty((TURNED, *gamma.shape[:2])), row_spans(model)
     for start in range(0, len(q), TURNED):
         now = slice(start, start + TURNED)
         for i, state in enumerate(zip(q[now], v[now], a[now], strict=True)):
             some[i] = pin.computeJointTorqueRegressor(model, data, *state)
-        for row, span in enumerate(stretches):  # the others are zero
+        for row, span in enumerate(spans):  # the others are zero
             gamma[row, span, now] = some[: len(q) - start, row, span].T
     return gamma.transpose(2, 0, 1)
 
@@ -319,7 +319,7 @@ def supports(model: pin.Model) -> list[np.ndarray]:
     return found
 
 
-def spans(model: pin.Model) -> list[slice]:
+def row_spans(model: pin.Model) -> list[slice]:
     """For every row of Γ the stretch of its columns that can differ from zero."""
     return [slice(int(mine[0]), int(mine[-1]) + 1) for mine in supports(model)]
 
