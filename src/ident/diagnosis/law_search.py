@@ -309,7 +309,10 @@ class LawSearch:
 
     def columns(self, formula: Formula, starts: Starts) -> list[np.ndarray]:
         """Columns (m, starts · u) of a term in each part; (0, starts · u) where they are zero."""
-        C, felt = self.contest.table.coarse.effect_columns(formula, starts)
+        table = self.contest.table
+        if not formula.memory:  # else its columns at all samples would be kept
+            table = table.coarse
+        C, felt = table.effect_columns(formula, starts)
         place = {int(u): i for i, u in enumerate(felt)}
         return [
             C[self.contest.use[:, p.coordinate], place[p.coordinate]].astype(np.float32)
