@@ -173,6 +173,22 @@ def test_mimics_are_linear_closures(tmp_path):
     assert mechanism.kinematics.closure_rows(q[None]).value[0] == pytest.approx([0.0])
 
 
+def test_an_inertia_that_no_body_has_is_a_placeholder(tmp_path):
+    """Gazebo's dummy links: 1 kg m² at a milligram would turn the prior of the last body."""
+    inertia = '<inertia ixx="{0}" ixy="0" ixz="0" iyy="{0}" iyz="0" izz="{0}"/>'
+    dummy = '<link name="tool"><inertial><mass value="1e-6"/>' + inertia + "</inertial></link>"
+    fixed = '<joint name="f" type="fixed"><parent link="a_link"/><child link="tool"/></joint>'
+    priors, notes = [], []
+    for size in ("1", "1e-9"):
+        urdf = tree_urdf([J("a")]).replace("</robot>", dummy.format(size) + fixed + "</robot>")
+        mechanism = load(write_mechanism(tmp_path / size, urdf))
+        priors.append(mechanism.prior)
+        notes += [note for note in mechanism.notes if "placeholder" in note]
+    assert priors[0] == pytest.approx(priors[1], abs=1e-8)
+    assert len(notes) == 1
+    assert "link 'tool': an inertia of 1 kg m² at 1e-06 kg" in notes[0]
+
+
 def test_a_link_without_inertial_is_said_to_be_massless(tmp_path):
     urdf = urdf_of("continuous")
     mechanism = load(write_mechanism(tmp_path, urdf))

@@ -14,11 +14,12 @@ from scipy.signal import lfilter
 
 import ident
 from ident.errors import IdentError, LogError
+from ident.fit.disagreements import disagreements
 from ident.information.blocks import Block, Information
 from ident.information.estimate import estimate
 from ident.information.linear import Triangle
 from ident.log.read import expanded, logs_in
-from ident.streams.many_logs import compare_logs, disagreements
+from ident.streams.many_logs import compare_logs
 
 HEAVIER = {"hand.m": 0.7638 + 0.5}  # kg; the URDF's and a load at the hand's origin
 DOUBLED = {"coulomb.elbow.Fc": 1.0}  # N m, 0.5 in the others
@@ -82,6 +83,23 @@ def test_of_two_logs_nothing_says_which(mechanism, clean):
     found = each(mechanism, [clean[0], log_of(mechanism, 5, DOUBLED)])
     assert len(found.odd) == 2
     assert found.notes == ("of two logs that disagree, neither can be called the wrong one",)
+
+
+def test_a_diagnosis_of_logs_that_disagree_says_so_first(mechanism, clean):
+    """A load in one of two logs is no effect of the library: none acts in one log alone."""
+
+    def diagnosed(second):
+        fit = ident.identify(
+            mechanism, ident.complete(mechanism, [clean[0], second]), estimator="least-squares"
+        )
+        return ident.diagnose(fit)
+
+    found = diagnosed(log_of(mechanism, 7, HEAVIER))
+    (finding,) = found.health.faults
+    assert finding.code == "logs disagree"
+    assert set(finding.where) == {"run_0.csv", "run_7.csv"}
+    assert "the logs disagree" in str(found).partition("Good enough")[0]
+    assert diagnosed(clean[1]).health.good
 
 
 def test_logs_without_noise_do_not_disagree(mechanism):

@@ -17,6 +17,7 @@ from ident.display import Displayed
 from ident.equations.motion_noise import noise_floor
 from ident.fit.channel_checks import log_findings
 from ident.fit.channel_fits import DOUBT, HALF, SMALL, columns_of
+from ident.fit.disagreements import differing_logs
 from ident.fit.fault_search import FaultSearch
 from ident.fit.faults import exact_factor, log_entry
 from ident.fit.findings import FEW, Finding
@@ -37,6 +38,7 @@ from ident.text import listed, percent, some, two_digits
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
     "position swapped", "joints swapped", "time", "gravity", "another run", "units",
+    "logs disagree",
 }  # fmt: skip
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
 LIKE = 0.9  # level: from there on four fifths of the squares of one are of the other's shape
@@ -90,7 +92,8 @@ class DataChecks(FaultSearch):
             sizes = [*self._magnitudes()]
             if {each.code for each in found} <= {"scale"} and any(x.code == "units" for x in sizes):
                 found = sizes
-            found = found or [*self._strangers(noise)] or sizes
+            logs = differing_logs(self.problem, [e.name for e in self.problem.motion.experiments])
+            found = found or [*logs] or [*self._strangers(noise)] or sizes
         channels = filter(self._matters, log_findings(self.mechanism, self.problem.motion))
         return Health((*found, *channels))
 

@@ -315,13 +315,16 @@ class FaultSearch:
 
     def _explains(self, last: FaultTrial, every: ChannelEquations) -> bool:
         """Whether faults leave not much more than all effects of the library together, and less
-        than one kind of effect would, missing at all drives: else nobody can tell which it is.
+        than one kind of effect would, missing at all drives: else nobody can tell which it is. Such
+        a kind does well in all joints, and where the last fault is felt.
         """
         if np.log(last.noise).mean() >= np.log(AS_WELL * self.reference).mean():
             return False
         kinds = {each.kind for each in self.effects if not each.common}
         beside = (self._with_common(every, kind) for kind in sorted(kinds))
-        return not any(rms(x.noise(x.as_logged)) < NEARLY * rms(last.noise) for x in beside)
+        left = (x.noise(x.as_logged) for x in beside)
+        rows = (slice(None), last.rows)
+        return not any(all(rms(x[u]) < NEARLY * rms(last.noise[u]) for u in rows) for x in left)
 
     def _away_too(self, fault: Fault) -> bool:
         """Whether a delay explains rows away from reversals, too: friction that builds up over some

@@ -11,7 +11,7 @@ joint's placement in its parent, then the joint's motion. Tested against Pinocch
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,7 @@ from ident.errors import MechanismError, one_of
 from ident.mechanism.description import UNLIMITED, mimic_table
 from ident.mechanism.urdf import NUMBERS, numbers
 
+PLACEHOLDER = 100.0  # range: m, a radius of gyration beyond which an inertia is no body's
 LOWEST, HIGHEST = f"-{UNLIMITED}", f"{UNLIMITED}"  # as a URDF has them
 
 
@@ -56,6 +57,7 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
     for inertia in robot.iterfind("link/inertial/inertia"):  # urdfdom requires them
         for key in ("ixy", "ixz", "iyz"):
             inertia.set(key, inertia.get(key, "0"))
+    notes += _without_placeholders(robot, where)
     moving = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
     mimics = tuple(_take_mimics(moving, where))
     for joint in robot.findall("joint[@type='fixed'][mimic]"):
@@ -82,6 +84,20 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
     child = {j.get("name"): j.find("child").get("link") for j in robot.findall("joint")}
     links = tuple(child[name] for name in list(model.names)[1:])
     return Tree(model, links, mimics, tuple(notes))
+
+
+def _without_placeholders(robot: etree._Element, where: str) -> Iterator[str]:
+    """Remove inertias that only satisfy a simulator, such as 1 kg m² at a milligram."""
+    for link in robot.iterfind("link[inertial]"):
+        inertia, mass = link.find("inertial/inertia"), link.find("inertial/mass")
+        (m,) = numbers(mass, "value", "0", 1, where)
+        trace = sum(numbers(inertia, key, "0", 1, where)[0] for key in ("ixx", "iyy", "izz"))
+        if m > 0 and (gyration := (max(trace, 0.0) / (2 * m)) ** 0.5) > PLACEHOLDER:
+            yield (
+                f"link '{link.get('name')}': an inertia of {trace / 3:.3g} kg m² at {m:.3g} kg "
+                f"would be {gyration:,.0f} m across, so it is a placeholder and left out"
+            )
+            inertia.attrib.update(dict.fromkeys(inertia.attrib, "0"))
 
 
 def _take_mimics(moving: Sequence[etree._Element], where: str) -> list[dict[str, Any]]:

@@ -1,18 +1,5 @@
 """Many logs one by one: their errors, which of them disagree, and a diagnosis of each.
 
-Were a log like all others but for one unknown j, that unknown would differ by δ_j:
-
-    r = g − H (H + H_o)⁺ (g + g_o)        the log's score at the fit of it and the others together
-    P = H (H + H_o)⁺ H_o                  what both determine of a difference
-    δ_j = w_jᵀ r / w_jᵀ P w_j             z_j = δ_j / √Var δ_j
-
-H = Σ AᵀA / σ², g = Aᵀ(b − A x) / σ² of the log, H_o, g_o of all others; w_j: what j changes of the
-base parameters. Var r is that of white residuals, of each log by what its own fit leaves, times the
-ratio that blocks of all logs in their own fits show along w_j (`information.chance`): a difference
-between logs is in neither. Of m unknowns p = m min_j p_j (Bonferroni). A log that disagrees makes
-the others look odd: the one that does so most is set aside, and the rest judged again without it,
-until none is left or the majority would be lost.
-
 Diagnoses of each log stand beside that of all of them together.
 """
 
@@ -26,46 +13,23 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.stats import t as student
 
 from ident.diagnosis import Diagnosis, diagnose
 from ident.diagnosis.selection import Decision
 from ident.display import Displayed, Progress, part, render
-from ident.equations.unknowns import Columns
 from ident.errors import FitError, check_whole
 from ident.files import json_bytes
 from ident.fit import identify
+from ident.fit.disagreements import Disagreement, OwnFits
 from ident.fit.problem import Problem
-from ident.information import linear
-from ident.information.blocks import Information
-from ident.information.chance import ALPHA, FEWEST_SQUARES, PARSIMONY, RIVAL, long_run, scores
-from ident.information.estimate import MATERIAL, Estimate, estimate
+from ident.information.chance import ALPHA, RIVAL
+from ident.information.estimate import MATERIAL
 from ident.log.read import names_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import complete
 from ident.motion.recipe import AUTO
 from ident.pool import Workers
 from ident.streams.logs import Given, excerpt, log_paths, summarise
-
-SAME = 1e-6  # numerics: of the largest fall of squared error, within which two are the same
-UNKNOWN = 1e-12  # numerics: of H's largest eigenvalue, below which nothing is determined
-BELIEVED = 0.5  # tuned: of ν: far out in the tail it counts that ν itself is estimated
-LEAST_NOISE = 0.01, 1e-3  # numerics: of σ² of a log's rows, of the joint residual
-
-
-@dataclass(frozen=True)
-class Disagreement:
-    """Difference of one log from the majority of the others."""
-
-    p_value: float  # chance that a log like the others looks as odd as this one
-    clear: bool  # whether that is less than `ALPHA` over the number of logs
-    unknown: str  # that alone explains it best
-    change: float  # by how much it differs
-    stderr: float
-    unit: str
-    # bodies and effects of which each alone explains it nearly as well as the best, that first
-    parts: tuple[str, ...]
-    share: float  # of the excess of squared error, that the best explains
 
 
 @dataclass(frozen=True)
@@ -153,24 +117,12 @@ def compare_logs(
     left_out: Mapping[str, str] | None = None,
 ) -> LogComparison:
     """Compare each log with the fit of all logs and with a fit of its own."""
-    broken, whole = left_out or {}, r.information
-    by_log = {log: whole.of_log(log) for log in whole.logs}
-    joint = estimate(whole.totals, r.prior, r.torque, r.plausible)
-    known = {"prior": joint.x, "torque": r.torque, "sigma": joint.sigma, "held": joint.held}
-    own = dict.fromkeys(by_log, joint.x)  # fits of one log; the joint one in what is open in it
-    error, rows = np.zeros((2, whole.d))  # of own fits, in which logs do not differ
-    for log, some in by_log.items():
-        if len(joint.x) and any(each.rows for each in some.totals):
-            own[log] = estimate(some.totals, **known).x
-        error += [each.residual_norm(own[log]) ** 2 for each in some.totals]
-        rows += [each.rows for each in some.totals]
-    sigma = np.maximum(np.sqrt(error / np.maximum(rows, 1)), LEAST_NOISE[1] * joint.sigma)
-    weighed = estimate(whole.totals, r.prior, r.torque, sigma=sigma, held=joint.held)
-    odd = disagreements(whole, weighed, r.columns)
+    broken, fits = left_out or {}, OwnFits(r)
+    joint, own, odd = fits.joint, fits.own, fits.disagreements
     torque = np.where(r.torque > 0, r.torque, np.inf) ** 2
     results = [LogRow(name, left_out=broken[name]) for name in broken if name not in names.values()]
     for number, name in names.items():
-        mine, count = by_log.get(number), samples.get(name, 0)
+        mine, count = fits.by_log.get(number), samples.get(name, 0)
         if name in broken or mine is None:
             why = broken.get(name, "no sample of it can be used")
             results.append(LogRow(name, count, left_out=why))
@@ -184,113 +136,6 @@ def compare_logs(
             row = replace(row, error=errors[0], own=errors[1], worst=worst)
         results.append(row)
     return LogComparison(tuple(sorted(results, key=lambda each: bool(each.left_out))))
-
-
-def disagreements(
-    information: Information, joint: Estimate, columns: Columns
-) -> Mapping[int, Disagreement]:
-    """Find which logs disagree with the majority."""
-    numbers = sorted({log for log, _ in information.times})
-    if len(numbers) < 2 or not joint.base.rank:
-        return {}
-    logs, least, agreeing = _Logs(information, joint, columns), ALPHA / len(numbers), numbers
-    while True:
-        found = {i: logs.against(agreeing, i, least) for i in numbers}
-        odd = {i: found[i][1] for i in agreeing if found[i][0].clear}
-        if not odd or 2 * (len(agreeing) - 1) <= len(numbers):
-            return {i: each for i, (each, _) in found.items()}
-        worst = max(odd, key=lambda i: odd[i])
-        agreeing = [i for i in agreeing if i != worst]
-
-
-class _Logs:
-    """Logs in the n base parameters, scaled to columns of unit norm."""
-
-    def __init__(self, information: Information, joint: Estimate, columns: Columns) -> None:
-        base, self.columns = joint.base, columns
-        norm = joint.triangle.column_norms()[base.independent]
-        ways = np.zeros((base.rank, len(joint.solution.x)))
-        ways[np.arange(base.rank), base.independent] = 1.0
-        ways[:, base.dependent] = base.K
-        self.ways = ways * norm[:, None]  # (n, k) what a unit of each unknown changes of them
-        parts: dict[str, list[int]] = {}
-        for i in range(len(columns.rigid)):
-            parts.setdefault(columns.names[i].rpartition(".")[0], []).append(i)
-        for effect, places in columns.effects:
-            if own := [int(place) for place in places if place >= 0]:
-                parts[effect.label] = own
-        # unknowns by body and effect, those of the fewest first
-        self.parts = dict(sorted(parts.items(), key=lambda item: len(item[1])))
-        # by log: H (n, n) and g (n,) at the estimate, s², S (n, n), the covariance of g of its
-        # blocks in its own fit over s², and the number of squares that this rests on
-        self.H, self.g, self.noise, self.S, self.nu = {}, {}, {}, {}, {}
-        for log in information.logs:
-            mine = information.of_log(log)
-            keys, H_b, g_b, _ = scores(mine, joint, norm)
-            if not keys:
-                continue
-            H, g, total = H_b.sum(axis=0), g_b.sum(axis=0), mine.total(joint.sigma)
-            inverse = _inverse(H)
-            own = inverse @ g
-            others = _inverse(H - H_b)
-            errors = (others @ (g_b - H_b @ own)[..., None])[..., 0] @ H  # at the fit of all others
-            spare = total.rows - np.linalg.matrix_rank(inverse)
-            left = (total.residual_norm(joint.x) ** 2 - float(g @ own)) / max(spare, 1)
-            self.H[log], self.g[log], self.noise[log] = H, g, max(left, LEAST_NOISE[0])
-            S, nu = long_run(keys, errors, np.diagonal(H_b, axis1=1, axis2=2))
-            self.S[log], self.nu[log] = S / self.noise[log], float(np.median(nu))
-
-    def against(
-        self, agreeing: Sequence[int], log: int, least: float
-    ) -> tuple[Disagreement, float]:
-        """Compare a log with all others of those that agree; it is clear from p < `least` on.
-
-        Returns also the fall of the squared error if it may have parameters of its own.
-        """
-        others, W = [i for i in agreeing if i != log], self.ways
-        H, H_o = self.H[log], np.sum([self.H[i] for i in others], axis=0)
-        share = H @ _inverse(H + H_o)
-        r = self.g[log] - share @ np.sum([self.g[i] for i in (log, *others)], axis=0)
-        P = share @ H_o
-        P = 0.5 * (P + P.T)
-        h = _along(P, W)
-        known = np.flatnonzero(h > UNKNOWN * _along(H + H_o, W))
-        if not len(known):
-            return Disagreement(1.0, False, "", 0.0, np.nan, "", (), 0.0), 0.0
-        W, h = W[:, known], h[known]
-        M, noise = np.eye(len(H)) - share, sum(self.noise[i] * self.H[i] for i in others)
-        white = self.noise[log] * M @ H @ M.T + share @ noise @ share.T
-        each = np.array([_along(S, W) for S in self.S.values()])
-        longer = each.sum(axis=0) / _along(np.sum(list(self.H.values()), axis=0), W)
-        nus = np.array(list(self.nu.values()))[:, None]
-        nu = BELIEVED * each.sum(axis=0) ** 2 / np.maximum((each**2 / nus).sum(axis=0), 1e-300)
-        delta, stderr = W.T @ r / h, np.sqrt(np.maximum(longer, 1.0) * _along(white, W)) / h
-        p = 2 * student.sf(np.abs(delta / stderr), np.maximum(nu, FEWEST_SQUARES))
-        chance = float(min(1.0, len(known) * p.min()))
-        fall, shares = float(r @ _inverse(P) @ r), {}
-        for name, unknowns in self.parts.items():  # what each part explains by itself
-            D = W[:, np.isin(known, unknowns)]
-            mine = (D.T @ r) @ linear.pinv(D.T @ P @ D, rcond=1e-9, hermitian=True) @ (D.T @ r)
-            shares[name] = float(np.clip(mine / fall, 0.0, 1.0)) if fall > 0 else 0.0
-        best = max(shares.values(), default=0.0)
-        near = [name for name, x in shares.items() if x >= best - PARSIMONY]
-        explained = delta**2 * h  # of multiples of each other the first
-        j = int((explained >= (1 - SAME) * explained.max()).argmax())
-        odd = Disagreement(
-            chance, chance < least, self.columns.names[known[j]], float(delta[j]), float(stderr[j]),
-            self.columns.units[known[j]], tuple(sorted(near, key=lambda n: -shares[n])), best,
-        )  # fmt: skip
-        return odd, fall
-
-
-def _along(S: np.ndarray, D: np.ndarray) -> np.ndarray:
-    """dᵀ S d (m,) for each direction d of D (n, m)."""
-    return np.asarray((D * (S @ D)).sum(axis=0))
-
-
-def _inverse(H: np.ndarray) -> np.ndarray:
-    """Inverse in the directions that H (…, n, n) determines."""
-    return linear.pinv(H, rcond=UNKNOWN, hermitian=True)
 
 
 TOGETHER = 300_000  # work: samples of all logs, from which stretches stand for them
