@@ -95,7 +95,6 @@ def make_puzzle(folder: str | Path, *, seed: int) -> Puzzle:
     effect, its size, the true inertias, the motion and the noise.
     """
     from ident.mechanism import load
-    from ident.show.simulate import csv_text
     from ident.simulate import Noise, simulate
 
     folder = Path(folder)
@@ -117,7 +116,7 @@ def make_puzzle(folder: str | Path, *, seed: int) -> Puzzle:
     log, _ = simulate(
         true, _motion(rng), values=KNOWN, pi=pi, noise=noise, seed=seed, columns=("q", "tau")
     )
-    write_all(folder, {"run.csv": csv_text(log).encode()})
+    write_all(folder, {"run.csv": log.polars().write_csv().encode()})
     return Puzzle(seed, folder, folder / "run.csv", true.effects[-1])
 
 

@@ -12,7 +12,6 @@ import polars as pl
 from ident.display import renders
 from ident.excite.excitation import Excitation, LimitUse
 from ident.files import json_bytes
-from ident.log import Log
 from ident.montecarlo import SUMS, MonteCarlo
 from ident.motion import complete
 from ident.show.charts import BELOW, MEASURED, PRIOR, RESIDUAL, Chart, Level, Line, Mark, Panel
@@ -26,11 +25,6 @@ TRANSITIONS = 12  # that are printed
 LIMITING = 0.95  # share of a limit from which it is marked as the one that limits the motion
 NEAR = 2.0  # times the largest value: a limit beyond is not drawn
 CHANNELS = (("q", "position"), ("v", "speed"), ("a", "acceleration"), ("tau", "torque"))
-
-
-def csv_text(log: Log) -> str:
-    """Return the log as `Log.write` writes it into a .csv."""
-    return pl.DataFrame({"t": log.t, **log.columns}).fill_nan(None).write_csv()
 
 
 @renders(Run, "sheet")
