@@ -59,13 +59,11 @@ class Puzzle:
     """A mechanism folder with a log, and what the folder does not say. Made by `make_puzzle`.
 
     Attributes:
-        seed: of everything that is random.
         folder: holds mechanism.toml, the URDF and the log.
         log: path of the log.
         answer: the hidden effect, with its values.
     """
 
-    seed: int
     folder: Path
     log: Path
     answer: Effect
@@ -117,7 +115,7 @@ def make_puzzle(folder: str | Path, *, seed: int) -> Puzzle:
         true, _motion(rng), values=KNOWN, pi=pi, noise=noise, seed=seed, columns=("q", "tau")
     )
     write_all(folder, {"run.csv": log.polars().write_csv().encode()})
-    return Puzzle(seed, folder, folder / "run.csv", true.effects[-1])
+    return Puzzle(folder, folder / "run.csv", true.effects[-1])
 
 
 def _motion(rng: np.random.Generator) -> Log:
