@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import takewhile
 from typing import Any
 
@@ -251,21 +252,15 @@ def plot_parts(c: Comparison, experiment: int = 0) -> Chart:
         for name, residual in c.residuals.items():
             trace = residual.traces[number]
             zero = residual.zero(trace)
-
-            def line(
-                y: np.ndarray, label: str, colour: Colour, width: float,
-                trace: Trace = trace, zero: float = zero,
-            ) -> Line:  # fmt: skip
-                return Line(trace.t - zero, broken(trace, y), label, colour, width)
-
-            lines = [line(trace.measured[:, u], "measured", MEASURED, BELOW)]
+            line, whole = partial(Line, trace.t - zero), sum(trace.parts.values())
+            lines = [line(broken(trace, trace.measured[:, u]), "measured", MEASURED, BELOW)]
             for key, x in trace.parts.items():
                 if key == RIGID or np.abs(x[:, u]).max() > 0:
                     kind = key.split(":")[0]
                     colour = colours.setdefault(kind, len(colours))
-                    lines.append(line(x[:, u], kind, colour, 1.2))
-            whole = np.sum(list(trace.parts.values()), axis=0)
-            lines.append(line((trace.measured - whole)[:, u], "residual", RESIDUAL, 0.8))
+                    lines.append(line(broken(trace, x[:, u]), kind, colour, 1.2))
+            rest = broken(trace, (trace.measured - whole)[:, u])
+            lines.append(line(rest, "residual", RESIDUAL, 0.8))
             title = shown[name] if not rows and len(shown) > 1 else ""
             label = "" if row else f"{joint} [{first.units[u]}]"
             row.append(Panel(tuple(lines), time_label(zero), label, title))

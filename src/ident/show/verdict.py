@@ -152,7 +152,10 @@ def certainty(d: Diagnosis) -> str:
         if more and not d.selection.members and not d.laws:
             none = f"none is named ({_not_named(d, [each.evidence for each in more[:MOST]])})"
         tried = sum(not each.curve for each in d.selection.first.contest.candidates)
-        return f"{tried} effects were tried, and {none}.{_turning(d)}"
+        left = [] if d.reversing else at_reversals(d)
+        where = f" What is left in {places(left)} is near reversals, where friction does not jump "
+        where = f"{where}as in the model." * bool(left)
+        return f"{tried} effects were tried, and {none}.{where}"
     best = d.candidates[0]
     certain = "Sure" if best.evidence.p < RAREST else "Not sure"
     if (stays := _stays(d, d.after)) > PART:
@@ -187,10 +190,3 @@ def at_reversals(d: Diagnosis) -> list[str]:
     worse = {j for each in d.fit.all_findings if each.code == "reversals" for j in each.where}
     errors = errors_of(d.fit) if d.verdict == "nothing" else {}
     return [j for j, e in errors.items() if j in worse and e.rms > NOISY * d.floor[j]]
-
-
-def _turning(d: Diagnosis) -> str:
-    """Return what is left at reversals where nothing is missing."""
-    left = [] if d.reversing else at_reversals(d)
-    where = f" What is left in {places(left)} is near reversals, where friction does not jump as "
-    return f"{where}in the model." if left else ""
