@@ -87,7 +87,7 @@ def renderer(noun: object, form: str) -> Renderer | None:
     """Return the renderer of a noun's class in a form, or that of the nearest base class."""
     for kind in type(noun).__mro__:
         if (kind, form) not in _renderers:
-            import_module("ident.show").load(kind.__name__)
+            import_module("ident.show").load(kind)
         if known := _renderers.get((kind, form)):
             return known
     return None

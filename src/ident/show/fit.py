@@ -10,6 +10,7 @@ import numpy as np
 from ident.display import renders
 from ident.errors import FitError
 from ident.fit.consistency import Binding
+from ident.fit.data_checks import Health
 from ident.fit.files import Saved, write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Reactions, predict
@@ -103,6 +104,13 @@ def plot_reactions(x: Reactions) -> Chart:
     kinematics = x.mechanism.kinematics
     series = {"known": (x.t, x.known), "identified": x.identified}
     return plot_forces(kinematics.multipliers, kinematics.units, series, x.log)
+
+
+@renders(Health, "sheet")
+def health_sheet(h: Health) -> Sheet:
+    """Return the findings, each with its number and threshold."""
+    found = "nothing is wrong" if h.good else f"{len(h.findings)} finding(s)"
+    return Sheet(f"health of the data: {found}", lines=[f"! {each}" for each in h.findings])
 
 
 # --- the fit --------------------------------------------------------------------------------------
