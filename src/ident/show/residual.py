@@ -20,18 +20,7 @@ from ident.fit.residual import Failure, Residual, zero_of
 from ident.fit.residual_maps import Dependence
 from ident.fit.result import Fit
 from ident.information.blocks import Error
-from ident.show.charts import (
-    BELOW,
-    MEASURED,
-    RAW,
-    RESIDUAL,
-    Chart,
-    Colour,
-    Level,
-    Line,
-    Panel,
-    Points,
-)
+from ident.show.charts import BELOW, MEASURED, RAW, RESIDUAL, Chart, Level, Line, Panel, Points
 from ident.show.html import LOGS, Block, Choice, Section, Sheet, by_log, paragraph
 from ident.show.html import table as html_table
 from ident.text import listed, percent, significant
@@ -210,8 +199,8 @@ def plot_predictions(
     zero = zero_of(one.t)
     clock, rows = time_label(zero), []
 
-    def line(p: Prediction, y: np.ndarray, label: str, colour: Colour, width: float) -> Line:
-        return Line(one.t - zero, np.where(p.usable, y, np.nan), label, colour, width)
+    def line(p: Prediction, y: np.ndarray, *style: Any) -> Line:
+        return Line(one.t - zero, np.where(p.usable, y, np.nan), *style)
 
     for u, joint in sorted(enumerate(one.joints), key=lambda pair: pair[1] != first):
         above = [line(one, one.measured[:, u], "measured", MEASURED, BELOW)]

@@ -14,7 +14,7 @@ from ident.fit.files import Saved
 from ident.fit.findings import Finding
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
-from ident.show.card import MATERIAL, NOISY, too_large, wrong_unit
+from ident.show.card import MATERIAL, NOISY, spoiling, too_large
 from ident.show.laws import numbers
 from ident.text import listed, percent, places, significant, some
 
@@ -50,7 +50,7 @@ def spoilt(d: Diagnosis) -> list[Finding]:
     """Return the faults of the data that explain the log, and another unit of several torques,
     where no effect is named beside them.
     """
-    return [] if d.best else [*d.health.faults, *wrong_unit(d.health.findings)]
+    return [] if d.best else spoiling(d.health)
 
 
 def verdict_line(d: Diagnosis) -> str:
