@@ -167,7 +167,6 @@ def demo(
     A machine is simulated that has something its model lacks. Check, identify, compare, diagnose
     and add find out what, and say which command does each step.
     """
-
     seed = secrets.randbelow(1000) if seed is None else seed
     if puzzle and out is None:
         raise IdentError("--puzzle: needs a folder to put it into; add --out DIR")
