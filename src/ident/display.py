@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,6 @@ def part(on_progress: Progress | None, start: float, end: float) -> Progress:
 
 Renderer = Callable[..., Any]
 _renderers: dict[tuple[type, str], Renderer] = {}
-_load: Callable[[str], object] = lambda name: None  # noqa: E731
 
 
 def renders(noun: type, form: str) -> Callable[[Renderer], Renderer]:
@@ -83,17 +83,11 @@ def renders(noun: type, form: str) -> Callable[[Renderer], Renderer]:
     return register
 
 
-def set_loader(load: Callable[[str], object]) -> None:
-    """Set the function that imports the renderers of a class by its name."""
-    global _load
-    _load = load
-
-
 def renderer(noun: object, form: str) -> Renderer | None:
     """Return the renderer of a noun's class in a form, or that of the nearest base class."""
     for kind in type(noun).__mro__:
         if (kind, form) not in _renderers:
-            _load(kind.__name__)
+            import_module("ident.show").load(kind)
         if known := _renderers.get((kind, form)):
             return known
     return None

@@ -51,8 +51,8 @@ def near(name: str, words: Iterable[str]) -> str:
     'position7'
     """
     key, number = name.casefold(), _number(name)
-    by_case = {word.casefold(): word for word in words if _number(word) in (number, "")}
-    by_case = by_case if number else {word.casefold(): word for word in words}
+    alike = (word for word in words if not number or _number(word) in (number, ""))
+    by_case = {word.casefold(): word for word in alike}
     matches = difflib.get_close_matches(key, by_case, n=1)
     if number and not matches:  # of one number, a word and the beginning of it
         letters = key.removesuffix(number)

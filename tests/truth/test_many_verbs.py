@@ -61,6 +61,12 @@ def test_together_they_say_it(verdicts):
     assert "run_1b.csv: left out" in " ".join(verdicts.notes)
 
 
+def test_jupyter_shows_each_log_and_all_together(verdicts):
+    shown = verdicts._repr_html_()
+    assert "each log by itself" in shown
+    assert verdicts.together._repr_html_() in shown
+
+
 def test_a_logs_verdict_is_that_of_the_log_alone(without_elbow, folder, verdicts):
     motion = ident.complete(without_elbow, ident.read_log(folder / "run_1.csv"))
     fit = ident.identify(without_elbow, motion, estimator="least-squares")

@@ -189,7 +189,11 @@ def ended_quietly() -> Iterator[None]:
         sys.exit(141)
 
 
-HELP = {"help_option_names": ["-h", "--help"]}
+TYPED: dict[str, Any] = {  # what every command has of Typer
+    "pretty_exceptions_enable": False,
+    "rich_markup_mode": None,
+    "context_settings": {"help_option_names": ["-h", "--help"]},
+}
 COMMANDS = {  # in which module of this package, and the first line of its docstring
     "check": ("logs", "Show what was understood, and what could be identified."),
     "identify": ("logs", "Identify parameters, effects and multipliers from logs."),
@@ -212,12 +216,7 @@ COMMANDS = {  # in which module of this package, and the first line of its docst
 def command_of(name: str) -> Any:
     """The command itself, with its arguments and options."""
     function = getattr(import_module(f"ident.cli.{COMMANDS[name][0]}"), name)
-    alone = typer.Typer(
-        add_completion=False,
-        pretty_exceptions_enable=False,
-        rich_markup_mode=None,
-        context_settings=HELP,
-    )
+    alone = typer.Typer(add_completion=False, **TYPED)
     alone.command(name)(flat(function))
     return typer.main.get_command(alone)
 
@@ -278,9 +277,7 @@ app = typer.Typer(
     cls=Commands,
     help="Find out what is true of a mechanism from logged data.",
     no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings=HELP,
+    **TYPED,
 )
 
 

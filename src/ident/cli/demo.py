@@ -59,13 +59,11 @@ class Puzzle:
     """A mechanism folder with a log, and what the folder does not say. Made by `make_puzzle`.
 
     Attributes:
-        seed: of everything that is random.
         folder: holds mechanism.toml, the URDF and the log.
         log: path of the log.
         answer: the hidden effect, with its values.
     """
 
-    seed: int
     folder: Path
     log: Path
     answer: Effect
@@ -95,7 +93,6 @@ def make_puzzle(folder: str | Path, *, seed: int) -> Puzzle:
     effect, its size, the true inertias, the motion and the noise.
     """
     from ident.mechanism import load
-    from ident.show.simulate import csv_text
     from ident.simulate import Noise, simulate
 
     folder = Path(folder)
@@ -117,8 +114,8 @@ def make_puzzle(folder: str | Path, *, seed: int) -> Puzzle:
     log, _ = simulate(
         true, _motion(rng), values=KNOWN, pi=pi, noise=noise, seed=seed, columns=("q", "tau")
     )
-    write_all(folder, {"run.csv": csv_text(log).encode()})
-    return Puzzle(seed, folder, folder / "run.csv", true.effects[-1])
+    write_all(folder, {"run.csv": log.polars().write_csv().encode()})
+    return Puzzle(folder, folder / "run.csv", true.effects[-1])
 
 
 def _motion(rng: np.random.Generator) -> Log:
@@ -170,7 +167,6 @@ def demo(
     A machine is simulated that has something its model lacks. Check, identify, compare, diagnose
     and add find out what, and say which command does each step.
     """
-
     seed = secrets.randbelow(1000) if seed is None else seed
     if puzzle and out is None:
         raise IdentError("--puzzle: needs a folder to put it into; add --out DIR")

@@ -179,7 +179,6 @@ def simulate(
     """
     from ident.fit.files import read_fit
     from ident.log import Log, read_log
-    from ident.show.simulate import csv_text
     from ident.simulate import Noise, integrate
     from ident.simulate import simulate as simulate_
 
@@ -235,7 +234,7 @@ def simulate(
         notes(run.summary.splitlines())
     notes(log.repairs)
     if out is None:
-        result(csv_text(log).rstrip("\n"))
+        result(log.polars().write_csv().rstrip("\n"))
     elif forward:
         result(run)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from array import array
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +83,7 @@ def _messages(bag: Any, connections: list[Any], file: str) -> Groups:
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     number: Counter[str] = Counter()
-    arrays: dict[tuple[str, tuple[str, ...]], tuple[array[int], array[int], array[float]]]
+    arrays: dict[Any, tuple[array[int], array[int], array[float]]]
     arrays = defaultdict(lambda: (array("q"), array("q"), array("d")))
     for count, (connection, received, raw) in enumerate(bag.messages(connections=connections)):
         if count >= LARGEST:
@@ -93,13 +92,15 @@ def _messages(bag: Any, connections: list[Any], file: str) -> Groups:
         number[topic] += 1
         message: Any = store.deserialize_cdr(raw, _kind(connection).replace("/", "/msg/"))
         place = f"{file}: topic {topic}, message {number[topic]}"
-        columns, values = _content(message, place)
-        times, stamps, numbers = arrays[topic, columns]
+        filled = _content(message, place)
+        times, stamps, numbers = arrays[topic, tuple(filled), tuple(message.name)]
         times.append(received)
         stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
-        numbers.extend(values)
+        for values in filled.values():
+            numbers.extend(map(float, values))
     groups = {}
-    for (topic, columns), (received, stamps, values) in arrays.items():
+    for (topic, keys, names), (received, stamps, values) in arrays.items():
+        columns = tuple(f"{key}.{name}" for key in keys for name in names)
         table = np.array(values).reshape(len(stamps), len(columns))
         series = [pl.Series("received", received, pl.Int64), pl.Series("stamp", stamps, pl.Int64)]
         series += [pl.Series(name, x) for name, x in zip(columns, table.T, strict=True)]
@@ -108,25 +109,21 @@ def _messages(bag: Any, connections: list[Any], file: str) -> Groups:
     return groups
 
 
-def _content(message: Any, place: str) -> tuple[tuple[str, ...], Sequence[float]]:
+def _content(message: Any, place: str) -> dict[str, Sequence[float]]:
+    """Return the arrays of a message that hold values, by their prefix in a log."""
     arrays = {"q": message.position, "v": message.velocity, "tau": message.effort}
-    filled = tuple(key for key, x in arrays.items() if len(x))
-    for key in filled:
-        if len(arrays[key]) != len(message.name):
+    filled = {key: x for key, x in arrays.items() if len(x)}
+    for key, x in filled.items():
+        if len(x) != len(message.name):
             what = {"q": "positions", "v": "velocities", "tau": "efforts"}[key]
             raise LogError(
-                f"{place}: {len(message.name)} names and {len(arrays[key])} {what}; every array "
+                f"{place}: {len(message.name)} names and {len(x)} {what}; every array "
                 "has one value a name, or is empty"
             )
     if "" in message.name or len(set(message.name)) < len(message.name):
         names = ", ".join(map(repr, message.name))
         raise LogError(f"{place}: the names {names}; each joint needs its own")
-    return _columns(filled, tuple(message.name)), [float(x) for key in filled for x in arrays[key]]
-
-
-@lru_cache(maxsize=256)
-def _columns(prefixes: tuple[str, ...], names: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(f"{prefix}.{name}" for prefix in prefixes for name in names)
+    return filled
 
 
 def _merged(file: str, groups: Groups) -> RawTable:

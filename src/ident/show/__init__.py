@@ -5,31 +5,24 @@ from importlib import import_module
 from ident.display import Displayed, render, renderer, renders
 
 MODULES = {
-    "comparison": ("Changes", "Comparison"),
-    "diagnosis": ("Diagnosis",),
-    "diagnosis_report": ("Diagnosis", "Health"),
-    "experiment": ("Diagnosis",),
-    "fit": (
-        "Binding", "Correlation", "Fit", "Likelihood", "Reactions",
-    ),
-    "ladder": ("History", "Step"),
-    "motion": ("Log", "Mechanism", "Motion"),
-    "residual": ("Comparison", "Failure", "Fit", "Residual"),
-    "simulate": ("Excitation", "MonteCarlo", "Replay", "Run"),
-    "view": ("Mechanism",),
-    "streams": (
-        "Alarm", "Cause", "Forces", "Gathered", "LogComparison", "Monitor", "ParameterChange",
-        "Snapshot", "Verdicts",
-    ),
-}  # fmt: skip
-"""The classes that each module of this package renders."""
+    "diagnosis": ("diagnosis", "diagnosis_report", "experiment", "ladder"),
+    "excite": ("simulate",),
+    "fit": ("comparison", "fit", "residual"),
+    "log": ("motion",),
+    "mechanism": ("motion", "view"),
+    "montecarlo": ("simulate",),
+    "motion": ("motion",),
+    "simulate": ("simulate",),
+    "streams": ("streams",),
+}
+"""The modules of this package that render the classes of each other one."""
 
 
-def load(name: str) -> None:
-    """Import the module that registers the renderers of a class, if there is one."""
-    for module, names in MODULES.items():
-        if name in names:
-            import_module(f"ident.show.{module}")
+def load(kind: type) -> None:
+    """Import the modules that register the renderers of a class."""
+    package = kind.__module__.removeprefix("ident.").partition(".")[0]
+    for module in MODULES.get(package, ()):
+        import_module(f"ident.show.{module}")
 
 
 @renders(Displayed, "text")

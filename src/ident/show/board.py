@@ -199,7 +199,7 @@ class Board:
         self.state: dict[str, Any] = {
             "title": title, "status": {"kind": "busy", "text": "reading …", "share": 0.0},
             "busy": True, "undo": False, "effects": [], "note": "", "stale": False,
-            "card": _shown(Card(f"{title}: the first model is being fitted")),
+            "card": piece("card", Card(f"{title}: the first model is being fitted")),
             "ladder": [], "views": VIEWS, "view": VIEWS[0], "joints": [], "joint": "", "shown": [],
             "folder": str(self.folder), "open": GROUPS[:2],
         }  # fmt: skip
@@ -357,11 +357,12 @@ class Board:
             rows = effect_rows(e)
             note = f"{len(rows)} effects; held-out error of the joint without → with each"
             changes = {"effects": rows, "stale": False, "note": note}
-        self._tell(card=_shown(top(e)), ladder=e.table(), undo=e.before is not None, **changes)
+        self._tell(
+            card=piece("card", top(e)), ladder=e.table(), undo=e.before is not None, **changes
+        )
 
     def _draw(self) -> None:
         """Draw the view that is looked at, unless another one is asked for meanwhile."""
-
         e, view, joint = self.exploration, self.state["view"], self.state["joint"]
         if e is not None:
             shown = pieces_of(contents(e, view, joint))
@@ -444,10 +445,6 @@ def explore(mechanism: Mechanism, log: Motion | Logs, *, progress: Progress | No
     board = Board(mechanism.name, f"{mechanism.name}_explored")
     board.begin(lambda p: Exploration.of(mechanism, motion, p), progress or quiet)
     return board
-
-
-def _shown(card: Card) -> str:
-    return str(piece("card", card))
 
 
 def _line(error: Exception) -> str:

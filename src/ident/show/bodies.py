@@ -284,8 +284,11 @@ def _shape(visual: etree._Element, urdf: Path) -> tuple[pin.SE3, np.ndarray]:
     for element in [] if geometry is None else geometry:
         if element.tag in SIZES:
             points, sizes = SIZES[element.tag]
-            values = [_positive(element, key, n, where) for key, n in sizes.items()]
-            return place, points(*map(np.squeeze, values))
+            values = {key: numbers(element, key, "", n, where) for key, n in sizes.items()}
+            for key, each in values.items():
+                if min(each) <= 0:
+                    raise MechanismError(f"{where}:{element.sourceline}: {key} must be above 0")
+            return place, points(*map(np.squeeze, values.values()))
         if element.tag == "mesh":
             scale = np.array(numbers(element, "scale", "1 1 1", 3, where))
             path = _mesh_file(element.get("filename") or "", urdf)
@@ -294,13 +297,6 @@ def _shape(visual: etree._Element, urdf: Path) -> tuple[pin.SE3, np.ndarray]:
             except ValueError:
                 raise MechanismError(f"mesh '{path.name}' cannot be read") from None
     raise MechanismError(f"{where}:{visual.sourceline}: no box, cylinder, sphere or mesh")
-
-
-def _positive(element: etree._Element, key: str, count: int, where: str) -> list[float]:
-    values = numbers(element, key, "", count, where)
-    if min(values) <= 0:
-        raise MechanismError(f"{where}:{element.sourceline}: {key} must be above 0")
-    return values
 
 
 def _mesh_file(name: str, urdf: Path) -> Path:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ident.display import acceptable, folder, inputs
 from ident.effects import Effect
+from ident.fit.data_checks import Health
 from ident.fit.faults import UNITS
 from ident.fit.findings import DRIVING, Finding
 from ident.fit.values import Value
@@ -147,26 +148,33 @@ def scale_doubts(findings: Iterable[Finding]) -> list[Finding]:
     return [each for each in findings if each.code == "magnitude"]
 
 
-def sign_doubts(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings on torques that look turned over: driving friction, the negative of what
-    the URDF's bodies need.
+def spoiling(health: Health) -> list[Finding]:
+    """Return the faults of data that explain a log, and another unit of several torques: the factor
+    of their size is about that of a unit.
     """
-    return [
+    units = [
         each
-        for each in findings
-        if each.code == DRIVING or (each.code == "unlike" and (each.threshold or 0.0) < 0)
-    ]
-
-
-def wrong_unit(findings: Iterable[Finding]) -> list[Finding]:
-    """Return those of them on several torques whose factor is about that of another unit."""
-    return [
-        each
-        for each in scale_doubts(findings)
+        for each in scale_doubts(health.findings)
         if each.number
         and each.where[1:]
         and any(abs(abs(math.log(each.number)) - math.log(unit)) < BODIES for unit in UNITS)
     ]
+    return [*health.faults, *units]
+
+
+def doubts_of(health: Health, findings: Iterable[Finding]) -> tuple[list[str], bool]:
+    """Return in words what looks wrong in the data of a fit, by their health and its findings, and
+    whether that explains the log.
+    """
+    turned = [  # torques: driving friction, the negative of what the URDF's bodies need
+        each
+        for each in (*health.findings, *findings)
+        if each.code == DRIVING or (each.code == "unlike" and (each.threshold or 0.0) < 0)
+    ]
+    wrong = [f"The data look wrong: {each}." for each in health.faults]
+    wrong += [f"The size looks wrong of {each}." for each in scale_doubts(health.findings)]
+    wrong += [f"The sign looks wrong of {each}." for each in turned]
+    return wrong, bool(spoiling(health))
 
 
 def enough(

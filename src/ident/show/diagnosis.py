@@ -18,7 +18,7 @@ from ident.information.blocks import Error
 from ident.information.chance import odds_ratio
 from ident.show.card import NOISY, Bar, Card, add_command, good_enough, next_command
 from ident.show.html import Sheet
-from ident.show.laws import curve_name, curves, expression, laws, numbers
+from ident.show.laws import NONE, curve_name, curves, laws, numbers
 from ident.show.residual import failure_text, judged_of
 from ident.show.verdict import (
     RAREST,
@@ -239,9 +239,9 @@ def mark(d: Diagnosis, each: Explanation) -> str:
 def words(d: Diagnosis, experiment: str | None = None) -> str:
     """Return all of a diagnosis in short paragraphs, parted by empty lines."""
     several = len(d.fit.motion.experiments) > 1
-    form = [*curves(d), *laws(d)] if d.best is not None else []
-    if d.verdict == "unexplained":
-        form = [*curves(d), *expression(d)]
+    form = []
+    if d.best is not None or d.verdict == "unexplained":
+        form = [*curves(d), *(laws(d) or [NONE] * (d.best is None))]
     first, *more = experiment_steps(d.next_experiment if experiment is None else experiment)
     paragraphs = [
         *health_words(d),

@@ -16,7 +16,6 @@ from ident.diagnosis.unobservable import name_of
 from ident.display import renders, writing
 from ident.effects.library import by_kind, named
 from ident.files import json_bytes, plain, regular, write_all
-from ident.fit.data_checks import Health
 from ident.fit.prediction import predict
 from ident.fit.residual import Failure, Residual, residual_of
 from ident.show.card import Bar
@@ -41,7 +40,6 @@ from ident.show.html import (
     Block,
     Choice,
     Section,
-    Sheet,
     code,
     headed,
     items,
@@ -128,13 +126,6 @@ def plot_before_after(before: Residual, after: Residual, joint: str, label: str)
         title += f"; the first {LOGS} of {len(before.traces)} logs"
     clock = before.traces[0].name if len(rows) == 1 else ""
     return Chart(title, tuple(rows), shared_x=True, clock=clock)
-
-
-@renders(Health, "sheet")
-def health_sheet(h: Health) -> Sheet:
-    """Return the findings, each with its number and threshold."""
-    found = "nothing is wrong" if h.good else f"{len(h.findings)} finding(s)"
-    return Sheet(f"health of the data: {found}", lines=[f"! {each}" for each in h.findings])
 
 
 # --- report ---------------------------------------------------------------------------------------

@@ -97,20 +97,17 @@ def simplest_first(first: Ranking, every: Sequence[Evidence], decision: Decision
     """Return what explains most first; of what explains the same part as well, the effect with the
     fewest numbers, and of these the one that the library has first.
     """
+    place = {kind: i for i, kind in enumerate(KINDS)}
     ordered: list[Evidence] = []
     left = sorted(every, key=lambda each: -(each.gain if each.sensible else -1.0))
     while left:
         best = left[0]
         sound = [each for each in left if each is best or each.sensible]
         equal = as_good(best, sound, first.regression.rows, decision)
-        ordered.append(min(equal, key=lambda e: (*simplicity(e)[:3], _place(e.effect))))
-        left = [each for each in left if each is not ordered[-1]]
+        best = min(equal, key=lambda e: (*simplicity(e)[:3], place.get(e.effect.kind, len(place))))
+        ordered.append(best)
+        left.remove(best)
     return ordered
-
-
-def _place(effect: Effect) -> int:
-    kinds = list(KINDS)
-    return kinds.index(effect.kind) if effect.kind in kinds else len(kinds)
 
 
 def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:

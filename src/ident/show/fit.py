@@ -10,6 +10,7 @@ import numpy as np
 from ident.display import renders
 from ident.errors import FitError
 from ident.fit.consistency import Binding
+from ident.fit.data_checks import Health
 from ident.fit.files import Saved, write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Reactions, predict
@@ -18,17 +19,7 @@ from ident.fit.result import Fit
 from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Correlation, Value
 from ident.information.blocks import Error
-from ident.show.card import (
-    Card,
-    bars_of,
-    body_words,
-    enough,
-    good_enough,
-    next_command,
-    scale_doubts,
-    sign_doubts,
-    wrong_unit,
-)
+from ident.show.card import Card, bars_of, body_words, doubts_of, enough, good_enough, next_command
 from ident.show.charts import PRIOR, Chart, Dots, Panel
 from ident.show.comparison import change_tables, changes_line, plot_forces
 from ident.show.html import Block, Section, Sheet, by_log, folded, items, paragraph, report_page
@@ -103,6 +94,13 @@ def plot_reactions(x: Reactions) -> Chart:
     kinematics = x.mechanism.kinematics
     series = {"known": (x.t, x.known), "identified": x.identified}
     return plot_forces(kinematics.multipliers, kinematics.units, series, x.log)
+
+
+@renders(Health, "sheet")
+def health_sheet(h: Health) -> Sheet:
+    """Return the findings, each with its number and threshold."""
+    found = "nothing is wrong" if h.good else f"{len(h.findings)} finding(s)"
+    return Sheet(f"health of the data: {found}", lines=[f"! {each}" for each in h.findings])
 
 
 # --- the fit --------------------------------------------------------------------------------------
@@ -248,12 +246,9 @@ def card(fit: Fit) -> Card:
     fine = enough(judged, floor, doubts)
     following = "compare" if len(fit.columns) and not fit.validation else "monitor"
     command = next_command(following if fine else "diagnose")
-    wrong = [f"The data look wrong: {each}." for each in fit.health.faults]
-    wrong += [f"The size looks wrong of {each}." for each in scale_doubts(doubts)]
-    wrong += [f"The sign looks wrong of {each}." for each in sign_doubts((*doubts, *fit.findings))]
+    wrong, grave = doubts_of(fit.health, fit.findings)
     if fit.changes is None:
-        first, grave = headline(fit), bool(fit.health.faults or wrong_unit(doubts))
-        line, *rest = [*wrong, first] if grave and bars else [first, *wrong]
+        line, *rest = [*wrong, headline(fit)] if grave and bars else [headline(fit), *wrong]
         trust = " ".join(filter(None, [*rest, good, words])) * bool(bars)
         return Card(line, trust, bars, command, change=change)
     trust = " ".join(filter(None, [*wrong, good, words])) * bool(bars)

@@ -24,6 +24,11 @@ FRONT = (
     "constants) against the share of the squared error that is left."
 )
 DIFFERENT = 0.005  # share of a law's torque from which a relative is called different
+NONE = (
+    "No short formula of positions, speeds, accelerations, load and time explains it either; look "
+    "at the maps of the residual, and at what the log does not hold: temperature, contact, play, "
+    "cables, another load."
+)
 MOST = 3  # rivals that are named
 CLEARLY = 0.8  # times the error with a formula: a curve that leaves less shows that it is not all
 
@@ -54,15 +59,6 @@ def labels(effects: Iterable[Effect], word: str = "and") -> str:
 def curve_name(curve: Effect) -> str:
     """Return `curve of v at elbow`."""
     return f"curve of {curve.signal} at {listed(curve.joints)}"
-
-
-def expression(d: Diagnosis) -> list[str]:
-    """Return the formulas, or that there is none."""
-    return laws(d) or [
-        "No short formula of positions, speeds, accelerations, load and time explains it either; "
-        "look at the maps of the residual, and at what the log does not hold: temperature, "
-        "contact, play, cables, another load."
-    ]
 
 
 def law_words(found: Law | FoundCurve) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import platform
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -9,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ident.display import renders
+from ident.display import renders, running
 from ident.equations.unknowns import Columns
 from ident.errors import FitError, MechanismError
+from ident.files import version
 from ident.fit.channel_checks import log_findings
 from ident.fit.findings import POOR, Finding, excitation
 from ident.fit.identify import identify
@@ -24,10 +27,11 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
 from ident.show.card import Card, next_command
-from ident.show.html import Section, Sheet, definitions, headed, items, origin, table
+from ident.show.html import Section, Sheet, code, definitions, headed, items, paragraph, table
 from ident.text import significant, some
 from ident.text import table as text_table
 
+PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
 IMPOSSIBLE = 10.0  # times a drive's effort limit, which is nominal in many URDFs
 ROUNDING = 1e-6  # of positions and speeds beyond a limit
 CHANNELS = "what was measured of the motion: its white noise, and measured less smoothed (rms)"
@@ -180,10 +184,23 @@ def understood(mechanism: Mechanism, motion: Motion) -> Section:
 
 
 def made_of(mechanism: Mechanism, motion: Motion | None, more: Sequence[Path] = ()) -> Section:
-    """Return the command, the versions, and hashes of all files that went in, `more` among them."""
+    """Return how to reproduce a result: the command, the versions, and hashes of the mechanism's
+    files, of `more`, and of the logs' bytes.
+    """
     files = [path for path in (mechanism.urdf, mechanism.toml) if path and path != Path()]
-    logs = motion.logs if motion else ()
-    return origin([*files, *more], [(log.name, log.sha256) for log in logs])
+    rows = [["file", "SHA-256"]]
+    for file in (*files, *more):
+        try:
+            with file.open("rb") as stream:
+                rows.append([file.name, hashlib.file_digest(stream, "sha256").hexdigest()])
+        except OSError:
+            rows.append([file.name, "no longer there"])
+    rows += [[x.name, x.sha256 or "made in memory"] for x in (motion.logs if motion else ())]
+    command = running.get()
+    first = code(command) if command else paragraph("Made in Python, by no command.")
+    versions = {name: version(name, "not installed") for name in PACKAGES}
+    versions["Python"] = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    return Section("How to reproduce", (first, table(rows, "What went in"), definitions(versions)))
 
 
 # --- what a motion determines ---------------------------------------------------------------------

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import takewhile
 from typing import Any
 
@@ -19,18 +20,7 @@ from ident.fit.residual import Failure, Residual, zero_of
 from ident.fit.residual_maps import Dependence
 from ident.fit.result import Fit
 from ident.information.blocks import Error
-from ident.show.charts import (
-    BELOW,
-    MEASURED,
-    RAW,
-    RESIDUAL,
-    Chart,
-    Colour,
-    Level,
-    Line,
-    Panel,
-    Points,
-)
+from ident.show.charts import BELOW, MEASURED, RAW, RESIDUAL, Chart, Level, Line, Panel, Points
 from ident.show.html import LOGS, Block, Choice, Section, Sheet, by_log, paragraph
 from ident.show.html import table as html_table
 from ident.text import listed, percent, significant
@@ -209,8 +199,8 @@ def plot_predictions(
     zero = zero_of(one.t)
     clock, rows = time_label(zero), []
 
-    def line(p: Prediction, y: np.ndarray, label: str, colour: Colour, width: float) -> Line:
-        return Line(one.t - zero, np.where(p.usable, y, np.nan), label, colour, width)
+    def line(p: Prediction, y: np.ndarray, *style: Any) -> Line:
+        return Line(one.t - zero, np.where(p.usable, y, np.nan), *style)
 
     for u, joint in sorted(enumerate(one.joints), key=lambda pair: pair[1] != first):
         above = [line(one, one.measured[:, u], "measured", MEASURED, BELOW)]
@@ -251,21 +241,15 @@ def plot_parts(c: Comparison, experiment: int = 0) -> Chart:
         for name, residual in c.residuals.items():
             trace = residual.traces[number]
             zero = residual.zero(trace)
-
-            def line(
-                y: np.ndarray, label: str, colour: Colour, width: float,
-                trace: Trace = trace, zero: float = zero,
-            ) -> Line:  # fmt: skip
-                return Line(trace.t - zero, broken(trace, y), label, colour, width)
-
-            lines = [line(trace.measured[:, u], "measured", MEASURED, BELOW)]
+            line, whole = partial(Line, trace.t - zero), sum(trace.parts.values())
+            lines = [line(broken(trace, trace.measured[:, u]), "measured", MEASURED, BELOW)]
             for key, x in trace.parts.items():
                 if key == RIGID or np.abs(x[:, u]).max() > 0:
                     kind = key.split(":")[0]
                     colour = colours.setdefault(kind, len(colours))
-                    lines.append(line(x[:, u], kind, colour, 1.2))
-            whole = np.sum(list(trace.parts.values()), axis=0)
-            lines.append(line((trace.measured - whole)[:, u], "residual", RESIDUAL, 0.8))
+                    lines.append(line(broken(trace, x[:, u]), kind, colour, 1.2))
+            rest = broken(trace, (trace.measured - whole)[:, u])
+            lines.append(line(rest, "residual", RESIDUAL, 0.8))
             title = shown[name] if not rows and len(shown) > 1 else ""
             label = "" if row else f"{joint} [{first.units[u]}]"
             row.append(Panel(tuple(lines), time_label(zero), label, title))

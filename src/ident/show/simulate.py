@@ -12,7 +12,6 @@ import polars as pl
 from ident.display import renders
 from ident.excite.excitation import Excitation, LimitUse
 from ident.files import json_bytes
-from ident.log import Log
 from ident.montecarlo import SUMS, MonteCarlo
 from ident.motion import complete
 from ident.show.charts import BELOW, MEASURED, PRIOR, RESIDUAL, Chart, Level, Line, Mark, Panel
@@ -26,11 +25,6 @@ TRANSITIONS = 12  # that are printed
 LIMITING = 0.95  # share of a limit from which it is marked as the one that limits the motion
 NEAR = 2.0  # times the largest value: a limit beyond is not drawn
 CHANNELS = (("q", "position"), ("v", "speed"), ("a", "acceleration"), ("tau", "torque"))
-
-
-def csv_text(log: Log) -> str:
-    """Return the log as `Log.write` writes it into a .csv."""
-    return pl.DataFrame({"t": log.t, **log.columns}).fill_nan(None).write_csv()
 
 
 @renders(Run, "sheet")
@@ -235,43 +229,41 @@ def study_sheet(x: MonteCarlo, most: int | None = ROWS) -> Sheet:
 
 def parameter_rows(x: MonteCarlo, most: int | None = None) -> list[list[str]]:
     """Return a head and a row for each parameter and SNR: bias, std, mean stderr, coverage."""
-    of = {(r["estimator"], r["snr"], r["parameter"]): r for r in x.table.iter_rows(named=True)}
     truth = x.plan.truth
     sizes = {n: f"{significant(truth.values[n], 4)} {truth.units[n]}" for n in x.parameters[:most]}
 
-    def cells(estimator: str, snr: float, name: str) -> list[str]:
-        r = of.get((estimator, snr, name))
-        if r is None or not r["runs"]:
+    def cells(r: Mapping[str, Any]) -> list[str]:
+        if not r.get("runs"):
             return ["–"] * 4
         covered = "–" if r["coverage"] is None else f"{100 * r['coverage']:.0f} %"
         return [*(_relative(r, column) for column in ("bias", "std", "stderr")), covered]
 
     heads = [h for name in x.estimators for h in (f"{name}: bias", "std", "± mean", "covers")]
-    return [["parameter", "truth", "SNR", *heads], *_study_rows(x, sizes, cells)]
+    return [["parameter", "truth", "SNR", *heads], *_study_rows(x, x.table, sizes, cells)]
 
 
 def multiplier_rows(x: MonteCarlo) -> list[list[str]]:
     """Return a head and a row for each multiplier and SNR, sums last; empty without multipliers."""
-    rows = list(x.multipliers.iter_rows(named=True))
-    of = {(r["estimator"], r["snr"], r["multiplier"]): r for r in rows}
-    known = {r["multiplier"]: f"{significant(r['size'], 4)} {r['unit']}" for r in rows[::-1]}
+    rows = x.multipliers.rows(named=True)[::-1]
+    known = {r["multiplier"]: f"{significant(r['size'], 4)} {r['unit']}" for r in rows}
     sizes = {n: known[n] for n in (*x.plan.truth.multipliers, *SUMS) if n in known}
 
-    def cells(estimator: str, snr: float, name: str) -> list[str]:
-        r = of.get((estimator, snr, name))
-        return ["–" if r is None else f"{significant(r['mean'])} {r['unit']}"]
+    def cells(r: Mapping[str, Any]) -> list[str]:
+        return [f"{significant(r['mean'])} {r['unit']}" if r else "–"]
 
     head = ["multiplier", "rms of it", "SNR", *x.estimators]
-    return [head, *_study_rows(x, sizes, cells)] if sizes else []
+    return [head, *_study_rows(x, x.multipliers, sizes, cells)] if sizes else []
 
 
 def _study_rows(
-    x: MonteCarlo, sizes: Mapping[str, str], cells: Callable[[str, float, str], list[str]]
-) -> Iterator[list[str]]:
+    x: MonteCarlo, table: pl.DataFrame, sizes: Mapping[str, str],
+    cells: Callable[[Mapping[str, Any]], list[str]],
+) -> Iterator[list[str]]:  # fmt: skip
     """Yield a row a name and SNR: the name and its size in the first, the cells of estimators."""
+    of = table.rows_by_key(table.columns[:3], named=True, unique=True)
     for name, size in sizes.items():
         for i, snr in enumerate(x.snr):
-            own = [cell for each in x.estimators for cell in cells(each, snr, name)]
+            own = [cell for each in x.estimators for cell in cells(of.get((each, snr, name), {}))]
             yield [*(["", ""] if i else [shortened(name, 40), size]), f"{snr:g} dB", *own]
 
 

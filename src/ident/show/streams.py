@@ -148,7 +148,7 @@ def verdicts_text(x: Verdicts, together: str = "text") -> str:
 
 renders(Verdicts, "short")(lambda x: verdicts_text(x, "short"))
 renders(Verdicts, "section")(lambda x: Section("Log by log", _each_sheet(x).blocks()))
-renders(Verdicts, "html")(lambda x: _each_sheet(x) + x.together._repr_html_())
+renders(Verdicts, "html")(lambda x: _each_sheet(x).html() + x.together._repr_html_())
 
 
 # --- online --------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from ident.fit.files import Saved
 from ident.fit.findings import Finding
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
-from ident.show.card import MATERIAL, NOISY, too_large, wrong_unit
+from ident.show.card import MATERIAL, NOISY, spoiling, too_large
 from ident.show.laws import numbers
 from ident.text import listed, percent, places, significant, some
 
@@ -50,7 +50,7 @@ def spoilt(d: Diagnosis) -> list[Finding]:
     """Return the faults of the data that explain the log, and another unit of several torques,
     where no effect is named beside them.
     """
-    return [] if d.best else [*d.health.faults, *wrong_unit(d.health.findings)]
+    return [] if d.best else spoiling(d.health)
 
 
 def verdict_line(d: Diagnosis) -> str:
@@ -152,7 +152,10 @@ def certainty(d: Diagnosis) -> str:
         if more and not d.selection.members and not d.laws:
             none = f"none is named ({_not_named(d, [each.evidence for each in more[:MOST]])})"
         tried = sum(not each.curve for each in d.selection.first.contest.candidates)
-        return f"{tried} effects were tried, and {none}.{_turning(d)}"
+        left = [] if d.reversing else at_reversals(d)
+        where = f" What is left in {places(left)} is near reversals, where friction does not jump "
+        where = f"{where}as in the model." * bool(left)
+        return f"{tried} effects were tried, and {none}.{where}"
     best = d.candidates[0]
     certain = "Sure" if best.evidence.p < RAREST else "Not sure"
     if (stays := _stays(d, d.after)) > PART:
@@ -187,10 +190,3 @@ def at_reversals(d: Diagnosis) -> list[str]:
     worse = {j for each in d.fit.all_findings if each.code == "reversals" for j in each.where}
     errors = errors_of(d.fit) if d.verdict == "nothing" else {}
     return [j for j, e in errors.items() if j in worse and e.rms > NOISY * d.floor[j]]
-
-
-def _turning(d: Diagnosis) -> str:
-    """Return what is left at reversals where nothing is missing."""
-    left = [] if d.reversing else at_reversals(d)
-    where = f" What is left in {places(left)} is near reversals, where friction does not jump as "
-    return f"{where}in the model." if left else ""

@@ -5,25 +5,19 @@ A `Sheet` is one description for terminals, Jupyter and reports.
 
 from __future__ import annotations
 
-import hashlib
-import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
-from ident.display import running
-from ident.files import version
 from ident.show.card import Card
 from ident.show.charts import Chart, scripts
 from ident.show.template import piece
 from ident.text import merged, wrapped
 from ident.text import table as text_table
 
-PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
 ROWS = 4  # of panels in one chart: what a window shows
 LOGS = 12  # whose curves are in a report
 
@@ -36,11 +30,6 @@ items = partial(piece, "items")  # a list of words
 folded = partial(piece, "folded")  # what is shown on demand below its title
 definitions = partial(piece, "definitions")  # words and their meanings, those that have one
 table = partial(piece, "table")  # rows of cells, the head first; caption; tied=False breaks cells
-
-
-def in_frame(blocks: Sequence[Markup]) -> str:
-    """Return blocks as Jupyter shows them, with their own style."""
-    return str(piece("frame", blocks))
 
 
 Rows = Sequence[Sequence[str]]
@@ -94,10 +83,11 @@ class Sheet:
 
     def html(self) -> str:
         """Return the description for Jupyter."""
-        if isinstance(self.top, str):
-            return in_frame([strong(self.line or self.top), *self.blocks()])
-        rest = folded("Tables and remarks", *self.blocks())
-        return in_frame([piece("card", self.top) + paragraph(self.line), rest])
+        blocks = [strong(self.line or self.top), *self.blocks()]
+        if isinstance(self.top, Card):
+            rest = folded("Tables and remarks", *self.blocks())
+            blocks = [piece("card", self.top) + paragraph(self.line), rest]
+        return str(piece("frame", blocks))
 
 
 Block = Any  # Markup, a chart, a choice, or a mechanism in 3-D, which has films
@@ -133,25 +123,3 @@ def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, .
     options = {name: draw(i).pieces(ROWS) for i, name in enumerate(names[:LOGS])}
     few = paragraph(f"The first {LOGS} of {len(names)} logs are drawn.")
     return *([few] if len(names) > LOGS else []), Choice("Which log", options)
-
-
-def origin(files: Sequence[Path], logs: Sequence[tuple[str, str]]) -> Section:
-    """Return the section on how to reproduce a result: command, versions, checksums of files, and
-    of the logs' bytes by name, "" where one was made in memory.
-    """
-    rows = [["file", "SHA-256"]]
-    rows += [[file.name, _sha256(file)] for file in files]
-    rows += [[name, digest or "made in memory"] for name, digest in logs]
-    command = running.get()
-    first = code(command) if command else paragraph("Made in Python, by no command.")
-    versions = {name: version(name, "not installed") for name in PACKAGES}
-    versions["Python"] = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
-    return Section("How to reproduce", (first, table(rows, "What went in"), definitions(versions)))
-
-
-def _sha256(file: Path) -> str:
-    try:
-        with file.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError:
-        return "no longer there"
