@@ -60,6 +60,20 @@ def mechanism(tmp_path):
 # --- every kind, those to come too --------------------------------------------------------------
 
 
+def test_an_end_stop_is_at_an_end():
+    effect = made("end_stop", True)
+    s = signals(effect)
+    low, high = s.travel[0]
+    for share, side, possible in (
+        (0.9, 1, True),
+        (0.45, 1, False),
+        (0.1, -1, True),
+        (0.6, -1, False),
+    ):
+        at = {"q1": low + share * (high - low), "side": float(side)}
+        assert effect.possible(replace(s, shape=at)) is possible
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_says_what_it_is(kind):
     effect = made(kind)

@@ -26,6 +26,17 @@ def test_torques_of_the_arm_are_pinocchios(robots):
     np.testing.assert_array_equal(said.measured, 0 * said.measured)  # nothing was measured
 
 
+def test_a_motion_is_given_as_any_log_is(tmp_path):
+    motion = motion_log("arm", 100.0)
+    motion.write(tmp_path / "motion.csv")
+    of_log, of_path = (
+        ident.simulate(robot("arm"), given, noise=[Noise("tau", 0.1)], seed=3)[0]
+        for given in (motion, str(tmp_path / "motion.csv"))
+    )
+    for name, x in of_log.columns.items():
+        np.testing.assert_allclose(of_path.columns[name], x, atol=1e-9)
+
+
 @pytest.mark.parametrize("name", ["four_bar", "five_bar", "slider_crank"])
 def test_torques_of_loops_do_the_work_of_the_open_tree(name):
     """d'Alembert: drives and open tree do the same work along what the loop can do, ẏ = Z u̇."""

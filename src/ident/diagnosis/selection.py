@@ -311,6 +311,8 @@ def weigh(
         refit.loss.sum() / max(regression.loss.sum(), 1e-300)
     )  # by what is left with it
     plausible = sensible(contest, effect, refit.theta, stderr)
+    if effect.shapes and plausible:
+        plausible = effect.possible(replace(contest.table.pooled(effect), shape=shape))
     massive = not effect.loaded_link or bool(abs(refit.theta[0]) > NEGATIVE * stderr[0])
     seen = not effect.waves or contest.passed(effect.joints[0], shape[effect.waves]) > PASSED
     credible = passed and plausible and massive and seen and size > decision.material

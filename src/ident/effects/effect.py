@@ -436,6 +436,10 @@ class Effect(ABC):
         """
         return [{}]
 
+    def possible(self, s: Signals) -> bool:
+        """Whether the effect can have the shape `s.shape` in a motion with these signals."""
+        return True
+
     # --- correction and simulation --------------------------------------------------------------
 
     def correction(self, s: Signals) -> Correction:

@@ -373,6 +373,11 @@ class EndStop(Effect):
         ends = ((1.0, high, low), (-1.0, low, high))
         return [{"q1": float(a + x * (b - a)), "side": side} for side, a, b in ends for x in share]
 
+    def possible(self, s: Signals) -> bool:
+        # nearer to its end of the travel than to the other: a joint does not pass through a stop
+        side = np.sign(s.shape["side"])
+        return bool(side * (s.shape["q1"] - s.travel[0].mean()) >= 0)
+
 
 class Ripple(Effect):
     """A torque that repeats with position: cogging, gear teeth, an eccentric gear."""

@@ -17,6 +17,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, State, complete
 from ident.motion.closures import independent_joints
+from ident.motion.motion import Given, log_of
 from ident.simulate.plant import constant_correction
 
 CHANNELS = ("q", "v", "a", "tau")
@@ -44,7 +45,7 @@ class Noise:
 
 def simulate(
     mechanism: Mechanism,
-    motion: Log,
+    motion: Given,
     *,
     values: Mapping[str, float] | None = None,
     pi: np.ndarray | None = None,
@@ -57,8 +58,8 @@ def simulate(
 
     Args:
         mechanism: with effects; an effect's unknowns need values, from `[[effect]]` or `values`.
-        motion: positions (and rates, accelerations) of joints that determine the motion; torques
-            are not needed, but wrenches and other columns of it count.
+        motion: a log, as `complete` takes it: positions (and rates, accelerations) of joints that
+            determine the motion; torques are not needed, but wrenches and other columns count.
         values: by full name: effects' unknowns (`viscous.elbow.Fv`) and dynamic parameters
             (`rod.m`, `rod.Ixx` or `rod.Lxx`), the latter in place of the URDF's.
         pi: all dynamic parameters (10 · bodies,) in place of the URDF's.
@@ -76,6 +77,7 @@ def simulate(
         MotionError: if the motion cannot be completed, or drives a coordinate that has no drive.
     """
     check_channels(columns)
+    motion = log_of(mechanism, motion)
     completed = complete(mechanism, motion, torques=False)
     for name in completed.independent:
         if name not in mechanism.driven:
