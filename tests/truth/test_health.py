@@ -266,6 +266,14 @@ def test_an_encoder_offset_against_the_closures_is_found():
         moved = changed(log, **{f"q__{joint}": own + offset})
         notes = ident.complete(mechanism, moved, cutoff=None).notes
         assert any(f"q.{joint} {word} the closures" in note for note in notes)
+    noise = [Noise("q", 1e-4), Noise("tau", 0.01, relative=True)]
+    values = {"viscous.crank.Fv": 0.1}
+    measured, _ = ident.simulate(
+        mechanism, log, values=values, noise=noise, joints=["crank", joint], columns=("q", "tau")
+    )
+    for offset, codes in ((0.0, set()), (0.03, {"contradicted"})):
+        moved = changed(measured, **{f"q__{joint}": measured.columns[f"q.{joint}"] + offset})
+        assert {code for code, _ in found(judged(mechanism, moved, "auto"))} == codes
 
 
 def test_a_dead_torque_is_found():

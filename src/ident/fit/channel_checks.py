@@ -16,6 +16,7 @@ import numpy as np
 
 from ident.fit.channel_fits import SMALL
 from ident.fit.findings import Finding
+from ident.information.chance import BEYOND
 from ident.information.linear import Array
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
@@ -23,7 +24,7 @@ from ident.motion import Motion, State
 from ident.motion.noise import grain, noise_level, noise_share
 from ident.motion.recipe import CLEAN, ROWS_OVER_MOTION
 from ident.motion.signals import CLIPPED, LARGEST, REGULAR, absurd_samples, at_limit, runs
-from ident.text import significant, some
+from ident.text import significant, some, two_digits
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 
@@ -268,10 +269,31 @@ def copied(c: LoggedChannel) -> Judgement:
     return None
 
 
+def contradicted(c: LoggedChannel) -> Judgement:
+    """A position of a loop that differs from what its other positions and the closures give."""
+    known = c.state.logged if len(c.state.logged) > c.mechanism.degrees_of_freedom else ()
+    smoothed = next((x for x in c.state.channels if x.column == c.name and x.spacing), None)
+    if c.joint.name not in known or smoothed is None:
+        return None
+    off, spread = smoothed.residual, float(np.std(c.x))
+    share = off / max(min(spread, 1.0) if c.joint.rotational else spread, 1e-300)  # of a radian
+    if off < BEYOND * smoothed.noise or share < SMALL:
+        return None
+    text = (
+        f"off by {significant(off)} {c.joint.unit} rms, {two_digits(off / smoothed.noise)} times "
+        "its noise, from what the closures and the other positions give"
+    )
+    remedy = (
+        "check the zeros and signs of these positions and the closures' frames; without the "
+        f"column {c.name} a diagnosis can name a wrong length"
+    )
+    return share, SMALL, text, remedy
+
+
 CHECKS = {
     "tau": (constant, zero, noise_only, staircase, frozen, clipped, steps, spikes, noiseless,
             copied),
-    "q": (frozen, steps, staircase),
+    "q": (frozen, steps, staircase, contradicted),
     "v": (frozen, steps),
 }  # fmt: skip
 
