@@ -154,7 +154,7 @@ def test_a_diagnosis_has_twenty_lines_in_a_narrow_terminal(nouns):
     assert "it tells apart" in found[2]
     assert "it tells apart" not in found[6]
     assert all("Move the crank" in text for text in found.values())
-    assert "more about the next experiment, all candidates" in " ".join(found[8].split())
+    assert "more about the next experiment, more candidates" in " ".join(found[8].split())
 
 
 def test_marks_of_bars_that_are_not_shown_are_not_explained():

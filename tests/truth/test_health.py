@@ -276,6 +276,15 @@ def test_an_encoder_offset_against_the_closures_is_found():
         assert {code for code, _ in found(judged(mechanism, moved, "auto"))} == codes
 
 
+def test_friction_that_cannot_be_is_no_clean_verdict():
+    p = planted("arm", seed=19)
+    log, _ = ident.simulate(p.mechanism, p.log, values={**p.values, "viscous.yaw.Fv": -1.0})
+    found = ident.diagnose(ident.identify(p.mechanism, ident.complete(p.mechanism, log)))
+    assert found.verdict == "nothing"
+    assert [each.code for each in found.health.findings] == ["negative"]
+    assert "viscous.yaw.Fv came out negative" in str(found)
+
+
 def test_a_dead_torque_is_found():
     p = planted("arm", seed=20)
     judgement = judged(p.mechanism, changed(p.log, tau__wrist=np.full(len(p.log.t), 0.02)))

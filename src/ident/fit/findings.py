@@ -41,6 +41,7 @@ LEAST_MASS = 1e-9  # range: kg below which a body with first moments cannot be w
 # relative error of a torque from which its unit is in doubt
 FREELY = 0.1
 LITTLE = 0.1  # shown: of the farthest joint's way: one that moves less is named
+NEGATIVE_VALUE = "negative"  # code of a finding
 DRIVING = "friction drives"  # code of a finding
 IMPOSSIBLE_BODY = "impossible body"  # code of a finding
 # shown: shares by which the error of a joint that is named must fall, and the mean of all joints
@@ -285,7 +286,7 @@ def _implausible(
             f"{', '.join(negative)} came out negative, which no such effect can be: check the sign "
             "of the torque, or whether another effect is missing"
         )
-        yield Finding("negative", text, where=negative)
+        yield Finding(NEGATIVE_VALUE, text, where=negative)
     yield from _driving(effects, errors)
     bodies = {link: pi[mechanism.bodies.columns(link)] for link in mechanism.bodies.links}
     massless = tuple(

@@ -36,7 +36,9 @@ SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
 FEW = 4  # bars of joints that are worth more than further sentences
 MOST = 3  # joints and candidates that are described
-CANDIDATES = "what adding an effect would do: held-out error of the joint that it mends most"
+CANDIDATES = (
+    "what adding an effect would do: held-out error; share of all squares (what chance does)"
+)
 Rows = list[list[str]]
 
 
@@ -143,7 +145,7 @@ def short(d: Diagnosis, top: Card | None = None) -> str:
         forms.append((least, [], "the whole verdict, " * (n < count) + reason))
     found = ""
     for form, own, left_out in forms:
-        rest = f"--verbose: {left_out}all candidates{hidden}; {d.decision}"
+        rest = f"--verbose: {left_out}more candidates{hidden}; {d.decision}"
         found = Sheet(form, paragraphs=[*own, rest], indent="  ").text()
         if lines_of(found) <= LINES:
             break
@@ -155,7 +157,8 @@ def sheet(d: Diagnosis) -> Sheet:
     """Return the verdict, two tables, and all of it in words."""
     tables = {"where it fails": where_rows(d)}
     if d.candidates:
-        tables[CANDIDATES] = [row[:-1] for row in candidate_rows(d)]
+        # its values and its chance are in the words
+        tables[CANDIDATES] = [[*row[:4], row[5]] for row in candidate_rows(d)]
     paragraphs = [*d.text.split("\n\n"), f"decided with {d.decision}"]
     return Sheet(card(d), tables=tables, paragraphs=paragraphs)
 
@@ -187,7 +190,7 @@ def candidate_rows(d: Diagnosis) -> Rows:
 
     `*` marks what is named, `=` what this data cannot tell from it.
     """
-    rows = [["effect", "joint", "error", "by chance", "visible", "values"]]
+    rows = [["effect", "joint", "error", "explains", "by chance", "visible", "values"]]
     shown = [each for each in d.every if each in d.candidates or mark(d, each) == "*"]
     for group in alike(d, shown):
         sign = mark(d, group[0])
@@ -221,7 +224,15 @@ def _cells(d: Diagnosis, each: Explanation) -> list[str]:
     visible = f"{100 * e.refit.visible:.0f} %"
     chance = f"< {100 * RAREST:g} %" if e.p < RAREST else f"{two_digits(100 * e.p)} %"
     chance = "–" if np.isnan(e.p) else chance
-    return [each.joint, bar_of(d, each).words, chance, visible, numbers(each.parameters)]
+    gain, limit = (f"{two_digits(100 * x)} %" for x in (e.gain, e.limit))
+    return [
+        each.joint,
+        bar_of(d, each).words,
+        f"{gain} ({limit})",
+        chance,
+        visible,
+        numbers(each.parameters),
+    ]
 
 
 def mark(d: Diagnosis, each: Explanation) -> str:

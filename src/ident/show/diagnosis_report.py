@@ -62,9 +62,10 @@ BARS = 12
 LOGS = 4  # whose residuals are drawn below each other
 MARKS = "* named; = this data cannot tell it from the one named."
 FALLS = (
-    "Error: held out, of the joint that it mends most, without it → with it. By chance: share of "
-    "logs in which nothing is missing where the best of all candidates explains as much. Visible: "
-    "how much of its torque no other parameter could take over."
+    "Error: held out, of the joint that it mends most, without it → with it. Explains: share of "
+    "the left-out squares in all joints; in brackets the limit, which the best candidate exceeds "
+    "in no more than alpha of logs in which nothing is missing. By chance: share of these in which "
+    "the best explains as much. Visible: how much of its torque no other parameter could take over."
 )
 EFFECT = (
     "Above, all but the effect is taken off; the line is the effect itself. Below, the effect is "

@@ -167,7 +167,15 @@ def certainty(d: Diagnosis) -> str:
         certain = f"Which of these it is remains open. It is {certain.lower()} that one is missing"
     value = f"{named([d.best])}: " if len(d.group) > 1 or open_between(d) else ""
     known = f", in the model {known_values(best)}" * bool(best.known)
-    return f"{certain}: {by_chance(best.evidence)}; {value}{numbers(best.parameters)}{known}."
+    found = f"{certain}: {by_chance(best.evidence)}; {value}{numbers(best.parameters)}{known}."
+    alone = {each.effect.label: each.evidence.p for each in d.every}
+    weak = [each for each in d.group if alone.get(each.label, 0.0) > d.decision.alpha]
+    if not weak:
+        return found
+    return (
+        f"{found} By itself {named(weak)} explains no more than chance can: it is named for what "
+        "it explains beside the others."
+    )
 
 
 def _not_named(d: Diagnosis, some: Sequence[Evidence]) -> str:
