@@ -372,6 +372,24 @@ def test_joints_and_columns_may_share_their_numbers_alone():
     assert entry_for("q", ["elbow"], columns) == ""
 
 
+@pytest.mark.parametrize("named", ["{}", "j_{}_"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_columns_numbered_from_another_number_than_joints_are_no_pattern(named, first):
+    """The column of a joint's own number is that of its neighbour."""
+    joints = [f"j_{i + 1 - first}" for i in range(3)]
+    columns = [word + named.format(i + first) for word in ("pos", "tau") for i in range(3)]
+    for signal, word in (("q", "pos"), ("tau", "tau")):
+        a, b = (word + named.format(i + first) for i in (0, 2))
+        pairs = f'"{signal}.{joints[0]}" = "{a}", … "{signal}.{joints[2]}" = "{b}"'
+        assert entry_for(signal, joints, columns) == pairs
+
+
+def test_which_columns_are_whose_is_open_where_there_are_more_from_number_0_on():
+    joints, columns = ["j_1", "j_2"], ["q0", "q1", "q2"]
+    assert entry_for("q", joints, columns) == ""
+    assert entry_for("q", joints, [*columns[1:], "q3"]) == '"q.j_*" = "q*"'
+
+
 # --- several logs, cut-off, wrenches ------------------------------------------------------------
 
 
