@@ -54,6 +54,9 @@ def test_check_says_first_whether_a_log_can_be_used(robots, tmp_path, ident):
     words, _ = first("still.csv", constant(position))
     assert "of 22 base parameters" in words
     assert "22 of 22" not in words
+    empty = [line[0] for line in lines[40:60]]
+    words, _ = first("holes.csv", lambda x: [x[0], *[""] * (len(x) - 1)] if x[0] in empty else x)
+    assert f"look at this first: holes.csv: 20 of {len(lines)} rows have no value but" in words
     words, command = first("plan.csv", lambda line: line[:torque] + line[torque + 1 :])
     assert words.startswith("plan.csv cannot be used for identification: it has no tau.elbow;")
     assert command.startswith("ident excite ")

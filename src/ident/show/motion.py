@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from ident.display import renders
 from ident.equations.unknowns import Columns
 from ident.errors import FitError, MechanismError
-from ident.fit.channel_checks import log_findings
+from ident.fit.channel_checks import RARE, log_findings
 from ident.fit.findings import POOR, Finding, excitation
 from ident.fit.identify import identify
 from ident.fit.problem import information_of
@@ -219,12 +219,24 @@ def check_card(
         if not unknowns:
             why, verb = "nothing is unknown in the model", "diagnose"
         return Card(f"{logs} cannot be used for identification: {why}.", command=next_command(verb))
-    problems = [*map(str, wrong), *beyond_limits(mechanism, motion)]
+    problems = [*map(str, wrong), *beyond_limits(mechanism, motion), *_empty_rows(motion)]
     if (condition := found["condition_number"]) > POOR:
         problems.append(f"some are excited poorly (condition number {significant(condition)})")
     look = f", but look at this first: {problems[0]}" if problems else ": nothing looks wrong in it"
     line = f"{logs} can be used for identification of {size}{look}."
     return Card(line, command=next_command("identify"))
+
+
+def _empty_rows(motion: Motion) -> Iterator[str]:
+    """Yield notes on logs with rows that have no value but their time."""
+    for log in motion.logs:
+        empty = np.isnan([*log.columns.values()]).all(axis=0)
+        if empty.mean() > RARE:
+            first = log.t[empty.argmax()]
+            yield (
+                f"{log.name}: {empty.sum()} of {len(log.t)} rows have no value but their time, the "
+                f"first at t = {first:.6g} s"
+            )
 
 
 def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
