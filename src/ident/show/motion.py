@@ -262,9 +262,11 @@ def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
     column = ["assembled", *(f"{x:.4g}" for x in _assembled(mechanism))]
     rows = zip(joint_rows(mechanism, motion), column, strict=True)
     joints = text_table([[*row, cell] for row, cell in rows])
-    parts = [check_card(mechanism, motion, found, wrong).text(), [str(mechanism), *joints]]
+    card = check_card(mechanism, motion, found, wrong)
+    parts = [card.text(), [str(mechanism), *joints]]
     if motion is not None:
-        parts += [[f"note: {each}"] for each in (*wrong, *beyond_limits(mechanism, motion))]
+        notes = *map(str, wrong), *beyond_limits(mechanism, motion)
+        parts += [[f"note: {each}"] for each in notes if each not in card.line]
         parts += [[str(motion)], [CHANNELS, *text_table(_channels(mechanism, motion))]]
     texts = map("\n".join, parts)
     return "\n\n".join([*texts, structure(found, motion is not None)])
