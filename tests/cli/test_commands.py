@@ -42,8 +42,8 @@ def test_check_says_first_whether_a_log_can_be_used(robots, tmp_path, ident):
         words, command, *_ = outcome.out.split("\n\n")
         return " ".join(words.split()), command.strip()
 
-    def constant(at: int):
-        return lambda line: line if line == head else [*line[:at], "0.5", *line[at + 1 :]]
+    def constant(at: int, value: str = "0.5"):
+        return lambda line: line if line == head else [*line[:at], value, *line[at + 1 :]]
 
     words, command = first("good.csv", lambda line: line)
     assert words.startswith("good.csv can be used for identification of 22 of 22 base parameters: ")
@@ -51,11 +51,25 @@ def test_check_says_first_whether_a_log_can_be_used(robots, tmp_path, ident):
     words, command = first("dead.csv", constant(torque))
     assert "can be used" in words
     assert "look at this first: dead.csv: tau.elbow: always 0.5" in words
+    assert command.endswith("--unmeasured elbow --out DIR")
     words, _ = first("still.csv", constant(position))
     assert "of 22 base parameters" in words
     assert "22 of 22" not in words
+    empty = [line[0] for line in lines[40:60]]
+    words, _ = first("holes.csv", lambda x: [x[0], *[""] * (len(x) - 1)] if x[0] in empty else x)
+    assert f"look at this first: holes.csv: 20 of {len(lines)} rows have no value but" in words
     words, command = first("plan.csv", lambda line: line[:torque] + line[torque + 1 :])
     assert words.startswith("plan.csv cannot be used for identification: it has no tau.elbow;")
+    assert command.startswith("ident identify ")
+    assert command.endswith("--unmeasured elbow --out DIR")
+    words, command = first("empty.csv", constant(torque, ""))
+    assert "identification: it has no values of tau.elbow; with them it would" in words
+    assert command.endswith("--unmeasured elbow --out DIR")
+    words, command = first("zero.csv", constant(torque, "0"))
+    assert "look at this first: zero.csv: tau.elbow: always 0 while the joint moves" in words
+    assert command.endswith("--unmeasured elbow --out DIR")
+    words, command = first("plan.csv", lambda line: line[: head.index("tau.yaw")])
+    assert "it has no tau.yaw, tau.shoulder, tau.elbow and tau.wrist" in words
     assert command.startswith("ident excite ")
 
 

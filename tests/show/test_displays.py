@@ -209,6 +209,22 @@ def test_noise_is_one_number_in_every_result(nouns):
     assert cards[-1].then.startswith("Next: Add ")
 
 
+@pytest.mark.parametrize("torques", [(2.0, 100.0), (None, None)])
+def test_of_several_validation_logs_the_one_with_the_largest_error_that_is_shown_counts(
+    nouns, torques
+):
+    fit, (joint,) = nouns["fit"], nouns["fit"].train
+    logs = {}
+    for (name, rms), torque in zip((("a", 1.0), ("b", 3.0)), torques, strict=True):
+        error = Error(rms, torque and rms / torque, "N m")
+        logs[name] = {joint: error}
+    floors = {"a": {joint: 1.0}, "b": {joint: 0.1}}
+    (bar,) = fit_card(replace(fit, validation=logs, floors=floors)).bars
+    assert (
+        (bar.after, bar.noise) == (logs["a"][joint], 1.0) if torques[0] else (logs["b"][joint], 0.1)
+    )
+
+
 def test_parts_of_work_follow_each_other():
     told = []
     for k in range(2):

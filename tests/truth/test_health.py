@@ -17,7 +17,7 @@ from helpers import ROBOTS
 from ident import Column, Log, Noise, health
 from ident.fit.channel_checks import log_findings
 from ident.fit.data_checks import DataChecks
-from ident.fit.faults import log_entry
+from ident.fit.faults import log_entries, log_entry
 from ident.fit.small_errors import common_delay
 from ident.show.motion import beyond_limits
 from ident.text import stamp
@@ -492,6 +492,32 @@ def test_the_line_to_copy_keeps_the_scale_of_its_channel():
     own = '[log] "tau.elbow" = { column = "current_2", scale = 2.5 }'
     assert log_entry(mechanism, "tau.elbow", 1.0, "current_2") == own
     assert log_entry(robot("arm"), "tau.yaw", 1.0, "b") == '[log] "tau.yaw" = { column = "b" }'
+
+
+def test_one_line_turns_all_torques_where_a_pattern_makes_them(tmp_path, robots):
+    """As it is written into mechanism.toml it does."""
+    toml = (robots / "arm" / "mechanism.toml").read_text()
+    (tmp_path / "arm.urdf").write_text((robots / "arm" / "arm.urdf").read_text())
+
+    def loaded(log: str) -> ident.Mechanism:
+        (tmp_path / "mechanism.toml").write_text(f"{toml}\n[log]\n{log}\n")
+        return ident.load(tmp_path)
+
+    for given, line in (
+        ("", '"tau.*" = { column = "tau.*", scale = -1 }'),
+        ('"tau.*" = "effort_*"', '"tau.*" = { column = "effort_*", scale = -1 }'),
+    ):
+        mechanism = loaded(given)
+        torques = [f"tau.{name}" for name in mechanism.driven]
+        assert log_entries(mechanism, torques, -1.0) == f"[log] {line}"
+        assert {loaded(line).columns[each].scale for each in torques} == {-1.0}
+    assert log_entries(mechanism, torques[:2], -1.0).count("[log]") == 2
+    assert log_entries(mechanism, (), 0.5) == ""  # time is of no joint
+    passive = robot("five_bar").passive[:2]
+    assert log_entries(robot("five_bar"), [f"tau.{x}" for x in passive], -1.0).count("[log]") == 2
+    by_one = loaded("\n".join(f'"{each}" = "current_{i}"' for i, each in enumerate(torques)))
+    first = log_entry(by_one, torques[0], -1.0)
+    assert log_entries(by_one, torques, -1.0) == f"{first}, and the same for the others"
 
 
 def test_times_from_1970_keep_their_fractions():

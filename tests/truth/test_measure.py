@@ -101,7 +101,12 @@ def test_runs_of_empty_cells(channels, length, robots):
     mechanism, motion = run(robots, "four_bar", t, columns)
     (e,) = motion.experiments
     assert (~e.usable).sum() == (0 if length == 3 else length)
-    assert any(f"q.crank is empty in {length} of {len(t)} rows" in note for note in motion.notes)
+    (note,) = (x for x in motion.notes if f"empty in {length} of {len(t)} rows" in x)
+    assert (
+        "q.crank is empty" in note
+        if len(channels) == 1
+        else "q.crank, v.crank and a.crank are empty" in note
+    )
     inner = e.usable & (t > 0.1) & (t < t[-1] - 0.1)
     at = mechanism.joint_index["crank"]
     for found, prefix, most in ((e.y, "q", 1e-8), (e.yd, "v", 1e-5), (e.ydd, "a", 2e-3)):
@@ -370,6 +375,24 @@ def test_joints_and_columns_may_share_their_numbers_alone():
     assert entry_for("q", joints, columns) == '"q.arm_joint_*" = "pos_*"'
     assert entry_for("tau", joints, columns) == '"tau.arm_joint_*" = "torq_*"'
     assert entry_for("q", ["elbow"], columns) == ""
+
+
+@pytest.mark.parametrize("named", ["{}", "j_{}_"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_columns_numbered_from_another_number_than_joints_are_no_pattern(named, first):
+    """The column of a joint's own number is that of its neighbour."""
+    joints = [f"j_{i + 1 - first}" for i in range(3)]
+    columns = [word + named.format(i + first) for word in ("pos", "tau") for i in range(3)]
+    for signal, word in (("q", "pos"), ("tau", "tau")):
+        a, b = (word + named.format(i + first) for i in (0, 2))
+        pairs = f'"{signal}.{joints[0]}" = "{a}", … "{signal}.{joints[2]}" = "{b}"'
+        assert entry_for(signal, joints, columns) == pairs
+
+
+def test_which_columns_are_whose_is_open_where_there_are_more_from_number_0_on():
+    joints, columns = ["j_1", "j_2"], ["q0", "q1", "q2"]
+    assert entry_for("q", joints, columns) == ""
+    assert entry_for("q", joints, [*columns[1:], "q3"]) == '"q.j_*" = "q*"'
 
 
 # --- several logs, cut-off, wrenches ------------------------------------------------------------

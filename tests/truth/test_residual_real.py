@@ -27,5 +27,6 @@ def test_joints_5_and_6_fail_by_each_other_s_speed(failures):
 
 
 def test_joint_2_fails_at_one_time(failures):
+    """As it slows down, not as it stands until 8.94 s, where dry friction holds what is left."""
     (second,) = (each for each in failures if each.joint == "joint_2")
-    assert second.worst[0].stop == pytest.approx(8.94, abs=0.05)
+    assert second.worst[0].stop == pytest.approx(5.65, abs=0.05)

@@ -152,6 +152,20 @@ def test_windows_that_stand_out(swing):
     assert window.experiment == "made.csv"
 
 
+def test_windows_are_of_the_rows_by_which_errors_are_judged(swing):
+    """At standstill dry friction may have any value; a joint that only stands has all its rows."""
+    t, q, v, load, noise = swing
+    residual = 0.1 * noise
+    for start, size in ((10, 1.0), (20, 5.0)):
+        now = (t > start) & (t < start + 1)
+        residual[now] += size * noise[now]
+    moving = np.stack([(t < 20) | (t > 21), np.zeros(len(t), bool)], axis=1)
+    found = {f.joint: f for f in where(made(residual, t, q, v, load, moving=moving))}
+    (window,) = found["a"].worst
+    assert (window.start, window.stop) == pytest.approx((10, 11), abs=0.4)
+    assert found["b"].worst[0].start == pytest.approx(20, abs=0.4)
+
+
 def test_memory_that_no_signal_explains_is_no_noise(swing):
     t, q, v, load, noise = swing
     walk = np.convolve(noise[:, 0], np.ones(100) / 10, "same")

@@ -229,6 +229,8 @@ class DataChecks(FaultSearch):
             if name not in self.mechanism.driven or not self.use[:, u].any():
                 continue
             some, tau = self.use[:, u], table.tau[self.use[:, u], u]
+            if not tau.any():  # no measurement has a shape
+                continue
             A, known = table.A[some, u], tau - table.b[some, u]  # of known bodies
             then, now = (A[:, rigid] @ x[rigid] + known for x in (columns.prior, self.estimate.x))
             sizes = [float(np.linalg.norm(x)) for x in (now, then)]

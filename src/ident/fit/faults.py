@@ -19,10 +19,11 @@ import numpy as np
 from ident.effects import KINDS
 from ident.fit.findings import Finding
 from ident.information.linear import Array
+from ident.log import Column
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.tree import is_rotational, joint_axis
 from ident.motion import State
-from ident.text import listed, percent
+from ident.text import listed, percent, places
 
 PARALLEL = 0.999  # numerics: cosine of two axes that are one, up to rounding in a URDF
 DEGREES = 10.0  # range: smallest range of a position that may be in degrees
@@ -361,8 +362,8 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
     factor = exact_factor(number) if number else number
     for kind in ("q", "tau"):
         channels, sources = ([f"{kind}.{name}" for name in names] for names in (own, joints))
-        fields[kind] = listed(channels)
-        fields[f"{kind}_lines"] = ", ".join(log_entry(mechanism, c, factor) for c in channels)
+        fields[kind] = places(channels)
+        fields[f"{kind}_lines"] = log_entries(mechanism, channels, factor)
         columns = [x.column if (x := mechanism.columns.get(c)) else c for c in sources]
         fields[f"{kind}_exchange"] = " and ".join(
             log_entry(mechanism, c, 1.0, column)
@@ -383,3 +384,30 @@ def log_entry(mechanism: Mechanism, channel: str, factor: float, column: str = "
     own, scale = (source.column, source.scale) if source else (channel, 1.0)
     scaled = f", scale = {factor * scale:.4g}" if not column or scale != 1.0 else ""
     return f'[log] "{channel}" = {{ column = "{column or own}"{scaled} }}'
+
+
+def log_entries(mechanism: Mechanism, channels: Sequence[str], factor: float) -> str:
+    """Return the lines of `[log]` that multiply channels of one kind by a factor: one with `*`
+    where it makes, or can make, all of them and no other, else the first if they are many.
+    """
+    if not channels[1:]:
+        return "".join(log_entry(mechanism, c, factor) for c in channels)
+    first, kind = channels[0], channels[0].partition(".")[0]
+    names = mechanism.driven if kind == "tau" else mechanism.joint_index
+    every = {
+        channel: mechanism.columns.get(channel, Column(channel, group=f"{kind}.*"))
+        for channel in (f"{kind}.{name}" for name in names)
+    }
+    own = every.get(first, Column(first))  # that of a passive joint has no torque
+    alike = {c: x for c, x in every.items() if x.group and x.group == own.group}
+    if {*alike} == {*channels}:
+        (before, _, after), scale = own.group.partition("*"), own.scale
+        patterns = {
+            x.column.replace(c[len(before) : len(c) - len(after)], "*") for c, x in alike.items()
+        }
+        if len(patterns) == 1 and (pattern := patterns.pop()).count("*") == 1:
+            whole = f'column = "{pattern}", scale = {factor * scale:.4g}'
+            return f'[log] "{before}*{after}" = {{ {whole} }}'
+    if channels[2:]:
+        return f"{log_entry(mechanism, first, factor)}, and the same for the others"
+    return ", ".join(log_entry(mechanism, c, factor) for c in channels)

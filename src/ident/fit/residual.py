@@ -397,27 +397,30 @@ def _failure(residual: Residual, u: int) -> Failure:
 
 
 def _worst(residual: Residual, u: int, effective: float) -> tuple[Window, ...]:
-    """Return the stretches of time that stand out, the one with the largest sum of squares first.
+    """Return the stretches of time that stand out, the one with the largest sum of squares first,
+    of the rows in motion, if there are any.
 
     `effective` is the number of independent rows: noise alone makes short windows vary.
     """
-    pieces = []
+    pieces, still = [], not any(trace.moving[:, u].any() for trace in residual.traces)
     for trace in residual.traces:
         width = float(np.clip((trace.t[-1] - trace.t[0]) / PARTS, SHORTEST, LONGEST))
         for run in trace.runs():
-            r, t = trace.residual[run, u], trace.t[run]
+            r, t, moving = trace.residual[run, u], trace.t[run], trace.moving[run, u] | still
             size = int(np.clip(round(width * residual.rate), min(3, len(r)), len(r)))
-            count = np.convolve(np.ones(len(r)), np.ones(size), "same")
-            local = np.sqrt(np.convolve(r**2, np.ones(size), "same") / count)
-            pieces.append((trace.name, t, r, local, size))
-    every = np.concatenate([piece[3] for piece in pieces])
-    rows = float(np.mean([piece[4] for piece in pieces])) * effective / residual.rows
+            r = np.where(moving, r, 0.0)
+            count = np.convolve(moving.astype(float), np.ones(size), "same")
+            local = np.sqrt(np.convolve(r**2, np.ones(size), "same") / np.maximum(count, 1))
+            pieces.append((trace.name, t, r, moving, local, size))
+    every = np.concatenate([local[moving] for *_, moving, local, _ in pieces])
+    rows = float(np.mean([piece[-1] for piece in pieces])) * effective / residual.rows
     limit = max(WINDOW_LARGER, 1 + 4 / np.sqrt(2 * max(rows, 0.5))) * float(np.median(every))
     limit = max(limit, float(np.sqrt(np.mean(every**2))))
     windows = []
-    for name, t, r, local, _ in pieces:
+    for name, t, r, moving, local, _ in pieces:
         for run in runs(local > limit):
-            if run.stop - run.start >= 2:
-                window = Window(name, float(t[run][0]), float(t[run][-1]))
+            within = t[run][moving[run]]  # a reversal may lie in between
+            if len(within) >= 2:
+                window = Window(name, float(within[0]), float(within[-1]))
                 windows.append((-float((r[run] ** 2).sum()), window))
     return tuple(window for _, window in sorted(windows, key=lambda each: each[0])[:MOST])

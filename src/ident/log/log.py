@@ -173,11 +173,41 @@ def entry_for(signal: str, joints: Sequence[str], columns: Iterable[str]) -> str
             key, pattern = joint.removesuffix(end) + "*", found.replace(end, "*")
         stem = key.removesuffix("*")
         alike = [x for x in joints if pattern.replace("*", x.removeprefix(stem)) in names]
+        own, numbered = _by_number(joint, joints, found, names)
+        lone = numbered.keys() - own.keys()  # where columns count from 0, one more may be any
+        if lone and ("0" in lone or own.keys() - numbered.keys()):
+            if len(own) != len(numbered):
+                continue  # which column is of which joint is open
+            pairs = [
+                f'"{signal}.{own[a]}" = "{numbered[b]}"'
+                for a, b in zip(sorted(own, key=int), sorted(numbered, key=int), strict=True)
+            ]
+            return ", … ".join(dict.fromkeys((pairs[0], pairs[-1])))
         if len(alike) > 1 and pattern.count("*") == 1:
             return f'"{signal}.{key}" = "{pattern}"'
         more = ", and so on for the others" if len(joints) > 1 else ""
         return f'"{signal}.{joint}" = "{found}"{more}'
     return ""
+
+
+def _by_number(
+    joint: str, joints: Iterable[str], column: str, columns: Iterable[str]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the joints and the columns that differ from these in the number alone, by number.
+
+    >>> _by_number("j1", ["j1", "j2"], "q0", ["q0", "q1", "v0"])
+    ({'1': 'j1', '2': 'j2'}, {'0': 'q0', '1': 'q1'})
+    """
+    stem = joint.rstrip("0123456789")
+    ends = column.split(joint, 1) if joint in column else re.split(r"\d+", column)
+    if stem == joint or len(ends) != 2:
+        return {}, {}
+    begin, end = ends[0] + stem * (joint in column), ends[1]
+    both = []
+    for before, after, names in ((stem, "", joints), (begin, end, columns)):
+        rule = re.compile(f"{re.escape(before)}(\\d+){re.escape(after)}")
+        both.append({found[1]: name for name in names if (found := rule.fullmatch(name))})
+    return both[0], both[1]
 
 
 def _count(n: int, what: str) -> str:

@@ -15,7 +15,7 @@ from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion.noise import grain, noise_level
-from ident.text import listed
+from ident.text import listed, some
 
 PREFIXES = ("q", "v", "a", "tau", "wrench")
 ORDERS = "qva"
@@ -230,6 +230,7 @@ def measure(
             f"{n} instants, which are left out"
         )
     columns, steps = {}, [dt]
+    holes_of: dict[bytes, tuple[list[str], str]] = {}  # columns that are empty in the same rows
     for name in log.columns:
         at, x = log.series(name)
         if is_signal(name) and (absurd := np.abs(x) > LARGEST).any():
@@ -250,17 +251,18 @@ def measure(
             continue
         empty = gaps(t, at)
         steps.append(float(np.median(np.diff(at))))
-        cells = len(log.t) - len(x)
-        said = [f"{name} is empty in {cells} of {len(log.t)} rows"] if cells else []
+        said = "values between are interpolated"
         if (count := int((empty & usable).sum())) > 0:
-            said.append(
-                f"{'' if said else f'{name} has '}no sample near {count} of {n} instants (first at "
-                f"t = {t[np.argmax(empty)]:.4g} s), which are left out"
+            said = (
+                f"no sample near {count} of {n} instants (first at t = "
+                f"{t[np.argmax(empty)]:.4g} s), which are left out"
             )
-        elif said:
-            said.append("values between are interpolated")
-        notes += [": ".join(said)] if said else []
+        holes_of.setdefault(np.isfinite(log.columns[name]).tobytes(), ([], said))[0].append(name)
         usable &= ~empty
+    for rows, (alike, said) in holes_of.items():
+        if cells := rows.count(0):
+            where = f"{some(alike)} {'are' if alike[1:] else 'is'} empty in"
+            notes.append(f"{where} {cells} of {len(rows)} rows: {said}")
     shortest = round(SHORTEST * max(steps) / (t[1] - t[0]))
     short = [run for run in runs(usable) if run.stop - run.start < min(shortest, n)]
     for run in short:

@@ -340,17 +340,23 @@ def unused(name: str) -> str:
 
 
 def next_command(
-    verb: str, added: Iterable[Effect] = (), separate: Sequence[str] = (), known: bool = False
+    verb: str,
+    added: Iterable[Effect] = (),
+    separate: Sequence[str] = (),
+    known: bool = False,
+    unmeasured: Iterable[str] = (),
 ) -> str:
     """Return the command that goes on with a verb from the one that runs, ready to be copied.
 
     Nothing outside of a command, or where the verb does not take the options of the model, with
     which stand the effects that were `added`. `separate`: two labels that excite is to tell apart.
-    `known`: with the bodies of an earlier fit, if one is compared.
+    `known`: with the bodies of an earlier fit, if one is compared. `unmeasured`: further joints
+    without a torque sensor.
     """
     if (given := inputs.get()) is None:
         return ""
-    more = (word for effect in added for word in ("--with", effect.label))
+    more = [word for effect in added for word in ("--with", effect.label)]
+    more += [word for name in unmeasured for word in ("--unmeasured", name)]
     options, out = (*given.options, *more), folder.get()
 
     def own(*names: str) -> list[str]:

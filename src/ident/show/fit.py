@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 
@@ -218,9 +219,10 @@ def card(fit: Fit) -> Card:
     """Return how well a fit predicts, better than the URDF's own numbers or not, and what next."""
     earlier = fit.earlier if isinstance(fit.earlier, Fit | Saved) else None
     errors, floor, away = fit.held_out or fit.train, fit.noise, fit.residual.away
-    judged = errors
+    judged, shown = errors, (errors, floor)
     if fit.validation:
-        before, (judged, floor) = errors, _farthest(fit)
+        before, (judged, floor) = errors, _worst(fit, lambda e, x: e.rms / (x or 1e-300))
+        shown = _worst(fit, lambda e, _: (e.relative or 0.0, e.rms))
         held = "held out" if fit.held_out else "in the fit"
         change = f"{held} → on {some([*fit.validation], 2)}"
         change += ", of each joint the log where it is worst" * (len(fit.validation) > 1)
@@ -233,7 +235,7 @@ def card(fit: Fit) -> Card:
         own = "the URDF's own" if fit.mechanism.covariance is None else "the earlier"
         change = f"of {short(earlier.name)}" if earlier else f"of {own} numbers"
         change += " → of the identified ones" + ", held out" * bool(fit.held_out)
-    bars = bars_of(before, judged, floor)
+    bars = bars_of(before, *shown)
     larger = [] if earlier or fit.validation else [bar.joint for bar in bars if bar.rises]
     words = ""
     if worse := [j for j in larger if fit.train[j].rms > before[j].rms]:
@@ -260,14 +262,16 @@ def card(fit: Fit) -> Card:
     return Card(line, f"{headline(fit)} {trust}", bars, command, change=change)
 
 
-def _farthest(fit: Fit) -> tuple[dict[str, Error], dict[str, float]]:
-    """Return by joint the error, and the noise, of the validation log whose error is farthest from
-    the noise of its sensors.
+def _worst(
+    fit: Fit, size: Callable[[Error, float], Any]
+) -> tuple[dict[str, Error], dict[str, float]]:
+    """Return by joint the error, and the noise, of the validation log in which `size` of both is
+    largest.
     """
     errors, floor = dict[str, Error](), dict[str, float]()
     for j in fit.train:
-        sizes = {log: (e[j], fit.noise_on(log)[j]) for log, e in fit.validation.items()}
-        errors[j], floor[j] = max(sizes.values(), key=lambda x: x[0].rms / (x[1] or 1e-300))
+        sizes = [(e[j], fit.noise_on(log)[j]) for log, e in fit.validation.items()]
+        errors[j], floor[j] = max(sizes, key=lambda x: size(*x))
     return errors, floor
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from ident.display import renders, running
 from ident.equations.unknowns import Columns
 from ident.errors import FitError, MechanismError
 from ident.files import version
-from ident.fit.channel_checks import log_findings
+from ident.fit.channel_checks import RARE, log_findings
 from ident.fit.findings import POOR, Finding, excitation
 from ident.fit.identify import identify
 from ident.fit.problem import information_of
@@ -226,22 +226,48 @@ def check_card(
         return Card(f"{mechanism.name}: {words}.", command=next_command("excite"))
     able = max(identifiable(mechanism)["rank"], rank)
     size = f"{rank} of {able} base parameters"
-    channels = {name for log in motion.logs for name in log.columns}
-    without = [f"tau.{name}" for name in mechanism.measured if f"tau.{name}" not in channels]
+    columns = {name for log in motion.logs for name in log.columns}
+    filled = {name for log in motion.logs for name in _filled(log)}
+    without = [f"tau.{name}" for name in mechanism.measured if f"tau.{name}" not in filled]
+    dead = [channel for each in wrong if each.code == "constant" for channel in each.where]
+    blind = [channel.removeprefix("tau.") for channel in (*without, *dead)]
+    if mechanism.closures or len(blind) == len(mechanism.measured):
+        blind = []  # only a tree can do without an equation, and not without all
     logs = some(motion.names, 2)
     if without or not rank:
-        why, verb = "its motion determines no parameter", "excite"
+        why, verb, sure = "its motion determines no parameter", "excite", ""
         if without:
-            why = f"it has no {some(without)}; with them it would determine {size}"
+            values = "values of " * ({*without} <= columns)
+            why = f"it has no {values}{some(without)}; with them it would determine {size}"
+        if without and blind:
+            verb, sure = "identify", "Without a sensor, leave out the equation of the joint:"
         if not unknowns:
-            why, verb = "nothing is unknown in the model", "diagnose"
-        return Card(f"{logs} cannot be used for identification: {why}.", command=next_command(verb))
-    problems = [*map(str, wrong), *beyond_limits(mechanism, motion)]
+            why, verb, sure = "nothing is unknown in the model", "diagnose", ""
+        line = f"{logs} cannot be used for identification: {why}."
+        return Card(line, sure, command=next_command(verb, unmeasured=blind))
+    problems = [*map(str, wrong), *beyond_limits(mechanism, motion), *_empty_rows(motion)]
     if (condition := found["condition_number"]) > POOR:
         problems.append(f"some are excited poorly (condition number {significant(condition)})")
     look = f", but look at this first: {problems[0]}" if problems else ": nothing looks wrong in it"
     line = f"{logs} can be used for identification of {size}{look}."
-    return Card(line, command=next_command("identify"))
+    return Card(line, command=next_command("identify", unmeasured=blind))
+
+
+def _filled(log: Log) -> set[str]:
+    """Return the columns of a log that have a value."""
+    return {name for name, x in log.columns.items() if not np.isnan(x).all()}
+
+
+def _empty_rows(motion: Motion) -> Iterator[str]:
+    """Yield notes on logs with rows that have no value but their time."""
+    for log in motion.logs:
+        empty = np.isnan([*log.columns.values()]).all(axis=0)
+        if empty.mean() > RARE:
+            first = log.t[empty.argmax()]
+            yield (
+                f"{log.name}: {empty.sum()} of {len(log.t)} rows have no value but their time, the "
+                f"first at t = {first:.6g} s"
+            )
 
 
 def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
@@ -253,9 +279,11 @@ def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
     column = ["assembled", *(f"{x:.4g}" for x in _assembled(mechanism))]
     rows = zip(joint_rows(mechanism, motion), column, strict=True)
     joints = text_table([[*row, cell] for row, cell in rows])
-    parts = [check_card(mechanism, motion, found, wrong).text(), [str(mechanism), *joints]]
+    card = check_card(mechanism, motion, found, wrong)
+    parts = [card.text(), [str(mechanism), *joints]]
     if motion is not None:
-        parts += [[f"note: {each}"] for each in (*wrong, *beyond_limits(mechanism, motion))]
+        notes = *map(str, wrong), *beyond_limits(mechanism, motion)
+        parts += [[f"note: {each}"] for each in notes if each not in card.line]
         parts += [[str(motion)], [CHANNELS, *text_table(_channels(mechanism, motion))]]
     texts = map("\n".join, parts)
     return "\n\n".join([*texts, structure(found, motion is not None)])
@@ -268,7 +296,7 @@ def data_findings(mechanism: Mechanism, motion: Motion | None) -> list[Finding]:
     if motion is None:
         return []
     torques = [f"tau.{name}" for name in mechanism.measured]
-    measured = all(name in log.columns for log in motion.logs for name in torques)
+    measured = all(_filled(log) >= {*torques} for log in motion.logs)
     if measured and motion.experiments and mechanism.unknown:
         model = mechanism
         for effect in mechanism.candidates(motion.experiments[0].logged):
