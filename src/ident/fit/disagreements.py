@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import t as student
 
 from ident.equations.unknowns import Columns
 from ident.fit.channel_fits import DOUBT, HALF
@@ -174,6 +173,8 @@ class _Logs:
 
         Returns also the fall of the squared error if it may have parameters of its own.
         """
+        from scipy.special import stdtr  # takes 0.1 s to import
+
         others, W = [i for i in agreeing if i != log], self.ways
         H, H_o = self.H[log], np.sum([self.H[i] for i in others], axis=0)
         share = H @ _inverse(H + H_o)
@@ -192,7 +193,7 @@ class _Logs:
         nus = np.array(list(self.nu.values()))[:, None]
         nu = BELIEVED * each.sum(axis=0) ** 2 / np.maximum((each**2 / nus).sum(axis=0), 1e-300)
         delta, stderr = W.T @ r / h, np.sqrt(np.maximum(longer, 1.0) * _along(white, W)) / h
-        p = 2 * student.sf(np.abs(delta / stderr), np.maximum(nu, FEWEST_SQUARES))
+        p = 2 * stdtr(np.maximum(nu, FEWEST_SQUARES), -np.abs(delta / stderr))
         chance = float(min(1.0, len(known) * p.min()))
         fall, shares = float(r @ _inverse(P) @ r), {}
         for name, unknowns in self.parts.items():  # what each part explains by itself

@@ -224,11 +224,11 @@ def _cells(d: Diagnosis, each: Explanation) -> list[str]:
     visible = f"{100 * e.refit.visible:.0f} %"
     chance = f"< {100 * RAREST:g} %" if e.p < RAREST else f"{two_digits(100 * e.p)} %"
     chance = "–" if np.isnan(e.p) else chance
-    gain, limit = (f"{two_digits(100 * x)} %" for x in (e.gain, e.limit))
+    gain, limit = (two_digits(100 * x) for x in (e.gain, e.limit))
     return [
         each.joint,
         bar_of(d, each).words,
-        f"{gain} ({limit})",
+        f"{gain} ({limit}) %",
         chance,
         visible,
         numbers(each.parameters),
