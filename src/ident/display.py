@@ -36,7 +36,7 @@ def writing(place: str | Path) -> Iterator[None]:
 
 
 acceptable: ContextVar[float | None] = ContextVar("acceptable", default=None)
-"""Error, as a share of a joint's torque, that it takes for good enough; None where it asks not."""
+"""Error, as a share of a joint's torque, that is good enough; None where none is stated."""
 
 
 @dataclass(frozen=True)

@@ -171,7 +171,7 @@ def demo(
     if puzzle and out is None:
         raise IdentError("--puzzle: needs a folder to put it into; add --out DIR")
     with contextlib.ExitStack() as stack:
-        if out is None:  # commands name a folder that is gone afterwards
+        if out is None:  # commands name a folder that is deleted afterwards
             place = stack.enter_context(tempfile.TemporaryDirectory())
             stack.enter_context(contextlib.chdir(place))
         made = make_puzzle(out or MACHINE, seed=seed)

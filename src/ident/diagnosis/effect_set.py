@@ -285,7 +285,7 @@ def _past(member: Member, responses: Responses) -> Effect | None:
 
 def _impossible(member: Member, bare: PartialRegression, last: Ranking) -> Effect | None:
     """A law with impossible values that explains more, and either leaves the member no more than
-    chance explains, so that both stand in for one unknown cause, or explains twice the squares of
+    chance explains, so that both approximate one unknown cause, or explains twice the squares of
     the member's joint, whose greater part then has an unknown cause.
     """
     assert member.evidence is not None

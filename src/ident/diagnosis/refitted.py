@@ -19,7 +19,7 @@ from ident.equations.unknowns import Point
 from ident.errors import IdentError
 from ident.fit import Fit, identify
 
-SHOWN = 3  # shown: candidates that are listed though nothing speaks for them
+SHOWN = 3  # shown: candidates that are listed though they are not credible
 LISTED = 8  # shown: candidates that are listed at most
 
 

@@ -34,7 +34,7 @@ from ident.text import rounded
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """One candidate: what speaks for it, and what adding it does.
+    """One candidate: its evidence, and what adding it does.
 
     Attributes:
         effect: the candidate; evidence: from rows away from reversals.

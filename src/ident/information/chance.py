@@ -10,7 +10,7 @@ is the CR3 estimate of Bell and McCaffrey (Survey Methodology 28(2), 2002), with
 w_l = 1 − l/(L + 1) for blocks that are still alike; L follows from how alike they are (Andrews,
 Econometrica 59(3), 1991, eq. 6.2 and 6.4). A window cuts off what lasts longer. Where a parameter's
 neighbouring δ_b are clearly alike, its variance is averaged with what a first-order autoregression
-has in the long run, which errs on the other side (prewhitening: Andrews, Monahan, Econometrica
+has in the long run, which errs in the other direction (prewhitening: Andrews, Monahan, Econometrica
 60(4), 1992):
 
     Σ_b (δ_b − ρ δ_{b−1})² / (1 − ρ)²
@@ -50,7 +50,7 @@ NEGATIVE = 2.0  # level: standard errors from zero at which a value has a sign
 CERTAIN = 3.0  # level: the same where a sign that cannot be is no accident
 LOUD = 1.25  # tuned: times a noise or an error, from which something is more than that
 PARSIMONY = 0.1  # tuned: share of the best gain within which fewer numbers are preferred
-MATTERS = 0.05  # tuned: share of an error or of its squares, from which its cause is told
+MATTERS = 0.05  # tuned: share of an error or of its squares, from which its cause is reported
 MINE = 0.1  # tuned: share of a fall or a lever, with which a coordinate belongs to a cause
 # tuned: times what is known (a noise, a named change), beyond which there is more; residuals of
 # good logs are 0.5 to 1.3 times the sensors' noise

@@ -287,7 +287,7 @@ class Projection:
         """The same rows without some of the model's columns A.
 
         What is projected already stays: the left singular vectors U of Qᵀ times the columns that
-        are left turn Q into Q' and what is gone, q, so that Ỹ' = Ỹ + q qᵀY.
+        are left turn Q into Q' and the removed column q, so that Ỹ' = Ỹ + q qᵀY.
         """
         found = replace(self, model=self.model[~np.isin(self.model, columns)])
         if "_residual" not in vars(self):

@@ -279,7 +279,7 @@ def health_words(d: Diagnosis) -> list[str]:
 
 
 def claim_words(d: Diagnosis) -> list[str]:
-    """Return the verdict, how sure it is, and what speaks for it."""
+    """Return the verdict, how sure it is, and its evidence."""
     line = verdict_line(d)
     first = f"{line[:1].upper()}{line[1:]}. {certainty(d)}"
     if d.verdict == "nothing":
@@ -344,8 +344,8 @@ def beside(d: Diagnosis) -> list[str]:
         )
     if more:
         found.append(
-            f"That is not all: beside it, the data ask for {some(more)}. Add it and diagnose "
-            "again; `ident grow` goes on until nothing more can be named."
+            f"That is not all: beside it, {some(more)} would lower the error further. Add it and "
+            "diagnose again; `ident grow` goes on until nothing more can be named."
         )
     elif d.loud:
         found.append(
@@ -365,7 +365,7 @@ def _rejected(d: Diagnosis) -> list[str]:
             found.append(f"{name} explains a part, but more {other}")
         elif m.law is not None:
             found.append(f"{name} explains a part, but a formula with no more numbers more")
-    return [f"{listed(found)}: these have not the form of the cause."] if found else []
+    return [f"{listed(found)}: their form is not that of the cause."] if found else []
 
 
 def _nearest(d: Diagnosis) -> list[str]:
@@ -385,7 +385,7 @@ def _nearest(d: Diagnosis) -> list[str]:
 
 def _invisible(d: Diagnosis) -> list[str]:
     names = named(each.effect for each in d.invisible)
-    return [f"This data cannot show, whatever their size: {names}."] if d.invisible else []
+    return [f"Not identifiable from this log, whatever their size: {names}."] if d.invisible else []
 
 
 def unsupported_words(d: Diagnosis) -> list[str]:

@@ -112,7 +112,11 @@ def _advice(d: Diagnosis) -> Advice:
                 "cause: compare both fits there."
             )
         return unexplained(d)
-    first = f"Add {named(d.group)} and diagnose again: nothing rivals it." if d.best else ""
+    first = (
+        f"Add {named(d.group)} and diagnose again: no other effect explains it as well."
+        if d.best
+        else ""
+    )
     if d.best and d.health.faults:  # of the clock, the only one beside a name
         first = f"Compare t with another clock, and measure {named(d.group)}."
     return Advice(" ".join(filter(None, (first, slowly, unseen(d)))) or NOTHING)

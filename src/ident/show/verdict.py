@@ -18,7 +18,7 @@ from ident.show.card import MATERIAL, NOISY, spoiling, too_large
 from ident.show.laws import numbers
 from ident.text import listed, percent, places, significant, some
 
-MOST = 3  # effects that are named of those that nothing speaks for
+MOST = 3  # effects that are mentioned of those that are not credible
 PART = 0.5  # share that stays beyond noise, from which a name may be that of another cause
 RAREST = 0.01  # chance below which a hundred draws say no more than that it is rarer
 
