@@ -62,8 +62,15 @@ class Health(Displayed):
 
     @property
     def faults(self) -> tuple[Finding, ...]:
-        """The findings that explain the log, so that no effect need be missing."""
-        return tuple(each for each in self.findings if each.code in FAULTS)
+        """The findings that explain the log, so that no effect need be missing; of factors of a
+        torque those that no effect has.
+        """
+        return tuple(
+            each
+            for each in self.findings
+            if each.code in FAULTS
+            or (each.code == "scale" and not 1 / BEYOND < (each.number or 1.0) < BEYOND)
+        )
 
     def json(self) -> list[dict[str, Any]]:
         """One dictionary a finding."""
