@@ -281,8 +281,8 @@ def test_friction_that_cannot_be_is_no_clean_verdict():
     log, _ = ident.simulate(p.mechanism, p.log, values={**p.values, "viscous.yaw.Fv": -1.0})
     found = ident.diagnose(ident.identify(p.mechanism, ident.complete(p.mechanism, log)))
     assert found.verdict == "nothing"
-    assert [each.code for each in found.health.findings] == ["negative"]
-    assert "viscous.yaw.Fv came out negative" in str(found)
+    first, _, _ = str(found).partition("Good enough?")
+    assert "viscous.yaw.Fv came out negative" in " ".join(first.split())
 
 
 def test_a_dead_torque_is_found():

@@ -186,7 +186,7 @@ def test_an_inertia_that_no_body_has_is_a_placeholder(tmp_path):
         notes += [note for note in mechanism.notes if "placeholder" in note]
     assert priors[0] == pytest.approx(priors[1], abs=1e-8)
     assert len(notes) == 1
-    assert "link 'tool': an inertia of 1 kg m² at 1e-06 kg" in notes[0]
+    assert "link 'tool': an inertia of 1 kg m² at 1e-06 kg has a radius of gyration" in notes[0]
 
 
 def test_a_link_without_inertial_is_said_to_be_massless(tmp_path):

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 import pytest
-from folders import arm, log_of, written
+from folders import FRICTION, JOINTS, arm, log_of, written
 from scipy.signal import lfilter
 
 import ident
@@ -100,6 +100,28 @@ def test_a_diagnosis_of_logs_that_disagree_says_so_first(mechanism, clean):
     assert set(finding.where) == {"run_0.csv", "run_7.csv"}
     assert "the logs disagree" in str(found).partition("Good enough")[0]
     assert diagnosed(clean[1]).health.good
+
+
+def test_friction_that_is_missing_at_two_speeds_is_no_disagreement(mechanism):
+    """With constant speeds dry friction takes the place of viscous friction in each log, in the two
+    together it cannot; an effect that acts in both explains that.
+    """
+    viscous, logs = mechanism.with_effect("viscous"), []
+    values = FRICTION | {f"viscous.{joint}.Fv": 2.0 for joint in JOINTS}
+    for speed in (0.3, 1.2):
+        t, columns = np.arange(0, 15, 0.01), {}
+        for i, joint in enumerate(JOINTS):  # waves of nearly constant speed
+            w = 2 * np.pi * speed * (1 + 0.13 * i) / 1.2
+            k = np.arange(1, 14, 2)
+            size, angle = 2.4 / np.pi**2 / k**2 * np.sinc(k / 15), np.outer(t, k * w) + i
+            columns[f"q.{joint}"] = np.cos(angle) @ size + 0.2
+            columns[f"v.{joint}"] = -np.sin(angle) @ (size * k * w)
+            columns[f"a.{joint}"] = -np.cos(angle) @ (size * (k * w) ** 2)
+        motion = ident.Log.from_arrays(f"{speed}.csv", t, columns)
+        noise = [ident.Noise("tau", 0.01, relative=True)]
+        logs.append(ident.simulate(viscous, motion, values=values, noise=noise, seed=1)[0])
+    fit = ident.identify(mechanism, ident.complete(mechanism, logs), estimator="least-squares")
+    assert fit.health.good
 
 
 def test_logs_without_noise_do_not_disagree(mechanism):

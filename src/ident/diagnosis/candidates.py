@@ -260,6 +260,10 @@ class Contest:
         speed = np.concatenate([np.abs(s.e.yd[s.e.usable, at]) for s in self.table.scenes])
         return float((waves * speed < 2 * np.pi * (cutoff or np.inf)).mean())
 
+    def possible(self, effect: Effect, shape: Shape) -> bool:
+        """Whether an effect can have a shape in this motion."""
+        return effect.possible(replace(self.table.pooled(effect), shape=dict(shape)))
+
     def with_slopes(
         self, effect: Effect, shape: Shape, C: list[np.ndarray], theta: np.ndarray,
         steps: Mapping[str, float],

@@ -36,14 +36,13 @@ from ident.fit import Fit, identify
 from ident.fit.channel_fits import NEARLY
 from ident.fit.data_checks import DataChecks, Health
 from ident.fit.faults import Fault, fault_finding, scale_of_time
-from ident.fit.findings import DRIVING, NEGATIVE_VALUE, Finding
+from ident.fit.findings import Finding
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
 from ident.information.chance import ALPHA, LEAVES, LOUD, RIVAL
 from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import PartialRegression
 
-IMPOSSIBLE = (NEGATIVE_VALUE, DRIVING)  # codes of findings: values that no effect can have
 TRIED = 3  # work: rivals of a formula whose constants are not determined
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
 STEP = 0.08  # tuned: of dry friction's rms, by which it may differ from a step around reversals; a
@@ -201,9 +200,6 @@ def judged(
             break
     if best is not None and best.effect.sits == "place":
         data = Health((*data.findings, *_clock(fit, candidates[0])))
-    if best is None:  # else it may be what a value that cannot be stands in for
-        impossible = (each for each in fit.findings if each.code in IMPOSSIBLE)
-        data = Health((*data.findings, *impossible))
     residual = residual_of(fit)
     verdict = _verdict(selection, best, bool(loud), bool(laws), residual.periods)
     curves = found_curves(contest, selection, [law.found for law in laws], verdict, decision)

@@ -175,7 +175,10 @@ class EffectSet:
             t = theta[at]
             rise = float(t @ linear.pinv(inverse[np.ix_(at, at)], hermitian=True) @ t)
             stderr = np.sqrt(np.maximum(np.diag(inverse)[at], 0.0))
-            possible = each.evidence is None or sensible(self.contest, each.effect, t, stderr)
+            possible = each.evidence is None or (
+                sensible(self.contest, each.effect, t, stderr)
+                and self.contest.possible(each.effect, each.evidence.shape)
+            )
             found[each.label] = rise / self.loss if possible else -1.0
         return found
 

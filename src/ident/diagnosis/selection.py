@@ -99,7 +99,7 @@ class Evidence:
         limit: what the gain was held against, as a share; p: chance of such a gain where nothing
             is missing, NaN where no null distribution was made.
         size: rms of its torque as a share of its joint's, the largest.
-        sensible: whether no value is one that such an effect cannot have.
+        sensible: whether no value and no shape is one that such an effect cannot have.
         credible: all of it.
     """
 
@@ -310,9 +310,8 @@ def weigh(
     stderr = refit.stderr * np.sqrt(
         refit.loss.sum() / max(regression.loss.sum(), 1e-300)
     )  # by what is left with it
-    plausible = sensible(contest, effect, refit.theta, stderr)
-    if effect.shapes and plausible:
-        plausible = effect.possible(replace(contest.table.pooled(effect), shape=shape))
+    plausible = contest.possible(effect, shape)
+    plausible &= sensible(contest, effect, refit.theta, stderr)
     massive = not effect.loaded_link or bool(abs(refit.theta[0]) > NEGATIVE * stderr[0])
     seen = not effect.waves or contest.passed(effect.joints[0], shape[effect.waves]) > PASSED
     credible = passed and plausible and massive and seen and size > decision.material

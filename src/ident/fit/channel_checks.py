@@ -269,31 +269,10 @@ def copied(c: LoggedChannel) -> Judgement:
     return None
 
 
-def contradicted(c: LoggedChannel) -> Judgement:
-    """A position of a loop that differs from what its other positions and the closures give."""
-    known = c.state.logged if len(c.state.logged) > c.mechanism.degrees_of_freedom else ()
-    smoothed = next((x for x in c.state.channels if x.column == c.name and x.spacing), None)
-    if c.joint.name not in known or smoothed is None:
-        return None
-    off, spread = smoothed.residual, float(np.std(c.x))
-    share = off / max(min(spread, 1.0) if c.joint.rotational else spread, 1e-300)  # of a radian
-    if off < BEYOND * smoothed.noise or share < SMALL:
-        return None
-    text = (
-        f"off by {significant(off)} {c.joint.unit} rms, {two_digits(off / smoothed.noise)} times "
-        "its noise, from what the closures and the other positions give"
-    )
-    remedy = (
-        "check the zeros and signs of these positions and the closures' frames; without the "
-        f"column {c.name} a diagnosis can name a wrong length"
-    )
-    return share, SMALL, text, remedy
-
-
 CHECKS = {
     "tau": (constant, zero, noise_only, staircase, frozen, clipped, steps, spikes, noiseless,
             copied),
-    "q": (frozen, steps, staircase, contradicted),
+    "q": (frozen, steps, staircase),
     "v": (frozen, steps),
 }  # fmt: skip
 
@@ -328,6 +307,8 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
                     number, threshold, meaning, remedy = judgement
                     mine = same.setdefault((check.__name__, meaning), [])
                     mine.append((name, number, threshold, remedy))
+        if (state := states[log.name]) is not None:
+            yield from contradicted(log, state, mechanism)
         for (code, meaning), found in same.items():
             names, (_, number, threshold, remedy) = tuple(name for name, *_ in found), found[0]
             text = f"{log.name}: {some(names, NAMED)}: {meaning}"
@@ -336,6 +317,35 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
     pairs = [*combinations(motion.logs, 2)][::-1]  # the first log counts
     again = {copy.where: copy for a, b in pairs for copy in copies(a, b, *texts)}
     yield from again.values()
+
+
+def contradicted(log: Log, state: State, mechanism: Mechanism) -> Iterator[Finding]:
+    """Report positions of a loop that the closures and the other positions contradict."""
+    found: dict[str, tuple[float, str]] = {}
+    known = state.logged if len(state.logged) > mechanism.degrees_of_freedom else ()
+    for joint in map(mechanism.joint, known):
+        column = f"q.{joint.name}"
+        smoothed = next((x for x in state.channels if x.column == column and x.spacing), None)
+        if smoothed is None or smoothed.residual < BEYOND * smoothed.noise:
+            continue
+        spread = float(np.nanstd(log.columns[column]))
+        spread = min(spread, 1.0) if joint.rotational else spread  # of a radian, where it turns
+        if (share := smoothed.residual / max(spread, 1e-300)) > SMALL:
+            times = two_digits(smoothed.residual / smoothed.noise)
+            off = f"{column} by {significant(smoothed.residual)} {joint.unit} rms, {times} times"
+            found[column] = share, f"{off} its noise"
+    if found:
+        text = (
+            f"{log.name}: these positions and the closures contradict each other: "
+            f"{some([text for _, text in found.values()], NAMED)}"
+        )
+        remedy = (
+            "check their zeros, signs and units and the closures' frames; if a length is wrong, "
+            "a diagnosis can find which from a log without the columns that the motion does not "
+            "need"
+        )
+        largest = max(share for share, _ in found.values())
+        yield Finding("contradicted", text, remedy, tuple(found), largest, SMALL)
 
 
 def _moving_lock(log: Log, name: str, at: float) -> Iterator[Finding]:

@@ -40,6 +40,7 @@ FAULTS = {  # codes of findings that explain a log better than any effects that 
     "position swapped", "joints swapped", "time", "gravity", "another run", "units",
     "logs disagree",
 }  # fmt: skip
+DEAD = {"constant", "zero"}  # codes of findings on channels that measure nothing
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
 LIKE = 0.9  # level: from there on four fifths of the squares of one are of the other's shape
 UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
@@ -93,15 +94,16 @@ class DataChecks(FaultSearch):
         faults, noise = self.faults
         named = [each.finding(self.mechanism) for each in faults]
         found = [replace(each, meaning=each.meaning + held) for each in named]
+        channels = [*filter(self._matters, log_findings(self.mechanism, self.problem.motion))]
         if self.mechanism.driven:
             if all(each.code == "delay" and len(each.where) == 1 for each in found):
                 found += self._late()  # in one joint alone it is that joint's friction
             sizes = [*self._magnitudes()]
             if {each.code for each in found} <= {"scale"} and any(x.code == "units" for x in sizes):
                 found = sizes
-            logs = differing_logs(self.problem, [e.name for e in self.problem.motion.experiments])
+            dead = any(each.code in DEAD for each in channels)
+            logs = () if found or dead else differing_logs(self.problem, self.reference)
             found = found or [*logs] or [*self._strangers(noise)] or sizes
-        channels = filter(self._matters, log_findings(self.mechanism, self.problem.motion))
         return Health((*found, *channels))
 
     def _matters(self, finding: Finding) -> bool:

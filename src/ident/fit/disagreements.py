@@ -24,11 +24,12 @@ import numpy as np
 
 from ident.equations.unknowns import Columns
 from ident.fit.channel_fits import DOUBT, HALF
-from ident.fit.findings import SHORT, Finding
+from ident.fit.fault_search import AS_WELL
+from ident.fit.findings import Finding
 from ident.fit.problem import Problem
 from ident.information import linear
-from ident.information.blocks import Information
-from ident.information.chance import ALPHA, FEWEST_SQUARES, PARSIMONY, long_run, scores
+from ident.information.blocks import Information, Squares
+from ident.information.chance import ALPHA, FEWEST_SQUARES, PARSIMONY, held_out, long_run, scores
 from ident.information.estimate import Estimate, estimate
 from ident.text import percent, some
 
@@ -36,6 +37,7 @@ SAME = 1e-6  # numerics: of the largest fall of squared error, within which two 
 UNKNOWN = 1e-12  # numerics: of H's largest eigenvalue, below which nothing is determined
 BELIEVED = 0.5  # tuned: of ν: far out in the tail it counts that ν itself is estimated
 LEAST_NOISE = 0.01, 1e-3  # numerics: of σ² of a log's rows, of the joint residual
+LEAST_ERROR = 1e-6  # numerics: relative error below which a fit is exact
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,17 @@ class OwnFits:
         for log, mine in self.by_log.items():
             good = len(x) and any(each.rows for each in mine.totals)
             found[log] = self._estimate(mine, self.joint.sigma).x if good else x
+        return found
+
+    @cached_property
+    def held_out(self) -> Squares | None:
+        """Errors of each log in stretches that its own fit did not see; None where one has none."""
+        found = Squares.zero(self.problem.information.d)
+        for mine in self.by_log.values():
+            left = held_out(mine, mine, self.joint, self.problem.prior)
+            if left is None:
+                return None
+            found = found + left
         return found
 
     @cached_property
@@ -221,32 +234,37 @@ def _inverse(H: np.ndarray) -> np.ndarray:
     return linear.pinv(H, rcond=UNKNOWN, hermitian=True)
 
 
-def differing_logs(problem: Problem, names: Sequence[str]) -> Iterator[Finding]:
-    """Report logs that disagree, where a fit of each leaves less than half of the error of a joint
-    that all of them together leave: what was changed between them acts in some of them alone, so no
-    effect explains it.
+def differing_logs(problem: Problem, reference: np.ndarray) -> Iterator[Finding]:
+    """Report logs that disagree, where fits of each predict stretches of it that were left out with
+    less than half of the error of a joint that one fit of all of them leaves, and no effect that
+    acts in all logs explains as much: something was changed between them.
 
     Args:
         problem: the equations of all logs.
-        names: of the logs.
+        reference: (d,) relative errors with all linear effects of the library.
     """
-    if not 1 < len(names) == len(problem.information.logs):
-        return  # of a gathered fit its table has them
-    fits = OwnFits(problem)
-    apart, rows = fits.squares
-    if rows.sum() < SHORT * fits.joint.base.rank * len(names):
-        return  # a fit of few equations follows their noise
-    together = [each.residual_norm(fits.joint.x) ** 2 for each in problem.information.totals]
-    torque = np.where(problem.torque > 0, problem.torque, np.inf)
-    before, after = (np.sqrt(x / np.maximum(rows, 1)) / torque for x in (together, apart))
-    u = int((before - after).argmax())
-    if before[u] < DOUBT or after[u] > HALF * before[u]:
+    motion, whole, fits = problem.motion, problem.information, OwnFits(problem)
+    if not 1 < len(motion.logs) == len(motion.experiments) == len(whole.logs):
+        return  # stretches of a long log are no logs, and those of a gathered fit have a table
+    together = held_out(whole, whole, fits.joint, problem.prior)
+    apart = fits.held_out
+    if together is None or apart is None:
         return
+    torque = np.where(problem.torque > 0, problem.torque, np.inf)
+    before, after = (
+        np.sqrt(x.in_motion[0] / np.maximum(x.in_motion[2], 1)) / torque for x in (together, apart)
+    )
+    u = int((before - after).argmax())
+    least = np.log(AS_WELL * np.maximum(reference, LEAST_ERROR)).mean()
+    explained = np.log(np.maximum(after, LEAST_ERROR)).mean() < least
+    if before[u] < DOUBT or after[u] > HALF * before[u] or not explained:
+        return
+    names = motion.names
     odd = {names[i]: each for i, each in fits.disagreements.items() if each.clear}
     if odd:
         changed = [f"{name} in {some(each.parts, 2)}" for name, each in odd.items() if each.parts]
         what = f"; {some(changed, 3)} most" if len(odd) < len(names) and changed else ""
-        joint = problem.motion.independent[u]
+        joint = motion.independent[u]
         text = (
             f"the logs disagree{what}: each by itself leaves {percent(after[u])} of tau.{joint}, "
             f"all together {percent(before[u])}: something was changed between them"

@@ -176,7 +176,8 @@ def entry_for(signal: str, joints: Sequence[str], columns: Iterable[str]) -> str
         own, numbered = _by_number(joint, joints, found, names)
         lone = numbered.keys() - own.keys()  # where columns count from 0, one more may be any
         if lone and ("0" in lone or own.keys() - numbered.keys()):
-            if len(own) != len(numbered):
+            first = {min(map(int, each)) for each in (own, numbered)}
+            if len(own) != len(numbered) or first != {0, 1}:
                 continue  # which column is of which joint is open
             pairs = [
                 f'"{signal}.{own[a]}" = "{numbered[b]}"'

@@ -94,8 +94,8 @@ def _without_placeholders(robot: etree._Element, where: str) -> Iterator[str]:
         trace = sum(numbers(inertia, key, "0", 1, where)[0] for key in ("ixx", "iyy", "izz"))
         if m > 0 and (gyration := (max(trace, 0.0) / (2 * m)) ** 0.5) > PLACEHOLDER:
             yield (
-                f"link '{link.get('name')}': an inertia of {trace / 3:.3g} kg m² at {m:.3g} kg "
-                f"would be {gyration:,.0f} m across, so it is a placeholder and left out"
+                f"link '{link.get('name')}': an inertia of {trace / 3:.3g} kg m² at {m:.3g} kg has "
+                f"a radius of gyration of {gyration:,.0f} m: a placeholder, which counts as zero"
             )
             inertia.attrib.update(dict.fromkeys(inertia.attrib, "0"))
 

@@ -283,7 +283,7 @@ def claim_words(d: Diagnosis) -> list[str]:
     line = verdict_line(d)
     first = f"{line[:1].upper()}{line[1:]}. {certainty(d)}"
     if d.verdict == "nothing":
-        most = 100 * max(d.selection.first.chance.limits.values(), default=0.0)
+        most = 100 * max([0.0, *d.selection.first.chance.limits.values()])
         return [
             f"{first} What does less than {100 * d.decision.material:g} % of a joint's torque, or "
             f"explains less than {most:.2g} % of the held-out squared errors, could still hide."

@@ -227,24 +227,28 @@ def check_card(
     able = max(identifiable(mechanism)["rank"], rank)
     size = f"{rank} of {able} base parameters"
     columns = {name for log in motion.logs for name in log.columns}
-    filled = {name for log in motion.logs for name in _filled(log)}
+    filled = set.intersection(*map(_filled, motion.logs)) if motion.logs else set()
     without = [f"tau.{name}" for name in mechanism.measured if f"tau.{name}" not in filled]
     dead = [channel for each in wrong if each.code == "constant" for channel in each.where]
     blind = [channel.removeprefix("tau.") for channel in (*without, *dead)]
-    if mechanism.closures or len(blind) == len(mechanism.measured):
-        blind = []  # only a tree can do without an equation, and not without all
-    logs = some(motion.names, 2)
+    if mechanism.closures or len(blind) == len(mechanism.measured) or len(motion.logs) > 1:
+        blind = []  # only a tree can do without an equation, and not without all; or without a log
+    torques = {f"tau.{name}" for name in mechanism.measured}
+    lacking = [log.name for log in motion.logs if torques - _filled(log)]
+    logs = some(lacking if without and len(motion.logs) > 1 else motion.names, 2)
     if without or not rank:
         why, verb, sure = "its motion determines no parameter", "excite", ""
         if without:
             values = "values of " * ({*without} <= columns)
             why = f"it has no {values}{some(without)}; with them it would determine {size}"
+        if without and len(motion.logs) > len(lacking):
+            verb, sure = "", "Leave this log out, or map the columns of its torques in [log]."
         if without and blind:
             verb, sure = "identify", "Without a sensor, leave out the equation of the joint:"
         if not unknowns:
             why, verb, sure = "nothing is unknown in the model", "diagnose", ""
         line = f"{logs} cannot be used for identification: {why}."
-        return Card(line, sure, command=next_command(verb, unmeasured=blind))
+        return Card(line, sure, command=next_command(verb, unmeasured=blind) if verb else "")
     problems = [*map(str, wrong), *beyond_limits(mechanism, motion), *_empty_rows(motion)]
     if (condition := found["condition_number"]) > POOR:
         problems.append(f"some are excited poorly (condition number {significant(condition)})")

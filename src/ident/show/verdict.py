@@ -11,7 +11,7 @@ from ident.effects import KINDS, Effect
 from ident.effects.library import named
 from ident.fit import Fit
 from ident.fit.files import Saved
-from ident.fit.findings import Finding
+from ident.fit.findings import DRIVING, NEGATIVE_VALUE, Finding
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.show.card import MATERIAL, NOISY, spoiling, too_large
@@ -78,8 +78,10 @@ def verdict_line(d: Diagnosis) -> str:
             f"undecided: more is left in {listed(d.loud)} than the sensors' noise, but only around "
             "reversals, where dry friction may have any value"
         )
+    impossible = [each for each in d.fit.findings if each.code in (NEGATIVE_VALUE, DRIVING)]
+    but = f", but not all is well: {impossible[0].meaning}" if impossible else ""
     return {
-        "nothing": "nothing is missing that this data could show",
+        "nothing": f"nothing is missing that this data could show{but}",
         "unexplained": "unexplained: something is missing, and no effect of the library explains "
         + (f"it, but a formula does: {formulas}" if d.laws else "it"),
         "undecided": f"undecided: more is left in {listed(d.loud)} than the sensors' noise, and "
