@@ -11,7 +11,7 @@ import numpy as np
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Diagnosis, Law
 from ident.display import folder
-from ident.effects import Effect, Unknown
+from ident.effects import KINDS, Effect, Unknown
 from ident.fit.values import Value
 from ident.information import linear
 from ident.show.card import body_words
@@ -77,6 +77,9 @@ def law_words(found: Law | FoundCurve) -> str:
     law = found.found
     close = f"closest known law: {law.nearest.replace('_', ' ')}" if law.nearest else ""
     close += f" ({100 * law.distance:.0f} % different)" if law.distance > DIFFERENT else ""
+    kind = KINDS.get(law.nearest)
+    if kind and kind.unknowns[0].nonnegative and found.parameters[0].value < 0:
+        close += ", which cannot have this sign"
     return (
         f"torque of {found.joint} = {found.formula}, with {numbers(found.parameters)} "
         f"({close or 'no known relative'})"
