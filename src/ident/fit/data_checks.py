@@ -102,7 +102,7 @@ class DataChecks(FaultSearch):
             if {each.code for each in found} <= {"scale"} and any(x.code == "units" for x in sizes):
                 found = sizes
             dead = any(each.code in DEAD for each in channels)
-            logs = () if found or dead else differing_logs(self.problem, self.reference)
+            logs = () if found or dead else differing_logs(self.problem, lambda: self.reference)
             found = found or [*logs] or [*self._strangers(noise)] or sizes
         return Health((*found, *channels))
 
