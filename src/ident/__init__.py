@@ -11,6 +11,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from ident.display import set_loader
 from ident.files import version as _version
 
 if TYPE_CHECKING:
@@ -48,4 +49,9 @@ class _Ident(ModuleType):
         return sorted({*super().__dir__(), *import_module("ident.public").__all__, "__version__"})
 
 
+def _load_renderers(kind: type) -> None:
+    import_module("ident.show").load(kind)
+
+
+set_loader(_load_renderers)
 sys.modules[__name__].__class__ = _Ident

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +70,7 @@ def part(on_progress: Progress | None, start: float, end: float) -> Progress:
 
 Renderer = Callable[..., Any]
 _renderers: dict[tuple[type, str], Renderer] = {}
+_load: Callable[[type], object] = lambda kind: None  # noqa: E731
 
 
 def renders(noun: type, form: str) -> Callable[[Renderer], Renderer]:
@@ -83,11 +83,17 @@ def renders(noun: type, form: str) -> Callable[[Renderer], Renderer]:
     return register
 
 
+def set_loader(load: Callable[[type], object]) -> None:
+    """Set the function that imports the renderers of a class."""
+    global _load
+    _load = load
+
+
 def renderer(noun: object, form: str) -> Renderer | None:
     """Return the renderer of a noun's class in a form, or that of the nearest base class."""
     for kind in type(noun).__mro__:
         if (kind, form) not in _renderers:
-            import_module("ident.show").load(kind)
+            _load(kind)
         if known := _renderers.get((kind, form)):
             return known
     return None

@@ -14,12 +14,11 @@ from scipy.signal import lfilter
 
 import ident
 from ident.errors import IdentError, LogError
-from ident.fit.disagreements import disagreements
 from ident.information.blocks import Block, Information
 from ident.information.estimate import estimate
 from ident.information.linear import Triangle
 from ident.log.read import expanded, logs_in
-from ident.streams.many_logs import compare_logs
+from ident.streams.many_logs import compare_logs, disagreements
 
 HEAVIER = {"hand.m": 0.7638 + 0.5}  # kg; the URDF's and a load at the hand's origin
 DOUBLED = {"coulomb.elbow.Fc": 1.0}  # N m, 0.5 in the others

@@ -262,6 +262,8 @@ class Contest:
 
     def possible(self, effect: Effect, shape: Shape) -> bool:
         """Whether an effect can have a shape in this motion."""
+        if not effect.shapes:
+            return True
         return effect.possible(replace(self.table.pooled(effect), shape=dict(shape)))
 
     def with_slopes(

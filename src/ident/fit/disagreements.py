@@ -115,11 +115,6 @@ class OwnFits:
         sigma = np.maximum(sigma, LEAST_NOISE[1] * self.joint.sigma)
         return self._estimate(self.problem.information, sigma)
 
-    @cached_property
-    def disagreements(self) -> Mapping[int, Disagreement]:
-        """How each log differs from the majority of the others."""
-        return disagreements(self.problem.information, self.weighed, self.problem.columns)
-
     def _estimate(self, some: Information, sigma: np.ndarray) -> Estimate:
         r, held = self.problem, self.joint.held
         return estimate(some.totals, r.prior, r.torque, sigma=sigma, held=held)
@@ -261,7 +256,8 @@ def differing_logs(problem: Problem, reference: Callable[[], np.ndarray]) -> Ite
     if np.log(np.maximum(after, LEAST_ERROR) / most).mean() >= 0:
         return  # an effect that is missing in all of them explains it
     names = motion.names
-    odd = {names[i]: each for i, each in fits.disagreements.items() if each.clear}
+    differ = disagreements(whole, fits.weighed, problem.columns)
+    odd = {names[i]: each for i, each in differ.items() if each.clear}
     if odd:
         changed = [f"{name} in {some(each.parts, 2)}" for name, each in odd.items() if each.parts]
         what = f"; {some(changed, 3)} most" if len(odd) < len(names) and changed else ""

@@ -20,7 +20,7 @@ from ident.display import Displayed, Progress, part, render
 from ident.errors import FitError, check_whole
 from ident.files import json_bytes
 from ident.fit import identify
-from ident.fit.disagreements import Disagreement, OwnFits
+from ident.fit.disagreements import Disagreement, OwnFits, disagreements
 from ident.fit.problem import Problem
 from ident.information.chance import ALPHA, RIVAL
 from ident.information.estimate import MATERIAL
@@ -118,7 +118,8 @@ def compare_logs(
 ) -> LogComparison:
     """Compare each log with the fit of all logs and with a fit of its own."""
     broken, fits = left_out or {}, OwnFits(r)
-    joint, own, odd = fits.joint, fits.own, fits.disagreements
+    joint, own = fits.joint, fits.own
+    odd = disagreements(r.information, fits.weighed, r.columns)
     torque = np.where(r.torque > 0, r.torque, np.inf) ** 2
     results = [LogRow(name, left_out=broken[name]) for name in broken if name not in names.values()]
     for number, name in names.items():
