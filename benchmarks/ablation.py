@@ -48,20 +48,20 @@ MACHINES = ("tx40", "panda", "lwr4")
 CONSTANTS = {  # module: constants of the search, then those of the rows, which are made anew
     "diagnosis.search": ("TOGETHER", "NEAR", "TRIED", "ALONE"),
     "diagnosis.selection": (
-        "PARSIMONY", "ALIKE", "NEGATIVE", "PASSED", "CLOSEST", "MINE",
+        "PARSIMONY", "ALIKE", "NEGATIVE", "STANDS_FOR", "CLOSEST", "MINE",
     ),
     "diagnosis.null": ("TRIALS", "STARTS"),
-    "diagnosis.candidates": ("CALM", "HIDDEN"),
+    "diagnosis.candidates": ("STANDS_FOR", "HIDDEN"),
     "fit.small_errors": ("SLOW", "GUARD", "ENOUGH", "WORSE"),
 }  # fmt: skip
 OFF = {  # values at which a constant has no influence
     "TOGETHER": (0.0,), "NEAR": (0.0,), "TRIED": (1,), "PARSIMONY": (0.0,),
-    "ALIKE": (-1.0, 1.0), "NEGATIVE": (1e9,), "PASSED": (0.0,),
+    "ALIKE": (-1.0, 1.0), "NEGATIVE": (1e9,), "STANDS_FOR": (0.0,),
     "STARTS": (1,), "HIDDEN": (0.0,), "CLOSEST": (0,), "MINE": (0.0,),
-    "GUARD": (0.0,), "CALM": (0.0,), "ALONE": (0.0, 1e9),
+    "GUARD": (0.0,), "ALONE": (0.0, 1e9),
 }  # fmt: skip
 OF_ROWS = ("diagnosis.candidates", "fit.small_errors")
-SHARES = {"ALIKE", "PASSED", "NEAR", "ENOUGH"}  # doubled: half way to one
+SHARES = {"ALIKE", "STANDS_FOR", "NEAR", "ENOUGH"}  # doubled: half way to one
 Variant = tuple[str, str, float, bool]  # module, constant, factor or value, whether a value
 # a function or a method of diagnosis/, and what leaves it out
 RULES: dict[str, Any] = {

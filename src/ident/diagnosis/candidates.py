@@ -21,7 +21,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.signals import SLOW
 
-CALM = 1 / 3  # tuned: share of squares away from reversals, below which these decide too
+STANDS_FOR = 1 / 3  # tuned: share of a joint's samples or squares, that can speak for all of them
 HIDDEN = 0.02  # tuned: visible share below which the data cannot speak of an effect
 SURE = 1.0  # level: standard errors over blocks by which pulses lower left-out errors
 Shape = Mapping[str, float]
@@ -86,7 +86,7 @@ def _most_of(r: np.ndarray, calm: np.ndarray, rows: np.ndarray) -> np.ndarray:
     of its residual r.
     """
     squares, few = (np.where(use, r**2, 0.0).sum(axis=0) for use in (rows, calm))
-    return calm | rows & (few < CALM * squares)
+    return calm | rows & (few < STANDS_FOR * squares)
 
 
 def residual_in(table: Table, fit: Fit) -> np.ndarray:

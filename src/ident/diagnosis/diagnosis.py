@@ -33,7 +33,6 @@ from ident.effects.formula import Formula
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError, check_whole
 from ident.fit import Fit, identify
-from ident.fit.channel_fits import NEARLY
 from ident.fit.data_checks import DataChecks, Health
 from ident.fit.faults import Fault, fault_finding, scale_of_time
 from ident.fit.findings import Finding
@@ -324,7 +323,7 @@ def _clock(fit: Fit, found: Explanation) -> Iterator[Finding]:
     with suppress(IdentError):
         motion = replace(fit.motion, experiments=logs)
         errors = errors_of(identify(fit.mechanism, motion, estimator="least-squares"))
-        if all(e.rms < NEARLY * found.after[name].rms for name, e in errors.items()):
+        if all(e.rms < LOUD * found.after[name].rms for name, e in errors.items()):
             after = errors[found.joint].relative or 0.0
             yield fault_finding(fit.mechanism, fault, before, after)
 

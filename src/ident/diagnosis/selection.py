@@ -22,7 +22,7 @@ from numbers import Real
 
 import numpy as np
 
-from ident.diagnosis.candidates import CandidateColumns, Contest, Shape
+from ident.diagnosis.candidates import STANDS_FOR, CandidateColumns, Contest, Shape
 from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import SURROGATES, NoiseDraws, Screened, judging
 from ident.effects import Effect
@@ -34,7 +34,6 @@ from ident.mechanism.mechanism import Mechanism
 
 MOST = 0.5  # level: of a joint's squares: what explains less of them is not its main cause
 ALIKE = 0.7  # level: cosine of what two candidates explain: half of the squares are the same part
-PASSED = 1 / 3  # tuned: of the samples, at least, at which the filter must pass waves of position
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
@@ -313,7 +312,7 @@ def weigh(
     plausible = contest.possible(effect, shape)
     plausible &= sensible(contest, effect, refit.theta, stderr)
     massive = not effect.loaded_link or bool(abs(refit.theta[0]) > NEGATIVE * stderr[0])
-    seen = not effect.waves or contest.passed(effect.joints[0], shape[effect.waves]) > PASSED
+    seen = not effect.waves or contest.passed(effect.joints[0], shape[effect.waves]) > STANDS_FOR
     credible = passed and plausible and massive and seen and size > decision.material
     return Evidence(
         effect,

@@ -24,7 +24,7 @@ from scipy.linalg import lapack
 from ident.effects import Effect
 from ident.fit.faults import Fault
 from ident.fit.problem import Table
-from ident.information.chance import BEYOND, LEAVES
+from ident.information.chance import BEYOND, LEAVES, LOUD
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import regressor
@@ -38,7 +38,6 @@ HALF = 0.5  # level: of the relative error: what explains less of it is an effec
 SMALL = 0.01  # tuned: relative error below which no channel is blamed, none is better
 DOUBT = BEYOND * SMALL  # level: relative error of some torque from which a fit is doubted
 SEVERAL = 3  # range: joints from which on torques of another run are told from a missing effect
-NEARLY = 1.2  # tuned: times an error, up to which another one is nearly as small (tests/mistakes)
 ROUNDS = 3  # work: in which weights settle
 ROUNDING = 1e-12  # numerics: of the largest torque's squares: a smaller torque is none
 RIDGE = 1e-10  # numerics: of unit columns' squares: settles what no row determines
@@ -240,7 +239,7 @@ class ChannelEquations:
             name = self.driven[self.own[u]]
             shifts = ({self.own[u]: shift} for shift in turned)
             causes = (self.as_logged.with_("delay", 0.0, shift=each) for each in shifts)
-            if NEARLY * noise[u] > min(self.noise(each, noise)[u] for each in causes):
+            if LOUD * noise[u] > min(self.noise(each, noise)[u] for each in causes):
                 found.append(name)
         return found if len(found) >= max(SEVERAL, len(self.own) / 2) else []
 

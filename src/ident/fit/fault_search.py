@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.errors import IdentError
-from ident.fit.channel_fits import DOUBT, HALF, NEARLY, SMALL, ChannelEquations, limits_of_machines
+from ident.fit.channel_fits import DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
 from ident.fit.faults import (
     CLOCKS,
     FACTORS,
@@ -33,7 +33,7 @@ from ident.fit.faults import (
 from ident.fit.findings import Finding
 from ident.fit.problem import Problem, Table
 from ident.fit.small_errors import away_from_reversals
-from ident.information.chance import LEAVES, RIVAL, credible_t, zscore
+from ident.information.chance import LEAVES, LOUD, RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
@@ -324,7 +324,7 @@ class FaultSearch:
         beside = (self._with_common(every, kind) for kind in sorted(kinds))
         left = (x.noise(x.as_logged) for x in beside)
         rows = (slice(None), last.rows)
-        return not any(all(rms(x[u]) < NEARLY * rms(last.noise[u]) for u in rows) for x in left)
+        return not any(all(rms(x[u]) < LOUD * rms(last.noise[u]) for u in rows) for x in left)
 
     def _away_too(self, fault: Fault) -> bool:
         """Whether a delay explains rows away from reversals, too: friction that builds up over some
@@ -369,7 +369,7 @@ def _determined(best: FaultTrial, trial: Callable[[Fault], FaultTrial]) -> Fault
     for each in (trial(fault.at(f * fault.number[0])) for f in (0.5, 2.0)) if fault.at else ():
         if zscore((best.left - each.left).sum(axis=1)) < RIVAL:  # a factor takes the joint out
             return None
-        if fault.kind == "time" and each.error < NEARLY * best.error:
+        if fault.kind == "time" and each.error < LOUD * best.error:
             return None
     return fault
 
