@@ -15,6 +15,7 @@ import pytest
 from test_outputs import failing, snapshot
 
 import ident as api
+from ident.cli.options import RunOptions
 from ident.diagnosis import laws
 from ident.streams import many_logs
 from identification import motion_log, plant, robot
@@ -405,3 +406,20 @@ def test_notes_follow_the_result(verb, arm_folder, tmp_path, done):
     assert first > 3
     assert f"note: wrote {out / 'report.html'}" in lines[first:]
     assert all(line.startswith("note: ") for line in lines[first:])
+
+
+def test_what_follows_a_fit_is_filtered_alike_unless_told_otherwise(arm_folder, tmp_path, done):
+    """With a joint held the fit is of another model, and nothing follows from it."""
+    log, fit = arm_folder / "run.csv", tmp_path / "fit"
+    done("identify", arm_folder, log, *given("viscous:elbow"), "--cutoff", "5", "--out", fit)
+    for folder in (fit, fit / "identified"):
+        for asked, cutoff in (("auto", 5.0), ("4", 4.0), ("none", None)):
+            model = RunOptions(mechanism=folder, cutoff=asked)
+            model, since = model.as_fitted(model.load([log]))
+            assert model.treatment["cutoff"] == cutoff
+            assert since is not None
+    locked = RunOptions(mechanism=fit / "identified", lock=["wrist"])
+    locked, since = locked.as_fitted(locked.load([log]))
+    assert (locked.treatment["cutoff"], since) == ("auto", None)
+    new = RunOptions(mechanism=arm_folder)
+    assert new.as_fitted(new.load([log])) == (new, None)

@@ -487,6 +487,21 @@ def test_friction_and_gears_are_no_delay_of_all_torques(kind):
     assert common_delay(c.estimate, c.table, c.use, c.common) is None
 
 
+@pytest.mark.parametrize("wrong", [("wrist",), ("elbow", "wrist")])
+def test_a_wrong_factor_is_no_missing_effect_that_does_as_well_only_here_or_only_elsewhere(wrong):
+    """Of one torque, effects of one kind at all drives leave as little on average of all joints;
+    of two, in the joints that feel the last factor.
+    """
+    p = plant(planted("arm").mechanism, motion_log("arm", 100.0, 6.0), seed=3,
+              noise=[Noise("tau", 0.01, relative=True), Noise("q", 1e-5)])  # fmt: skip
+    ten = {f"tau__{joint}": 10 * p.log.columns[f"tau.{joint}"] for joint in wrong}
+    judgement = judged(p.mechanism, changed(p.log, **ten), "auto")
+    assert {(each.code, each.where) for each in judgement.faults} == {
+        ("scale", (f"tau.{joint}",)) for joint in wrong
+    }
+    assert [each.number for each in judgement.faults] == pytest.approx([0.1] * len(wrong), rel=0.05)
+
+
 def test_the_line_to_copy_keeps_the_scale_of_its_channel():
     mechanism = replace(robot("arm"), columns={"tau.elbow": Column("current_3", 2.5, 0.0)})
     own = '[log] "tau.elbow" = { column = "current_2", scale = 2.5 }'
@@ -518,6 +533,32 @@ def test_one_line_turns_all_torques_where_a_pattern_makes_them(tmp_path, robots)
     by_one = loaded("\n".join(f'"{each}" = "current_{i}"' for i, each in enumerate(torques)))
     first = log_entry(by_one, torques[0], -1.0)
     assert log_entries(by_one, torques, -1.0) == f"{first}, and the same for the others"
+
+
+def test_the_line_to_copy_keeps_the_offset_of_its_columns(tmp_path, robots, spoken):
+    """Torques are counts around 2048, of which [log] makes N m with the wrong sign."""
+    p = planted("arm", seed=3)
+    counts = {f"adc_{j}": 2048 - p.log.columns[f"tau.{j}"] / 0.01 for j in p.mechanism.driven}
+    positions = {k: x for k, x in p.log.columns.items() if k.startswith("q.")}
+    log = tmp_path / "run.csv"
+    Log.from_arrays("run.csv", p.log.t, {**positions, **counts}).write(log)
+    (tmp_path / "arm.urdf").write_text((robots / "arm" / "arm.urdf").read_text())
+    toml = (robots / "arm" / "mechanism.toml").read_text()
+
+    def checked(line):
+        (tmp_path / "mechanism.toml").write_text(f"{toml}\n[log]\n{line}\n")
+        status, text, _ = spoken("check", tmp_path, log)
+        assert status == 0
+        return " ".join(text.split())
+
+    text = checked('"tau.*" = { column = "adc_*", scale = 0.01, offset = -20.48 }')
+    assert "the sign is against that of q.yaw" in text
+    line = '"tau.*" = { column = "adc_*", scale = -0.01, offset = 20.48 }'
+    assert f"write [log] {line}, or turn" in text
+    assert "nothing looks wrong in it" in checked(line)
+    one = ident.load(tmp_path)
+    (own,) = {one.columns[name].offset for name in one.columns}
+    assert f"offset = {own:g} }}" in log_entry(one, "tau.elbow", 1.0, "adc_wrist")
 
 
 def test_times_from_1970_keep_their_fractions():

@@ -7,6 +7,7 @@ import ident
 from ident.effects import KINDS, Correcting
 from ident.equations.rows import Scene
 from ident.equations.unknowns import Columns, Point
+from ident.fit.shapes import working_point
 from identification import motion_log, plant, robot
 
 
@@ -126,3 +127,24 @@ def test_a_corrections_column_is_how_a_log_made_beside_it_differs(name, text):
     explained = found.b - np.einsum("ndk,k->nd", found.A, moved)
     assert np.linalg.norm(left[usable]) > 0
     assert np.linalg.norm(explained[usable]) < 0.05 * np.linalg.norm(left[usable])
+
+
+# --- where shapes are held ----------------------------------------------------------------------
+
+
+def test_the_search_of_shapes_makes_no_slopes_where_shapes_are_held(monkeypatch):
+    """They would be of no use there: the same point is found."""
+    mechanism = robot("arm").with_effect("coulomb").with_effect("stribeck:elbow")
+    at = {"stribeck.elbow.Fs": 0.8, "stribeck.elbow.vs": 0.2}
+    case = plant(mechanism, motion_log("arm", 100.0), at, seed=1)
+    motion, calls = ident.complete(mechanism, case.log, cutoff=None), []
+    kind = type(mechanism.effects[-1])
+    columns = kind.columns
+    monkeypatch.setattr(kind, "columns", lambda own, s: calls.append(1) or columns(own, s))
+    found = working_point(mechanism, motion).values
+    few = len(calls)
+    assert found["stribeck.elbow.vs"] == pytest.approx(0.2, rel=1e-6)
+    monkeypatch.setattr(Columns, "with_known_shapes", property(lambda own: own))
+    other = working_point(mechanism, motion).values
+    assert few < 0.8 * (len(calls) - few)
+    assert other["stribeck.elbow.vs"] == pytest.approx(found["stribeck.elbow.vs"], rel=1e-9)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import monitored
 import numpy as np
 import pytest
 
@@ -131,6 +132,25 @@ def test_a_stream_needs_no_torque_there(planted):
     online.update(log)
     found = online.finish()
     assert found.rank == ident.identify(arm("wrist"), ident.complete(arm("wrist"), log)).rank
+
+
+def test_a_monitor_watches_the_other_joints():
+    """Whatever the column of that joint holds raises no alarm, and it has no error."""
+    mechanism = arm("wrist")
+    fit = ident.identify(mechanism, monitored.run(1, 25.0))
+    monitor = ident.Monitor.of(fit, monitored.run(2, 25.0), patience=4.0)
+    design = monitor.design
+    charts = design.subjects(monitor.watched.columns.names, monitor.watched.joints)
+    watched = {about for about, weight in zip(charts, design.weight, strict=True) if weight > 0}
+    errors = {about for about in watched if about.startswith("error of ")}
+    assert errors == {f"error of {joint}" for joint in mechanism.measured}
+    assert "coulomb.elbow.Fc" in watched
+    assert "coulomb.wrist.Fc" not in watched
+    harmless = monitored.run(4, 12.0, {6.0: ("", {"coulomb.wrist.Fc": 3.0})})
+    assert monitor.fresh().watch(harmless) == []
+    (alarm,) = monitor.watch(monitored.run(3, 14.0, {6.0: ("", {"coulomb.elbow.Fc": 1.3})}))
+    assert alarm.suspects == ("coulomb:elbow",)
+    assert {*alarm.errors} == {*mechanism.measured}
 
 
 def test_a_joint_whose_torque_is_measured_later_has_not_changed(planted, tmp_path):

@@ -378,12 +378,19 @@ def _vector(x: Sequence[float]) -> str:
 
 def log_entry(mechanism: Mechanism, channel: str, factor: float, column: str = "") -> str:
     """Return the line of `[log]` that multiplies a channel by a factor, or takes another column
-    with the scale that it has.
+    with the scale and the offset that it has.
     """
-    source = mechanism.columns.get(channel)
-    own, scale = (source.column, source.scale) if source else (channel, 1.0)
-    scaled = f", scale = {factor * scale:.4g}" if not column or scale != 1.0 else ""
-    return f'[log] "{channel}" = {{ column = "{column or own}"{scaled} }}'
+    source = mechanism.columns.get(channel, Column(channel))
+    same = column and (source.scale, source.offset) == (1.0, 0.0)
+    scaled = "" if same else f", {_conversion(source, factor)}"
+    return f'[log] "{channel}" = {{ column = "{column or source.column}"{scaled} }}'
+
+
+def _conversion(source: Column, factor: float) -> str:
+    scale, offset = factor * source.scale, factor * source.offset
+    if not offset:
+        return f"scale = {scale:.4g}"
+    return f"scale = {scale:.8g}, offset = {offset:.8g}"  # a small difference of large numbers
 
 
 def log_entries(mechanism: Mechanism, channels: Sequence[str], factor: float) -> str:
@@ -401,12 +408,12 @@ def log_entries(mechanism: Mechanism, channels: Sequence[str], factor: float) ->
     own = every.get(first, Column(first))  # that of a passive joint has no torque
     alike = {c: x for c, x in every.items() if x.group and x.group == own.group}
     if {*alike} == {*channels}:
-        (before, _, after), scale = own.group.partition("*"), own.scale
+        before, _, after = own.group.partition("*")
         patterns = {
             x.column.replace(c[len(before) : len(c) - len(after)], "*") for c, x in alike.items()
         }
         if len(patterns) == 1 and (pattern := patterns.pop()).count("*") == 1:
-            whole = f'column = "{pattern}", scale = {factor * scale:.4g}'
+            whole = f'column = "{pattern}", {_conversion(own, factor)}'
             return f'[log] "{before}*{after}" = {{ {whole} }}'
     if channels[2:]:
         return f"{log_entry(mechanism, first, factor)}, and the same for the others"
