@@ -27,6 +27,7 @@ from ident.diagnosis.law_search import refined
 from ident.diagnosis.null import SURROGATES, NoiseDraws, Screened, judging
 from ident.effects import Effect
 from ident.errors import FitError
+from ident.fit.shapes import widened
 from ident.information.chance import ALPHA, MINE, NEGATIVE, PARSIMONY, RIVAL, Chance, paired, zscore
 from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import Array, Index, PartialRegression, Refit
@@ -345,6 +346,11 @@ def sensible(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> b
     names = effect.unknowns or effect.searched
     own = next((e.values for e in contest.fit.mechanism.effects if e.label == effect.label), {})
     values = theta[: len(names)] + [own.get(each.name, 0.0) for each in names]
+    if effect.corrects:
+        bounds = contest.table.bounds(effect)
+        ends = (widened(*bounds[each.name]) for each in names)
+        if not all(a <= x <= b for x, (a, b) in zip(values, ends, strict=True)):
+            return False
     return can_be(contest.fit.mechanism, effect, values, stderr)
 
 

@@ -129,6 +129,12 @@ class LimitBox:
             if moved and not np.isfinite(high - low):
                 how = f"--range {j.name}=LOWER:UPPER"
                 raise MechanismError(f"joint '{j.name}' slides without limits; say how far: {how}")
+            if moved and not high > low:
+                how = f"--range {j.name}=LOWER:UPPER"
+                raise MechanismError(
+                    f"joint '{j.name}' has both limits at {low:g} {j.unit}, as exporters write "
+                    f"that know none; say how far it may move: {how}, or correct its <limit>"
+                )
             if moved and not np.isfinite(speed):
                 speed = (high - low) / CROSSING
                 notes.append(f"{j.name} has no limit of speed: {speed:.3g} {j.unit}/s is taken")

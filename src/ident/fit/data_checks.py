@@ -251,12 +251,12 @@ class DataChecks(FaultSearch):
             if np.linalg.norm(own) > SMALL * sizes[1] and (c := _cosine(own, logged)) > LIKE:
                 gains[name], alike = float(own @ logged / (own @ own)), min(alike, c)
             many = self.estimate.triangle.rows > FEW * self.estimate.base.rank
-            matter = min(sizes) > LEAVES * float(np.linalg.norm(tau))
-            if not (many and matter and self.errors[name] < LEAVES):
+            least = LEAVES * float(np.linalg.norm(tau))
+            if not (many and sizes[0] > least and self.errors[name] < LEAVES):
                 continue
-            if like < -LIKE:
+            if like < -LIKE:  # in any unit
                 turned[f"tau.{name}"] = like
-            elif like < UNLIKE:
+            elif like < UNLIKE and sizes[1] > least:
                 text = (
                     f"tau.{name}: the bodies that were identified need a torque of another shape "
                     f"than the URDF's (correlation {like:.2f}): gravity, the zero or sign of a "
@@ -290,7 +290,11 @@ class DataChecks(FaultSearch):
             "or of gravity, is wrong"
         )
         entry = log_entry(self.mechanism, next(iter(turned)), -1.0)
-        remedy = f"write {entry}, and the same of all torques that have this sign, most likely all"
+        gravity = ", ".join(f"{-x or 0:g}" for x in self.mechanism.model.gravity.linear)
+        remedy = (
+            f"write {entry}, and the same of all torques that have this sign, most likely all; or, "
+            f"where the base hangs the other way up, gravity = [{gravity}] in [mechanism]"
+        )
         return Finding("unlike", text, remedy, tuple(turned), worst, -LIKE)
 
     def _scaled_alike(self, gains: Mapping[str, float]) -> tuple[float, float] | None:

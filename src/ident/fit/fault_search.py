@@ -298,11 +298,13 @@ class FaultSearch:
         mine, D = best.rows, best.left - base
         t = min(zscore(D.sum(axis=1)), zscore(D[:, mine].sum(axis=1)))
         own = best.fault.kind, best.fault.joints
-        rivals = tuple(
-            each.fault
-            for each in others
+        alike = {  # the best of each kind at the same joints, of one with a number but this one
+            (each.fault.kind, each.fault.joints): each.fault
+            for each in reversed(others)
             if zscore((best.left - each.left).sum(axis=1)) < RIVAL
-            and not (own[0] in NUMBERED and own == (each.fault.kind, each.fault.joints))
+        }
+        rivals = tuple(
+            each for key, each in reversed(alike.items()) if not (key == own and own[0] in NUMBERED)
         )
         before = rms(was[mine])
         most = min(LEAVES, max(HALF * before, DOUBT))

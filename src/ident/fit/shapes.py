@@ -169,17 +169,23 @@ def variable_projection(
 def beyond_bounds(problem: Problem, found: Estimate) -> np.ndarray:
     """Return (k,) shapes that an estimate puts where their columns mean nothing.
 
-    Those of corrections may be on either side of their bounds: a negative play is noise around 0.
+    Those of corrections may be on either side of their bounds, for a negative play is noise around
+    0, but no farther from them than these are apart.
     """
     columns = problem.columns
     outside = np.zeros(len(columns), dtype=bool)
     bounds = shape_bounds(problem)
     for effect, places in columns.effects:
         for at in places[len(effect.unknowns) :]:
-            if at >= 0 and effect.unknowns:
-                low, high = bounds[int(at)]
+            if at >= 0:
+                low, high = bounds[int(at)] if effect.unknowns else widened(*bounds[int(at)])
                 outside[at] = not low <= found.x[at] <= high
     return outside
+
+
+def widened(low: float, high: float) -> tuple[float, float]:
+    """Return bounds of a correction's shape, farther out on either side by what they are apart."""
+    return low - (high - low), high + (high - low)
 
 
 def shape_bounds(problem: Problem) -> dict[int, tuple[float, float]]:

@@ -64,7 +64,9 @@ def parse_urdf(data: bytes, where: str) -> etree._Element:
     robot = parse_xml(data, where)
     if robot.tag != "robot":
         valid = "a URDF's is <robot> (a MuJoCo model is named .xml)"
-        refuse(robot, where, f"the root element is <{robot.tag}>; {valid}")
+        given = str(robot.tag)
+        valid += '; take xmlns="…" out' if given.startswith("{") else ""
+        refuse(robot, where, f"the root element is <{given}>; {valid}")
     if not robot.get("name"):
         robot.set("name", "robot")
     _check_names(robot, where)

@@ -100,13 +100,16 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
     every = [channel for own in joints for channel in own]
     taus = [f"tau.{name}" for name in mechanism.driven]
     torques = [each.even(tau)[0] for each in logs for tau in taus if tau in each.columns]
-    motion = max((motion_bandwidth(x, dt, k) for k, x, dt, _ in every), default=0.0)
     noise = max(
         [noise_share(x, 2 - k) for own in joints for k, x, *_ in own[-1:]]
         + [noise_share(x) for x in torques]
     )
-    cutoff = min([ROWS_OVER_MOTION * motion, *(_calm_cutoff(own, motion) for own in joints)])
+    motion, cutoff = _cutoff(joints)
     slow = [signals for signals in logs if cutoff >= 0.25 / signals.dt]
+    if 0 < len(slow) < len(logs):  # which may be too slow for their own motion alone
+        rest = [own for i, own in enumerate(joints) if logs[i // len(names)] not in slow]
+        motion, cutoff = _cutoff(rest)
+        slow = [signals for signals in slow if cutoff >= 0.25 / signals.dt]
     filtered = noise > CLEAN and cutoff > 0.0 and len(slow) < len(logs)
     if filtered and slow:
         raise MotionError(
@@ -119,6 +122,13 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
         for _, x, dt, step in every
     )
     return replace(band, white=white)
+
+
+def _cutoff(joints: list[list[tuple[int, np.ndarray, float, float]]]) -> tuple[float, float]:
+    """Bandwidth of the motion of some joints and the cut-off [Hz] that suits it."""
+    every = (channel for own in joints for channel in own)
+    motion = max((motion_bandwidth(x, dt, k) for k, x, dt, _ in every), default=0.0)
+    return motion, min([ROWS_OVER_MOTION * motion, *(_calm_cutoff(own, motion) for own in joints)])
 
 
 def _calm_cutoff(channels: list[tuple[int, np.ndarray, float, float]], motion: float) -> float:

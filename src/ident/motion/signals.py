@@ -49,6 +49,7 @@ FACTORS = {
     1 / (2 * np.pi): "the first in revolutions",
     2 * np.pi: "the second in revolutions",
 }
+RATES = {"q": "second", "v": "first"}  # which of a channel and the next derivative is a velocity
 
 
 @dataclass(frozen=True, eq=False)
@@ -423,9 +424,11 @@ def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: 
         if match > 0.8 and not 0.5 < ratio < 2.0:
             near = min(FACTORS, key=lambda factor: abs(np.log(ratio / factor)))
             guess = f" ({FACTORS[near]}?)" if abs(np.log(ratio / near)) < 0.1 else ""
+            if "a minute" in guess and not guess.startswith(f" (the {RATES[low]} in"):
+                guess = ""  # what counts in revolutions a minute is a velocity
             raise MotionError(
                 f"{where} by a factor of {ratio:.4g}{guess}; logs are in rad, m and s: give the "
-                "wrong one a scale in [log] of mechanism.toml"
+                "wrong one a scale in [log] of mechanism.toml, or t where all joints are off alike"
             )
     q, limit = columns.get(f"q.{joint.name}"), max(abs(joint.lower), abs(joint.upper))
     if q is None or not joint.rotational or not np.isfinite(limit):
@@ -435,7 +438,8 @@ def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: 
         raise MotionError(
             f"{name}: q.{joint.name} reaches {most:.4g}, beyond the joint's limit of "
             f"{limit:.4g} rad, and looks like degrees; logs are in rad: give it "
-            "scale = 0.017453292519943295 in [log] of mechanism.toml"
+            "scale = 0.017453292519943295 in [log] of mechanism.toml (or the inverse of the gear "
+            "ratio, if it is the motor's)"
         )
 
 

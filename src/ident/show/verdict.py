@@ -10,6 +10,7 @@ from ident.diagnosis.selection import Evidence
 from ident.effects import KINDS, Effect
 from ident.effects.library import named
 from ident.fit import Fit
+from ident.fit.channel_fits import HALF
 from ident.fit.files import Saved
 from ident.fit.findings import DRIVING, NEGATIVE_VALUE, Finding
 from ident.fit.residual import Failure
@@ -67,6 +68,9 @@ def verdict_line(d: Diagnosis) -> str:
             "nothing has changed, but the earlier model was incomplete: it left more than noise in "
             f"{some(left, MOST)} of its own log, too"
         )
+    solved = not d.laws or all(
+        d.laws[-1].after[law.joint].rms < HALF * errors_of(d.fit)[law.joint].rms for law in d.laws
+    )
     formulas = listed(
         [f"torque of {law.joint} = {law.formula}, {numbers(law.parameters)}" for law in d.laws]
     )
@@ -80,10 +84,11 @@ def verdict_line(d: Diagnosis) -> str:
         )
     impossible = [each for each in d.fit.findings if each.code in (NEGATIVE_VALUE, DRIVING)]
     but = f", but not all is well: {impossible[0].meaning}" if impossible else ""
+    does = "does" if solved else "lowers the error"
     return {
         "nothing": f"nothing is missing that this data could show{but}",
         "unexplained": "unexplained: something is missing, and no effect of the library explains "
-        + (f"it, but a formula does: {formulas}" if d.laws else "it"),
+        + ("it" if not d.laws else f"it, but a formula {does}: {formulas}"),
         "undecided": f"undecided: more is left in {listed(d.loud)} than the sensors' noise, and "
         "this log cannot tell coloured noise from physics",
     }[d.verdict]
