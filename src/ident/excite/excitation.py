@@ -240,14 +240,13 @@ class Determined:
 def determined_places(columns: Columns, label: str, independent: Collection[int]) -> list[int]:
     """Return the indices of an effect's unknowns; of a correction, which has none, its shapes.
 
-    The sensitivity of another effect's shape is zero as long as its unknowns are. Of a load those
-    that are independent, if any is: the mass of a load on a link that only turns about an axis acts
-    through its moments alone.
+    The sensitivity of another effect's shape is zero as long as its unknowns are. Those that are
+    independent, if any is: the mass of a load on a link that only turns about an axis acts through
+    its moments alone, and of a cable beside a spring what tells them apart is not linear.
     """
     effect, at = next((e, at) for e, at in columns.effects if e.label == label)
     places = [int(i) for i in (at[: len(effect.unknowns)] if effect.unknowns else at) if i >= 0]
-    known = [i for i in places if effect.loaded_link and i in independent]
-    return known or places
+    return [i for i in places if i in independent] or places
 
 
 def with_rivals(mechanism: Mechanism, pair: tuple[str, str]) -> Mechanism:
