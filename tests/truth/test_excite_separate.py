@@ -143,6 +143,21 @@ def test_limits_of_loops_name_what_excludes_everything(four_bar):
         ident.excite(four_bar, limits=Limits(range={"crank": (1.0, 2.0)}), **SHORT)
 
 
+def test_limits_of_an_exporter_that_knows_none(tmp_path):
+    none = '<limit lower="0" upper="0" effort="0" velocity="0"/>'
+    bare = ident.load(write_mechanism(tmp_path / "bare", tree_urdf([J("w", inside=none)])))
+    with pytest.raises(IdentError, match=r"both limits at 0 rad.*--range w=LOWER:UPPER"):
+        ident.excite(bare, **SHORT)
+
+
+def test_a_spring_and_a_cable_are_told_apart_by_what_is_not_linear():
+    """The spring is part of the cable's polynomial."""
+    pair = ("spring:elbow", "cable:elbow")
+    found = ident.excite(ident.load(ROBOTS / "arm"), separate=pair, **SHORT).separation
+    assert found.cosine < 0.99
+    assert np.isfinite(found.stderr).all()
+
+
 def test_without_drives_or_limits(tmp_path):
     with pytest.raises(IdentError, match="theta moves freely"):
         ident.excite(ident.load(ROBOTS / "pendulum"), **SHORT)

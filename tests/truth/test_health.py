@@ -627,6 +627,15 @@ def test_torques_with_the_other_sign_are_named_where_little_else_is_explained():
     assert not any({*sign.where} & {*each.where} for each in hints if each is not sign)
 
 
+def test_the_other_sign_is_named_in_any_unit():
+    p = plant(robot("arm"), motion_log("arm"), noise=[Noise("tau", 0.01)], spread=0.1)
+    milli = {f"tau.{j}": -1e3 * p.log.columns[f"tau.{j}"] for j in p.mechanism.driven}
+    motion = ident.complete(p.mechanism, changed(p.log, **milli), cutoff="auto")
+    hints = [*ident.identify(p.mechanism, motion).checks._magnitudes()]
+    (sign,) = [each for each in hints if "its negative" in each.meaning]
+    assert "gravity = [0, 0, 9.81] in [mechanism]" in sign.remedy
+
+
 def test_a_urdf_without_masses_has_no_shape():
     p = planted("arm")
     massless = p.mechanism.with_model(p.mechanism.model.copy())

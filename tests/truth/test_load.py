@@ -401,6 +401,7 @@ BAD_URDF = {
     "no xml": ("<robot", "no well-formed XML"),
     "empty": ("", "no well-formed XML"),
     "another root": ("<sdf/>", "the root element is <sdf>"),
+    "a namespace": ('<robot xmlns="urn:other" name="r"/>', 'take xmlns="…" out'),
     "an entity bomb": ('<!DOCTYPE r [<!ENTITY a "b">]>' + urdf_of(), "document type"),
     "no link": ('<robot name="r"/>', "no <link>"),
     "nothing moves": (urdf_of("fixed"), "every joint is fixed"),

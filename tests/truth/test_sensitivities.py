@@ -7,7 +7,7 @@ import ident
 from ident.effects import KINDS, Correcting
 from ident.equations.rows import Scene
 from ident.equations.unknowns import Columns, Point
-from ident.fit.shapes import working_point
+from ident.fit.shapes import beyond_bounds, working_point
 from identification import motion_log, plant, robot
 
 
@@ -148,3 +148,15 @@ def test_the_search_of_shapes_makes_no_slopes_where_shapes_are_held(monkeypatch)
     other = working_point(mechanism, motion).values
     assert few < 0.8 * (len(calls) - few)
     assert other["stribeck.elbow.vs"] == pytest.approx(found["stribeck.elbow.vs"], rel=1e-9)
+
+
+def test_a_tilt_far_outside_its_range_is_no_estimate():
+    """Its column is a slope that means nothing there; a value near the range stays."""
+    p = plant(robot("arm").with_effect("gravity_tilt"), motion_log("arm"), {"gravity_tilt.x": 0.2})
+    fit = p.fit()
+    at = fit.columns.index["gravity_tilt.x"]
+    for value, outside in ((0.2, False), (-0.9, False), (-1.1, True), (30.0, True)):
+        x = fit.estimate.x.copy()
+        x[at] = value
+        found = beyond_bounds(fit.problem, fit.estimate.at(x))
+        assert found[at] == outside, value
