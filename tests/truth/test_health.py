@@ -627,6 +627,21 @@ def test_torques_with_the_other_sign_are_named_where_little_else_is_explained():
     assert not any({*sign.where} & {*each.where} for each in hints if each is not sign)
 
 
+def test_a_log_without_any_motion():
+    """Positions of several logs at rest, each at another place, identify gravity."""
+    t, arm = np.arange(0.0, 2.0, 0.01), robot("arm")
+    rest = [
+        Log.from_arrays(f"{at}.csv", t, {
+            f"{c}.{name}": np.full(len(t), at if c == "q" else 0.3)
+            for c in ("q", "tau") for name in arm.driven
+        })
+        for at in (0.2, 0.5)
+    ]  # fmt: skip
+    one, two = (ident.complete(arm, x, cutoff=None) for x in (rest[0], rest))
+    assert "no motion" in {each.code for each in log_findings(arm, one)}
+    assert "no motion" not in {each.code for each in log_findings(arm, two)}
+
+
 def test_the_other_sign_is_named_in_any_unit():
     p = plant(robot("arm"), motion_log("arm"), noise=[Noise("tau", 0.01)], spread=0.1)
     milli = {f"tau.{j}": -1e3 * p.log.columns[f"tau.{j}"] for j in p.mechanism.driven}

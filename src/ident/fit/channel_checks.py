@@ -23,7 +23,7 @@ from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion, State
 from ident.motion.noise import grain, noise_level, noise_share
 from ident.motion.recipe import CLEAN, ROWS_OVER_MOTION
-from ident.motion.signals import CLIPPED, LARGEST, REGULAR, absurd_samples, at_limit, runs
+from ident.motion.signals import CLIPPED, LARGEST, NIL, REGULAR, absurd_samples, at_limit, runs
 from ident.text import significant, some, two_digits
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
@@ -314,6 +314,11 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             text = f"{log.name}: {some(names, NAMED)}: {meaning}"
             yield Finding(code, text, remedy, names, number, threshold)
     texts = "standard errors are too small by √2", "leave it out"
+    high, low = (f([f(e.y, axis=0) for e in motion.experiments], axis=0) for f in (np.max, np.min))
+    if (travel := float((high - low).max())) < NIL:
+        text = "no position ever changes: a logger that hangs, or columns that are no positions"
+        names = tuple(f"q.{name}" for name in motion.experiments[0].logged)
+        yield Finding("no motion", text, "log a motion; ident excite plans one", names, travel, NIL)
     pairs = [*combinations(motion.logs, 2)][::-1]  # the first log counts
     again = {copy.where: copy for a, b in pairs for copy in copies(a, b, *texts)}
     yield from again.values()
