@@ -19,7 +19,7 @@ from ident.fit.channel_checks import log_findings
 from ident.fit.data_checks import DataChecks
 from ident.fit.faults import log_entries, log_entry
 from ident.fit.small_errors import common_delay
-from ident.show.motion import beyond_limits
+from ident.show.motion import beyond_limits, data_findings
 from ident.text import stamp
 from identification import motion_log, plant, robot
 
@@ -691,3 +691,15 @@ def test_terms_are_moments_inertias_and_effects():
     first = [name for name, term in zip(fit.columns.names, terms, strict=True) if term == 0]
     assert {name.rpartition(".")[2] for name in first} == {"m", "mx", "my", "mz"}
     assert len({*terms}) == 2 + 4
+
+
+def test_a_log_of_which_much_is_left_whatever_every_machine_has():
+    """As `ident check` tells; what friction and a rotor explain is no such log."""
+    ripple = {"ripple.elbow.A": 15.0, "ripple.elbow.B": 0.0, "ripple.elbow.N": 11.0}
+    for effect, found in (("ripple:elbow", True), ("coulomb:elbow", False)):
+        p = plant(robot("arm").with_effect(effect), motion_log("arm"), ripple)
+        motion = ident.complete(robot("arm"), p.log, cutoff=None)
+        hints = [x for x in data_findings(robot("arm"), motion) if x.code == "poor fit"]
+        assert bool(hints) == found
+        assert all(x.where == ("tau.elbow",) for x in hints)
+        assert all(x.meaning.startswith("with friction, rotors and offsets") for x in hints)

@@ -6,6 +6,7 @@ import hashlib
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from ident.fit.identify import identify
 from ident.fit.problem import information_of
 from ident.fit.shapes import initial
 from ident.fit.values import absorbed_by, base_names
+from ident.information.chance import LEAVES
 from ident.information.estimate import estimate
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
@@ -34,6 +36,7 @@ from ident.text import table as text_table
 PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
 IMPOSSIBLE = 10.0  # times a drive's effort limit, which is nominal in many URDFs
 ROUNDING = 1e-6  # of positions and speeds beyond a limit
+BESIDE = "with friction, rotors and offsets of all joints"  # the effects that every machine has
 CHANNELS = "what was measured of the motion: its white noise, and measured less smoothed (rms)"
 
 
@@ -295,7 +298,8 @@ def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
 
 def data_findings(mechanism: Mechanism, motion: Motion | None) -> list[Finding]:
     """Return what looks wrong in logged data: in channels by themselves, and, where all torques are
-    measured, in torques beside the motion, by a fit with the effects that every machine has.
+    measured, in torques beside the motion, by a fit with the effects that every machine has; also
+    where that leaves much of a torque.
     """
     if motion is None:
         return []
@@ -306,7 +310,12 @@ def data_findings(mechanism: Mechanism, motion: Motion | None) -> list[Finding]:
         for effect in mechanism.candidates(motion.experiments[0].logged):
             model = model + effect if effect.common else model
         with suppress(FitError):
-            return [*identify(model, motion, estimator="least-squares").health.findings]
+            fit = identify(model, motion, estimator="least-squares")
+            hardly = (x for x in fit.checks.poor() if x.threshold == LEAVES)
+            return [
+                *fit.health.findings,
+                *(replace(x, meaning=f"{BESIDE}, {x.meaning}") for x in hardly),
+            ]
     return [*log_findings(mechanism, motion)]
 
 
