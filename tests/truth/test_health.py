@@ -648,7 +648,7 @@ def test_the_other_sign_is_named_in_any_unit():
     motion = ident.complete(p.mechanism, changed(p.log, **milli), cutoff="auto")
     hints = [*ident.identify(p.mechanism, motion).checks._magnitudes()]
     (sign,) = [each for each in hints if "its negative" in each.meaning]
-    assert "gravity = [0, 0, 9.81] in [mechanism]" in sign.remedy
+    assert "gravity = [0, 0, 9.81] at the top of mechanism.toml" in sign.remedy
 
 
 def test_a_urdf_without_masses_has_no_shape():

@@ -214,7 +214,10 @@ WRONG = {
     "q in degrees": ({"q": DEGREES}, "degrees"),
     "v in degrees a second": ({"v": DEGREES}, "degrees"),
     "v in rpm": ({"v": 30 / np.pi}, "revolutions a minute"),
-    "no position is in rpm": ({"q": 30 / np.pi}, "or t where all joints are off alike"),
+    "no position is in rpm": (
+        {"q": 30 / np.pi},
+        "if all joints are off by the same factor, give t one",
+    ),
     "v of the wrong sign": ({"v": -1.0}, "scale = -1"),
     "a of the wrong sign": ({"a": -1.0}, "scale = -1"),
     "v in revolutions a second": ({"v": 1 / (2 * np.pi)}, "revolutions"),

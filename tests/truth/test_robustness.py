@@ -94,16 +94,18 @@ def test_tree_and_absolute_form_agree_on_what_stands_still(name):
         assert b.value == pytest.approx(a.value, rel=1e-7, abs=1e-9)
 
 
-def test_a_log_too_slow_for_its_own_motion_is_filtered_as_the_others_need():
+def test_a_log_too_slow_for_its_own_motion_is_refused_unless_a_filter_is_given():
     mechanism = with_friction("arm")
     good = ident.read_log(ROBOTS / "arm" / "run.csv")
     few = {k: x[::24] for k, x in good.columns.items()}
     fast = Log.from_arrays("fast.csv", good.t[::24] / 2, few)  # 21 Hz, moves up to 3 Hz
     calm = Log.from_arrays("calm.csv", 8 * good.t, good.columns)
-    alone, together = (ident.complete(mechanism, x).band for x in (calm, [calm, fast]))
-    assert together.cutoff == alone.cutoff
-    with pytest.raises(MotionError, match=r"fast.csv.*too slow"):  # for what another log needs
+    with pytest.raises(MotionError, match=r"fast.csv.*too slow.*its own; identify it by itself"):
+        ident.complete(mechanism, [calm, fast])
+    with pytest.raises(MotionError, match=r"fast.csv.*too slow.*that the other logs need"):
         ident.complete(mechanism, [good, fast])
+    band = ident.complete(mechanism, [calm, fast], cutoff=4.0).band
+    assert (band.cutoff, band.motion > 2.0) == (4.0, True)
 
 
 def test_a_log_too_slow_for_the_filter_is_refused_by_name():

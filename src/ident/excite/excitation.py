@@ -263,5 +263,7 @@ def with_rivals(mechanism: Mechanism, pair: tuple[str, str]) -> Mechanism:
             if not joints and KINDS[kind].sits != "mechanism":
                 raise MechanismError(f"separate {label}: of which joint? write {label}:JOINT")
             mechanism = mechanism.with_effect(label)
+    order = sorted(mechanism.effects, key=lambda e: len(e.unknowns) if e.label in pair else 0)
+    mechanism = replace(mechanism, effects=tuple(order))  # of two, the richer one has what is left
     loads = {effect.label for effect in mechanism.effects if effect.loaded_link}
     return replace(mechanism, unknown=()) if loads & {*pair} else mechanism

@@ -132,8 +132,9 @@ class LimitBox:
             if moved and not high > low:
                 how = f"--range {j.name}=LOWER:UPPER"
                 raise MechanismError(
-                    f"joint '{j.name}' has both limits at {low:g} {j.unit}, as exporters write "
-                    f"that know none; say how far it may move: {how}, or correct its <limit>"
+                    f"joint '{j.name}' has both limits at {low:g} {j.unit}"
+                    + ", as exporters write that know none" * (not low)
+                    + f"; say how far it may move: {how}, or correct its <limit>"
                 )
             if moved and not np.isfinite(speed):
                 speed = (high - low) / CROSSING

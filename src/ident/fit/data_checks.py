@@ -231,6 +231,7 @@ class DataChecks(FaultSearch):
         if not self.mechanism.prior.any():
             return  # a URDF without masses needs no torque
         turned = dict[str, float]()  # torques of the URDF's shape with the other sign
+        scaled = dict[str, tuple[float, float]]()  # and another size: with how many times that
         alike = 1.0  # least correlation of the torques of `gains` with what the URDF's bodies need
         rigid = np.arange(len(columns)) < len(columns.rigid)
         beside = [table.effect_columns(each, [{}]) for each in self.common]
@@ -254,7 +255,9 @@ class DataChecks(FaultSearch):
             least = LEAVES * float(np.linalg.norm(tau))
             if not (many and sizes[0] > least and self.errors[name] < LEAVES):
                 continue
-            if like < -LIKE:  # in any unit
+            if like < -LIKE and sizes[1] <= least:
+                scaled[f"tau.{name}"] = like, sizes[0] / max(sizes[1], 1e-300)
+            elif like < -LIKE:
                 turned[f"tau.{name}"] = like
             elif like < UNLIKE and sizes[1] > least:
                 text = (
@@ -262,8 +265,11 @@ class DataChecks(FaultSearch):
                     f"than the URDF's (correlation {like:.2f}): gravity, the zero or sign of a "
                     "position or a unit of time is wrong, unless its masses are no real ones"
                 )
-                remedy = "check [mechanism] gravity, q.… and t against the machine"
+                remedy = "check gravity, q.… and t against the machine"
                 yield Finding("unlike", text, remedy, (f"tau.{name}",), like, UNLIKE)
+        times = np.log([x for _, x in scaled.values()])
+        if len(scaled) > 1 and np.ptp(times) < np.log(BEYOND):  # in another unit; one: a guess
+            turned |= {name: like for name, (like, _) in scaled.items()}
         if turned:
             yield self._turned(turned)
         logs = np.log(list(gains.values()))
@@ -287,13 +293,14 @@ class DataChecks(FaultSearch):
         text = (
             f"{listed(turned)}: the bodies that were identified need a torque of another shape "
             f"than the URDF's, its negative (correlation {worst:.2f}): the sign of these torques, "
-            "or of gravity, is wrong"
+            "or of gravity, is wrong, unless its masses are no real ones"
         )
         entry = log_entry(self.mechanism, next(iter(turned)), -1.0)
         gravity = ", ".join(f"{-x or 0:g}" for x in self.mechanism.model.gravity.linear)
         remedy = (
             f"write {entry}, and the same of all torques that have this sign, most likely all; or, "
-            f"where the base hangs the other way up, gravity = [{gravity}] in [mechanism]"
+            f"where the base hangs the other way up, gravity = [{gravity}] at the top of "
+            "mechanism.toml"
         )
         return Finding("unlike", text, remedy, tuple(turned), worst, -LIKE)
 

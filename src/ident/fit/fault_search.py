@@ -298,14 +298,13 @@ class FaultSearch:
         mine, D = best.rows, best.left - base
         t = min(zscore(D.sum(axis=1)), zscore(D[:, mine].sum(axis=1)))
         own = best.fault.kind, best.fault.joints
-        alike = {  # the best of each kind at the same joints, of one with a number but this one
-            (each.fault.kind, each.fault.joints): each.fault
-            for each in reversed(others)
-            if zscore((best.left - each.left).sum(axis=1)) < RIVAL
-        }
-        rivals = tuple(
-            each for key, each in reversed(alike.items()) if not (key == own and own[0] in NUMBERED)
-        )
+        alike = dict[tuple[object, ...], Fault]()  # the best of each kind at the same joints
+        for each in others:
+            if zscore((best.left - each.left).sum(axis=1)) < RIVAL:
+                alike.setdefault((each.fault.kind, each.fault.joints), each.fault)
+        if own[0] in NUMBERED:
+            alike.pop(own, None)
+        rivals = tuple(alike.values())
         before = rms(was[mine])
         most = min(LEAVES, max(HALF * before, DOUBT))
         if len(was) == 1 or any(each.kind != best.fault.kind for each in rivals):

@@ -389,7 +389,7 @@ def log_entry(mechanism: Mechanism, channel: str, factor: float, column: str = "
 def _conversion(source: Column, factor: float) -> str:
     scale, offset = factor * source.scale, factor * source.offset
     if not offset:
-        return f"scale = {scale:.4g}"
+        return f"scale = {scale:.8g}"
     return f"scale = {scale:.8g}, offset = {offset:.8g}"  # a small difference of large numbers
 
 

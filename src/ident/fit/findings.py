@@ -159,7 +159,9 @@ def _held(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
         (~rigid & ~shapes, "held at zero"),
     ):
         if names := tuple(columns.names[i] for i in np.flatnonzero(estimate.held & kind)):
-            text = f"with a residual of this size this motion cannot tell {some(names, 8)}: {where}"
+            far = ", or it is far outside its range" * (kind is shapes)
+            text = f"with a residual of this size this motion cannot tell {some(names, 8)}{far}"
+            text += f": {where}"
             remedy = "move more joints, faster or farther, or see what is missing"
             yield Finding("held", text, remedy, names)
 

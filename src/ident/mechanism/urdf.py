@@ -65,7 +65,7 @@ def parse_urdf(data: bytes, where: str) -> etree._Element:
     if robot.tag != "robot":
         valid = "a URDF's is <robot> (a MuJoCo model is named .xml)"
         given = str(robot.tag)
-        valid += '; take xmlns="…" out' if given.startswith("{") else ""
+        valid += '; take xmlns="…" out' if given.endswith("}robot") else ""
         refuse(robot, where, f"the root element is <{given}>; {valid}")
     if not robot.get("name"):
         robot.set("name", "robot")

@@ -149,7 +149,7 @@ def complete(
     smoothing = checked_spacing(smoothing, measured)
     given_cutoff = None if cutoff in (None, AUTO) else checked_cutoff(cutoff, measured)
 
-    band = band_of(mechanism, measured, names)
+    band = band_of(mechanism, measured, names, refuse=cutoff == AUTO)
     if cutoff != "auto":
         finest = NEAREST / given_cutoff if given_cutoff else 0.0
         band = replace(band, cutoff=given_cutoff, knots=(finest, np.inf))

@@ -76,7 +76,9 @@ class Recipe:
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # torques end there
 
 
-def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]) -> Band:
+def band_of(
+    mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...], refuse: bool = True
+) -> Band:
     """Bandwidth, noise and cut-off that the logs themselves suggest.
 
     The cut-off is five times the bandwidth of the motion, so that accelerations pass and what lies
@@ -85,7 +87,7 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
     logs.
 
     Raises:
-        MotionError: if one log is too slow for the filter that the others need.
+        MotionError: if `refuse` and one log is too slow for the filter that all need together.
     """
     # of each joint and log, order, series, step and grain of its channels
     joints = [
@@ -106,15 +108,16 @@ def band_of(mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...]
     )
     motion, cutoff = _cutoff(joints)
     slow = [signals for signals in logs if cutoff >= 0.25 / signals.dt]
-    if 0 < len(slow) < len(logs):  # which may be too slow for their own motion alone
-        rest = [own for i, own in enumerate(joints) if logs[i // len(names)] not in slow]
-        motion, cutoff = _cutoff(rest)
-        slow = [signals for signals in slow if cutoff >= 0.25 / signals.dt]
     filtered = noise > CLEAN and cutoff > 0.0 and len(slow) < len(logs)
-    if filtered and slow:
+    if filtered and slow and refuse:
+        first = slow[0]
+        rest = [own for i, own in enumerate(joints) if logs[i // len(names)] not in slow]
+        need = "that the other logs need; leave it out"
+        if _cutoff(rest)[1] < 0.25 / first.dt:
+            need = f"that motion of up to {motion:.3g} Hz needs, its own; identify it by itself"
         raise MotionError(
-            f"{slow[0].log.name}: at {1 / slow[0].dt:.4g} Hz it is too slow for the filter at "
-            f"{cutoff:.3g} Hz that the other logs need; leave it out, or give a cut-off"
+            f"{first.log.name}: at {1 / first.dt:.4g} Hz it is too slow for the filter at "
+            f"{cutoff:.3g} Hz {need}, or give a cut-off below {0.25 / first.dt:.3g} Hz"
         )
     band = Band(motion, noise, cutoff if filtered else None)
     white = noise > CLEAN and all(  # steps of an encoder repeat, however white they look

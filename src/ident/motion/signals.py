@@ -422,13 +422,15 @@ def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: 
         if match < -0.5:
             raise MotionError(f"{where}: one has the wrong sign; give it scale = -1 in [log]")
         if match > 0.8 and not 0.5 < ratio < 2.0:
-            near = min(FACTORS, key=lambda factor: abs(np.log(ratio / factor)))
+            units = [x for x, unit in FACTORS.items() if joint.rotational != ("milli" in unit)]
+            near = min(units, key=lambda factor: abs(np.log(ratio / factor)))
             guess = f" ({FACTORS[near]}?)" if abs(np.log(ratio / near)) < 0.1 else ""
             if "a minute" in guess and not guess.startswith(f" (the {RATES[low]} in"):
                 guess = ""  # what counts in revolutions a minute is a velocity
             raise MotionError(
                 f"{where} by a factor of {ratio:.4g}{guess}; logs are in rad, m and s: give the "
-                "wrong one a scale in [log] of mechanism.toml, or t where all joints are off alike"
+                "wrong one a scale in [log] of mechanism.toml; if all joints are off by the same "
+                "factor, give t one"
             )
     q, limit = columns.get(f"q.{joint.name}"), max(abs(joint.lower), abs(joint.upper))
     if q is None or not joint.rotational or not np.isfinite(limit):

@@ -12,6 +12,7 @@ from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Diagnosis, Law
 from ident.display import folder
 from ident.effects import KINDS, Effect, Unknown
+from ident.fit.channel_fits import HALF
 from ident.fit.values import Value
 from ident.information import linear
 from ident.show.card import body_words
@@ -95,6 +96,12 @@ def curves(d: Diagnosis) -> list[str]:
     ]
 
 
+def solved(d: Diagnosis) -> bool:
+    """Return whether the formulas take more than half of the error of each of their joints."""
+    before, after = (d.laws[0].before, d.laws[-1].after) if d.laws else ({}, {})
+    return all(after[law.felt].rms < HALF * before[law.felt].rms for law in d.laws)
+
+
 def laws(d: Diagnosis) -> list[str]:
     """Return the formulas for what no effect explains, with constants, relatives and rivals."""
     found = []
@@ -110,7 +117,8 @@ def laws(d: Diagnosis) -> list[str]:
         rivals = [f"`{one.formula.text}`" for one in law.rivals]
         or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
         instead = f" It takes the place of {listed(law.replaced)}." if law.replaced else ""
-        head = "A formula explains it:" if d.best is None else "A formula explains more:"
+        much = "explains it" if solved(d) else "lowers the error"
+        head = f"A formula {much}:" if d.best is None else "A formula explains more:"
         head = head if each.beside or d.best is None else "A formula could stand in its place:"
         curve = next((one for one in d.curves if one.joint == each.joint), None)
         not_all = ""

@@ -10,13 +10,12 @@ from ident.diagnosis.selection import Evidence
 from ident.effects import KINDS, Effect
 from ident.effects.library import named
 from ident.fit import Fit
-from ident.fit.channel_fits import HALF
 from ident.fit.files import Saved
 from ident.fit.findings import DRIVING, NEGATIVE_VALUE, Finding
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.show.card import MATERIAL, NOISY, spoiling, too_large
-from ident.show.laws import numbers
+from ident.show.laws import numbers, solved
 from ident.text import listed, percent, places, significant, some
 
 MOST = 3  # effects that are mentioned of those that are not credible
@@ -68,9 +67,6 @@ def verdict_line(d: Diagnosis) -> str:
             "nothing has changed, but the earlier model was incomplete: it left more than noise in "
             f"{some(left, MOST)} of its own log, too"
         )
-    solved = not d.laws or all(
-        d.laws[-1].after[law.joint].rms < HALF * errors_of(d.fit)[law.joint].rms for law in d.laws
-    )
     formulas = listed(
         [f"torque of {law.joint} = {law.formula}, {numbers(law.parameters)}" for law in d.laws]
     )
@@ -84,7 +80,7 @@ def verdict_line(d: Diagnosis) -> str:
         )
     impossible = [each for each in d.fit.findings if each.code in (NEGATIVE_VALUE, DRIVING)]
     but = f", but not all is well: {impossible[0].meaning}" if impossible else ""
-    does = "does" if solved else "lowers the error"
+    does = "does" if solved(d) else "lowers the error"
     return {
         "nothing": f"nothing is missing that this data could show{but}",
         "unexplained": "unexplained: something is missing, and no effect of the library explains "
