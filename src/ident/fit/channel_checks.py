@@ -314,7 +314,7 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             text = f"{log.name}: {some(names, NAMED)}: {meaning}"
             yield Finding(code, text, remedy, names, number, threshold)
     texts = "standard errors are too small by √2", "leave it out"
-    ends = [f(e.y, axis=0) for e in motion.experiments if len(e) for f in (np.min, np.max)]
+    ends = [f(e.y, axis=0) for e in motion.experiments if len(e.y) for f in (np.min, np.max)]
     if ends and (travel := float(np.ptp(ends, axis=0).max())) < NIL:
         text = "no position ever changes: a logger that hangs, or columns that are no positions"
         names = tuple(f"q.{name}" for name in motion.experiments[0].logged)

@@ -114,7 +114,7 @@ def band_of(
         rest = [own for i, own in enumerate(joints) if logs[i // len(names)] not in slow]
         need = "that the other logs need; leave it out"
         if _cutoff(rest)[1] < 0.25 / first.dt:
-            need = f"that motion of up to {motion:.3g} Hz needs, its own; identify it by itself"
+            need = f"that its own motion of up to {motion:.3g} Hz needs; identify it by itself"
         raise MotionError(
             f"{first.log.name}: at {1 / first.dt:.4g} Hz it is too slow for the filter at "
             f"{cutoff:.3g} Hz {need}, or give a cut-off below {0.25 / first.dt:.3g} Hz"
