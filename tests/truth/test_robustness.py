@@ -100,9 +100,7 @@ def test_a_log_too_slow_for_its_own_motion_is_refused_unless_a_filter_is_given()
     few = {k: x[::24] for k, x in good.columns.items()}
     fast = Log.from_arrays("fast.csv", good.t[::24] / 2, few)  # 21 Hz, moves up to 3 Hz
     calm = Log.from_arrays("calm.csv", 8 * good.t, good.columns)
-    with pytest.raises(
-        MotionError, match=r"fast.csv.*too slow.*its own motion.*identify it by itself"
-    ):
+    with pytest.raises(MotionError, match=r"fast.csv.*its own motion.*identify it by itself"):
         ident.complete(mechanism, [calm, fast])
     with pytest.raises(MotionError, match=r"fast.csv.*too slow.*that the other logs need"):
         ident.complete(mechanism, [good, fast])
