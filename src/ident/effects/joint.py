@@ -374,9 +374,10 @@ class EndStop(Effect):
         return [{"q1": float(a + x * (b - a)), "side": side} for side, a, b in ends for x in share]
 
     def possible(self, s: Signals) -> bool:
-        # nearer to its end of the travel than to the other: a joint does not pass through a stop
-        side = np.sign(s.shape["side"])
-        return bool(side * (s.shape["q1"] - s.travel[0].mean()) >= 0)
+        # a joint does not pass through a stop: it is nearer to its end of the travel than to the
+        # other, or the joint is in it for less than half of the time
+        side, middles = np.sign(s.shape["side"]), (s.travel[0].mean(), np.median(s.q))
+        return any(side * (s.shape["q1"] - middle) >= 0 for middle in middles)
 
 
 class Ripple(Effect):
