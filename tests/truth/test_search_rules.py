@@ -12,7 +12,7 @@ from ident.diagnosis.candidates import Contest, candidates_of
 from ident.diagnosis.effect_set import Member, leader, leading
 from ident.diagnosis.null import noise
 from ident.diagnosis.search import Search
-from ident.diagnosis.selection import Decision
+from ident.diagnosis.selection import Decision, sensible
 from identification import motion_log, plant, robot
 
 FRICTION = ("viscous", "coulomb")
@@ -114,6 +114,14 @@ def test_a_machine_takes_up_one_load_at_a_time():
     assert [m.label for m in leading(friction)] == ["coulomb:elbow", "coulomb:wrist"]
     loads = members("payload:hand", "payload:forearm", "coulomb:elbow")
     assert [m.label for m in leading(loads)] == ["payload:hand"]
+
+
+def test_a_tilt_beyond_its_range_by_more_than_that_is_wide_is_not_sensible():
+    contest = contest_of(missing_friction(2.2, 0.2, 0.06))
+    (tilt,) = (e for e in contest.candidates if e.effect.kind == "gravity_tilt")
+    for x, possible in ((0.3, True), (0.9, True), (1.2, False), (-32.5, False)):
+        values = np.array([x, 0.0])
+        assert sensible(contest, tilt.effect, values, np.full(2, 0.01)) == possible
 
 
 # --- end stops ----------------------------------------------------------------------------------

@@ -39,7 +39,6 @@ from ident.text import some
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # numerics: share of its motion below which a logged joint differs by rounding only
 MOSTLY = 0.5  # level: of a residual's squares that steps make, from which it is theirs
-NEAREST = 0.1  # work: periods of a given cut-off between two knots: the least of automatic choices
 ROUNDING = 1e-6  # numerics: of a sampling step, within which two times are the same
 
 
@@ -147,12 +146,8 @@ def complete(
         notes += _missing_torques(mechanism, signals, torques)
     names = _determining(mechanism, measured)
     smoothing = checked_spacing(smoothing, measured)
-    given_cutoff = None if cutoff in (None, AUTO) else checked_cutoff(cutoff, measured)
-
-    band = band_of(mechanism, measured, names, refuse=cutoff == AUTO)
-    if cutoff != "auto":
-        finest = NEAREST / given_cutoff if given_cutoff else 0.0
-        band = replace(band, cutoff=given_cutoff, knots=(finest, np.inf))
+    cutoff = cutoff if cutoff in (None, AUTO) else checked_cutoff(cutoff, measured)
+    band = band_of(mechanism, measured, names, cutoff)
 
     def derived_with(band: Band) -> list[Derived]:
         return [derive(signals, names, band, smoothing) for signals in measured]

@@ -27,6 +27,7 @@ from ident.motion.signals import Clock, LogSignals
 from ident.motion.state import HOPELESS, State, largest_nearness, nearness
 
 AUTO = "auto"
+NEAREST = 0.1  # work: periods of a given cut-off between two knots: the least of automatic choices
 CLEAN = 1e-3  # tuned: share of noise below which a channel is taken as it is
 NOISY = 0.02  # tuned: share of noise in an acceleration that the filter may let pass
 ROWS_OVER_MOTION = 5.0  # tuned: cut-off of the rows' filter over the motion's bandwidth
@@ -77,9 +78,9 @@ class Recipe:
 
 
 def band_of(
-    mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...], refuse: bool = True
+    mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...], given: float | str | None
 ) -> Band:
-    """Bandwidth, noise and cut-off that the logs themselves suggest.
+    """Bandwidth and noise of logs, and the given cut-off, or with AUTO what they suggest.
 
     The cut-off is five times the bandwidth of the motion, so that accelerations pass and what lies
     above (quantisation, ripple, vibration) does not, or less, down to twice, where accelerations
@@ -87,7 +88,7 @@ def band_of(
     logs.
 
     Raises:
-        MotionError: if `refuse` and one log is too slow for the filter that all need together.
+        MotionError: with AUTO, if one log is too slow for the filter that all need together.
     """
     # of each joint and log, order, series, step and grain of its channels
     joints = [
@@ -109,7 +110,7 @@ def band_of(
     motion, cutoff = _cutoff(joints)
     slow = [signals for signals in logs if cutoff >= 0.25 / signals.dt]
     filtered = noise > CLEAN and cutoff > 0.0 and len(slow) < len(logs)
-    if filtered and slow and refuse:
+    if filtered and slow and given == AUTO:
         first = slow[0]
         rest = [own for i, own in enumerate(joints) if logs[i // len(names)] not in slow]
         need = "that the other logs need; leave it out"
@@ -124,6 +125,9 @@ def band_of(
         step <= noise_level(x) and is_white(x, int(WHITE * band.resolved / dt))
         for _, x, dt, step in every
     )
+    if given != AUTO:
+        chosen = None if given is None else float(given)
+        band = replace(band, cutoff=chosen, knots=(NEAREST / chosen if chosen else 0.0, np.inf))
     return replace(band, white=white)
 
 

@@ -39,17 +39,10 @@ PILED = 5.0  # level: times as many at the extreme as one step below it; 2.4 whe
 SLOW = 0.03  # tuned: share of a joint's top speed below which it is at rest, or about to reverse
 REGULAR = 0.9  # tuned: share of the times that rows or a channel are held, which have one length
 SWITCHED = 0.5  # level: share of all samples that are too many to be left out
-FACTORS = {
-    180 / np.pi: "the first in degrees",
-    np.pi / 180: "the second in degrees",
-    1e3: "the first in millimetres",
-    1e-3: "the second in millimetres",
-    30 / np.pi: "the first in revolutions a minute",
-    np.pi / 30: "the second in revolutions a minute",
-    1 / (2 * np.pi): "the first in revolutions",
-    2 * np.pi: "the second in revolutions",
-}
-RATES = {"q": "second", "v": "first"}  # which of a channel and the next derivative is a velocity
+# range: wrong units of logs in rad or m, and s, of joints that turn and of those that slide
+RPM = "revolutions a minute"  # of a velocity alone
+TURNING = {"degrees": np.pi / 180, "revolutions": 2 * np.pi, RPM: np.pi / 30}
+SLIDING = {"millimetres": 1e-3}
 
 
 @dataclass(frozen=True, eq=False)
@@ -422,15 +415,10 @@ def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: 
         if match < -0.5:
             raise MotionError(f"{where}: one has the wrong sign; give it scale = -1 in [log]")
         if match > 0.8 and not 0.5 < ratio < 2.0:
-            units = [x for x, unit in FACTORS.items() if joint.rotational != ("milli" in unit)]
-            near = min(units, key=lambda factor: abs(np.log(ratio / factor)))
-            guess = f" ({FACTORS[near]}?)" if abs(np.log(ratio / near)) < 0.1 else ""
-            if "a minute" in guess and not guess.startswith(f" (the {RATES[low]} in"):
-                guess = ""  # what counts in revolutions a minute is a velocity
             raise MotionError(
-                f"{where} by a factor of {ratio:.4g}{guess}; logs are in rad, m and s: give the "
-                "wrong one a scale in [log] of mechanism.toml; if all joints are off by the same "
-                "factor, give t one"
+                f"{where} by a factor of {ratio:.4g}{_wrong_unit(ratio, low + high, joint)}; logs "
+                "are in rad, m and s: give the wrong one a scale in [log] of mechanism.toml; if "
+                "all joints are off by the same factor, give t one"
             )
     q, limit = columns.get(f"q.{joint.name}"), max(abs(joint.lower), abs(joint.upper))
     if q is None or not joint.rotational or not np.isfinite(limit):
@@ -443,6 +431,18 @@ def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: 
             "scale = 0.017453292519943295 in [log] of mechanism.toml (or the inverse of the gear "
             "ratio, if it is the motor's)"
         )
+
+
+def _wrong_unit(ratio: float, letters: str, joint: Joint) -> str:
+    """Return which of two channels, whose ratio should be 1, may be in which unit, in brackets."""
+    off = {
+        (which, unit): abs(np.log(ratio * size**power))
+        for unit, size in (TURNING if joint.rotational else SLIDING).items()
+        for which, letter, power in zip(("first", "second"), letters, (1, -1), strict=True)
+        if letter == "v" or unit != RPM
+    }
+    which, unit = near = min(off, key=off.__getitem__)
+    return f" (the {which} in {unit}?)" if off[near] < 0.1 else ""
 
 
 # --- channels of the motion ----------------------------------------------------------------------

@@ -104,7 +104,7 @@ def solved(d: Diagnosis) -> bool:
 
 def laws(d: Diagnosis) -> list[str]:
     """Return the formulas for what no effect explains, with constants, relatives and rivals."""
-    found = []
+    found, does = [], "explains it" if solved(d) else "lowers the error"
     for each in d.laws:
         law = each.found
         before, after = (errors[each.felt].relative for errors in (each.before, each.after))
@@ -117,8 +117,7 @@ def laws(d: Diagnosis) -> list[str]:
         rivals = [f"`{one.formula.text}`" for one in law.rivals]
         or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
         instead = f" It takes the place of {listed(law.replaced)}." if law.replaced else ""
-        much = "explains it" if solved(d) else "lowers the error"
-        head = f"A formula {much}:" if d.best is None else "A formula explains more:"
+        head = f"A formula {does}:" if d.best is None else "A formula explains more:"
         head = head if each.beside or d.best is None else "A formula could stand in its place:"
         curve = next((one for one in d.curves if one.joint == each.joint), None)
         not_all = ""
