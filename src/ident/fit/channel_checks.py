@@ -313,12 +313,12 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             names, (_, number, threshold, remedy) = tuple(name for name, *_ in found), found[0]
             text = f"{log.name}: {some(names, NAMED)}: {meaning}"
             yield Finding(code, text, remedy, names, number, threshold)
-    texts = "standard errors are too small by √2", "leave it out"
     ends = [f(e.y, axis=0) for e in motion.experiments if len(e.y) for f in (np.min, np.max)]
     if ends and (travel := float(np.ptp(ends, axis=0).max())) < NIL:
         text = "no position ever changes: a logger that hangs, or columns that are no positions"
         names = tuple(f"q.{name}" for name in motion.experiments[0].logged)
         yield Finding("no motion", text, "log a motion; ident excite plans one", names, travel, NIL)
+    texts = "standard errors are too small by √2", "leave it out"
     pairs = [*combinations(motion.logs, 2)][::-1]  # the first log counts
     again = {copy.where: copy for a, b in pairs for copy in copies(a, b, *texts)}
     yield from again.values()
