@@ -31,9 +31,8 @@ from machines import located  # noqa: E402
 
 import ident  # noqa: E402
 from ident.diagnosis.candidates import Contest, candidates_of  # noqa: E402
-from ident.diagnosis.null import noise  # noqa: E402
+from ident.diagnosis.null import with_noise  # noqa: E402
 from ident.diagnosis.search import Selection, select  # noqa: E402
-from ident.diagnosis.selection import Decision  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests" / "battery"))
@@ -48,9 +47,10 @@ MACHINES = ("tx40", "panda", "lwr4")
 CONSTANTS = {  # module: constants of the search, then those of the rows, which are made anew
     "diagnosis.search": ("TOGETHER", "NEAR", "TRIED", "ALONE"),
     "diagnosis.selection": (
-        "PARSIMONY", "ALIKE", "NEGATIVE", "STANDS_FOR", "CLOSEST", "MINE",
+        "PARSIMONY", "ALIKE", "NEGATIVE", "STANDS_FOR", "CLOSEST", "STARTS",
     ),
-    "diagnosis.null": ("TRIALS", "STARTS"),
+    "diagnosis.null": ("TRIALS",),
+    "information.chance": ("MINE",),
     "diagnosis.candidates": ("STANDS_FOR", "HIDDEN"),
     "fit.small_errors": ("SLOW", "GUARD", "ENOUGH", "WORSE"),
 }  # fmt: skip
@@ -153,21 +153,20 @@ def searched(fit: Any, case: Case | None, variants: Sequence[Variant]) -> dict[s
     """By variant what is named, and whether that is right."""
 
     def found(contest: Contest) -> tuple[list[str], bool, float]:
-        selection = select(contest, draws, Decision(), 0, lambda what, share: None)
+        selection = select(contest, lambda what, share: None)
         loss = selection.last.regression.losses.sum(axis=0) / selection.last.regression.weight**2
         density = float(np.log(np.maximum(loss, 1e-300)).mean()) / 2
         names = [m.label for m in selection.named] if case else [
             m.label for m in selection.members]  # fmt: skip
         return names, right(case, selection), density
 
-    contest = Contest.of(fit, candidates_of(fit), lambda what, share: None)
-    draws = noise(contest, 0)
+    contest = with_noise(Contest.of(fit, candidates_of(fit), lambda what, share: None))
     result = {"as it is": found(contest)}
     for variant in variants:
         with changed(variant):
             other = contest
             if variant[0] in OF_ROWS:
-                other = Contest.of(fit, candidates_of(fit), lambda what, share: None)
+                other = with_noise(Contest.of(fit, candidates_of(fit), lambda what, share: None))
             result[text(variant)] = found(other)
     return {"sets": result}
 
@@ -198,7 +197,7 @@ def changed(variant: Variant) -> Iterator[None]:
     mine = [
         m
         for n, m in sys.modules.items()
-        if n.startswith(("ident.diagnosis.", "ident.fit.small_errors"))
+        if n.startswith(("ident.diagnosis.", "ident.fit.small_errors", "ident.information.hypo"))
     ]
     places = [m for m in mine if getattr(m, constant, None) == value]
     for place in places:

@@ -184,7 +184,7 @@ def with_bodies(mechanism: ident.Mechanism, change) -> ident.Mechanism:
         c = body[1:4] / body[0]
         shift = body[0] * (c @ c * np.eye(3) - np.outer(c, c))
         model.inertias[i] = pin.Inertia(body[0], c, symmetric(body[4:]) - shift)
-    return mechanism.with_model(model)
+    return mechanism.alike(model=model)
 
 
 def eigenvalues(bodies: np.ndarray) -> np.ndarray:
@@ -243,8 +243,8 @@ def _ratio(fit: ident.Fit, free: ident.Fit) -> float:
 def _true_error(free: ident.Fit, truth: dict[str, float]) -> float:
     """Of the true parameters on the fitted log, over the held-out error; joints weighed alike."""
     x = np.array([truth[name] for name in free.columns.names])
-    left = free.information.squares(x)
-    true = np.sqrt(left.error / np.maximum(left.rows, 1))
+    error, _, rows = free.information.squares(x).judged
+    true = np.sqrt(error / np.maximum(rows, 1))
     held_out = np.array([error.rms for error in free.held_out.values()])
     return float(np.sqrt(np.mean((true / held_out) ** 2)))
 

@@ -22,7 +22,8 @@ import numpy as np
 from robots import Simulated, by_pinocchio, log_of, urdfs
 
 import ident
-from ident.show.diagnosis_report import plot_before_after
+from ident.fit.identify import Comparison
+from ident.show.residual import plot_joint
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 INCHES, DOTS = 7.5, 60  # width of a picture, dots an inch
@@ -104,14 +105,11 @@ def shown(hidden: Hidden, folder: Path) -> tuple[str, bytes]:
     lines = [f"## {hidden.robot}", "", f"Hidden: {planted}.", "", "```", above]
     lines += ["```", "", "```sh", f"ident diagnose {path.name} {name}", "```", ""]
     first = next((x for x in d.candidates if d.best is not None and x.fit is not None), None)
-    if first is None:  # the torque of the joint in which it is hidden
-        u = motion.independent.index(robot.joints[hidden.joint])
-        words = f"Measured and predicted torque of {motion.independent[u]} over time"
-        chart = replace(d.fit.plot(), rows=d.fit.plot().rows[2 * u : 2 * u + 2], words=words)
-    else:
-        after = ident.residual_of(first.fit)
-        chart = plot_before_after(d.fit.residual, after, first.joint, first.effect.label)
-    chart = replace(chart, width=INCHES)
+    joint, models = robot.joints[hidden.joint], {"as it is": d.fit.residual}
+    if first is not None:
+        joint = first.joint
+        models[f"with {first.effect.label}"] = ident.residual_of(first.fit)
+    chart = replace(plot_joint(Comparison(models, {}), joint), width=INCHES)
     picture = io.BytesIO()
     chart.savefig(picture, format="png", dpi=DOTS)
     lines += [f"![{chart.words}](pictures/gallery_{path.stem}.png)", ""]

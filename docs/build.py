@@ -3,7 +3,6 @@
 import sys
 from pathlib import Path
 
-from rich.console import Console
 from sphinx.application import Sphinx
 from sphinx.util.console import nocolor
 
@@ -15,7 +14,7 @@ HERE = Path(__file__).resolve().parent
 def main(site: Path) -> int:
     """Build the site into a folder; a bar in a terminal names each page. Return the exit status."""
     nocolor()
-    with terminal_bar(Console(stderr=True)) as (_, progress):
+    with terminal_bar() as (_, progress):
         progress("making reference pages", 0.0)
         app = Sphinx(HERE, HERE, site, site / ".doctrees", "html", status=None,
                      warningiserror=True)  # fmt: skip

@@ -18,18 +18,8 @@ from lxml import etree
 
 from ident.errors import MechanismError, one_of
 from ident.files import HUGE, regular
-from ident.mechanism.description import (
-    Description,
-    JointLimits,
-    RigidBody,
-    UrdfWriter,
-    Visual,
-    align_z,
-    effect_notes,
-    mimic_table,
-    place_table,
-)
-from ident.mechanism.urdf import parse_xml, refuse
+from ident.mechanism.description import Description, align_z, mimic_table, parse_xml, refuse
+from ident.mechanism.urdf import RigidBody, UrdfWriter, Visual, effect_notes, place_table
 
 TREE = ("revolute", "continuous", "prismatic", "fixed")  # joints that a URDF has, too
 LOOP = {  # a joint that closes a loop, and the kind of closure
@@ -293,13 +283,12 @@ class _SdfModel:
         )
         if kind == "revolute" and not (math.isfinite(lower) or math.isfinite(upper)):
             kind = "continuous"
-        limits = JointLimits(  # negative: none
-            lower,
-            upper,
-            velocity if velocity >= 0 else math.inf,
-            effort if effort >= 0 else math.inf,
-        )
-        urdf.joint(name, kind, ends, placement, self._axis(joint, "axis"), limits)
+        limits = {  # negative: none
+            "velocity": velocity if velocity >= 0 else math.inf,
+            "effort": effort if effort >= 0 else math.inf,
+        }
+        axis = self._axis(joint, "axis")
+        urdf.joint(name, kind, ends, placement, axis, lower=lower, upper=upper, **limits)
 
     def _axis(self, joint: etree._Element, tag: str) -> np.ndarray:
         axis, name = joint.find(tag), joint.get("name")

@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
     __version__: str
 
-VERBS = frozenset(
-    ("compare", "diagnose", "effects", "excite", "explore", "gather", "health", "simulate")
-)
+VERBS = frozenset(("effects", "excite", "simulate"))  # packages that are functions' names, too
 
 
 class _Ident(ModuleType):

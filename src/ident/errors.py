@@ -49,20 +49,17 @@ def near(name: str, words: Iterable[str]) -> str:
 
     >>> near("pos7", ["position4", "position7"])
     'position7'
+    >>> near("j7", ["joint_4", "joint_7"])
+    'joint_7'
     """
-    key, number = name.casefold(), _number(name)
-    alike = (word for word in words if not number or _number(word) in (number, ""))
+    key, number = name.casefold(), re.findall(r"\d+", name)
+    alike = (word for word in words if not number or re.findall(r"\d+", word) in (number, []))
     by_case = {word.casefold(): word for word in alike}
     matches = difflib.get_close_matches(key, by_case, n=1)
     if number and not matches:  # of one number, a word and the beginning of it
-        letters = key.removesuffix(number)
-        matches = [w for w in by_case if w.endswith(number) and w.startswith(letters)]
+        start = key.removesuffix(number[-1])
+        matches = [w for w in by_case if w.startswith(start) and w.endswith(number[-1])]
     return by_case[matches[0]] if matches else ""
-
-
-def _number(word: str) -> str:
-    """Return the digits of a name."""
-    return "".join(re.findall(r"\d+", word))
 
 
 def one_of(name: str, valid: Iterable[str], last: Iterable[str] = ()) -> str:
@@ -76,8 +73,9 @@ def one_of(name: str, valid: Iterable[str], last: Iterable[str] = ()) -> str:
     words = sorted(set(valid))
     meant = near(name, words)
     words += sorted({*last} - {*words})
-    listed = ", ".join(words[:12]) + (f", … ({len(words)} in all)" if len(words) > 12 else "")
-    return (f"did you mean '{meant}'? " if meant else "") + f"valid: {listed or 'none'}"
+    more = f", … ({len(words)} in all)" if len(words) > 12 else ""
+    listed = f"valid: {', '.join(words[:12]) or 'none'}{more}"
+    return f"did you mean '{meant}'? {listed}" if meant else listed
 
 
 def check_whole(name: str, number: object, least: int = 0) -> None:

@@ -22,7 +22,6 @@ import json
 import math
 import os
 import runpy
-import secrets
 import shutil
 import stat
 import time
@@ -46,11 +45,7 @@ LARGEST_LOG = "IDENT_LARGEST_LOG"  # variable of the environment, which workers 
 
 
 def regular(path: Path) -> Path:
-    """Return the path of a file or folder.
-
-    Raises OSError where there is none, for a link that leads to itself, and for a pipe or a device,
-    which may never end.
-    """
+    """Return the path of a file or folder; refuse a pipe or a device with an OSError."""
     mode = path.stat().st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EINVAL, "a pipe or a device, which may never end", str(path))
@@ -129,15 +124,11 @@ def json_line(content: Mapping[str, Any]) -> str:
 
 
 def write_all(folder: Path, contents: Mapping[str, bytes | Iterable[bytes]]) -> list[Path]:
-    """Write the files of a folder, all or none of them.
+    """Write the files of a folder, made where there is none, all or none of them; return the paths.
 
-    Each is written beside its place, then renamed. If that fails midway, the previous files are put
-    back and new ones, folders too, are removed. Returns the paths written.
-
-    Args:
-        folder: made, with its parents, where it does not exist.
-        contents: by name relative to the folder, whole or in pieces, which are made as they are
-            written.
+    `contents` are by name relative to the folder, whole or in pieces. Each is written beside its
+    place, then renamed. If that fails midway, the previous files are put back and new ones, folders
+    too, are removed.
     """
     paths = [folder / name for name in contents]
     with contextlib.ExitStack() as scraps, contextlib.ExitStack() as undo:  # undo runs first
@@ -223,7 +214,7 @@ def _unwritable(error: OSError, folder: Path) -> IdentError:
 
 
 def _beside(path: Path, suffix: str) -> Path:
-    return path.with_name(f".{path.name}.{secrets.token_hex(4)}.{suffix}")
+    return path.with_name(f".{path.name}.{os.urandom(4).hex()}.{suffix}")
 
 
 def _clear(path: Path) -> None:
@@ -273,11 +264,15 @@ class TomlTable:
             if key not in valid:
                 raise self.error(f"unknown key '{key}'; {one_of(key, valid)}")
 
-    def table(self, key: str) -> TomlTable:
-        """Return the table `[key]`, empty if it is missing."""
-        if not isinstance(self.data.get(key, {}), dict):
-            raise self.error(f"[{key}] must be a table, given: {self.data[key]!r}")
-        return TomlTable(f"{self.where}: [{key}]", self.data.get(key, {}))
+    def table(self, key: str, inline: str = "") -> TomlTable:
+        """Return the table `[key]`, empty if it is missing; `inline` is the content of a valid one
+        that is written in a line.
+        """
+        value = self.data.get(key, {})
+        if not isinstance(value, dict):
+            valid = f"write {key} = {{ {inline} }}" if inline else f"[{key}] must be a table"
+            raise self.error(f"{key} = {value!r}; {valid}")
+        return TomlTable(f"{self.where}: [{key}]", value)
 
     def tables(self, key: str) -> list[TomlTable]:
         """Return all tables `[[key]]`."""
@@ -369,11 +364,7 @@ def suffixes(kind: Kind) -> tuple[str, ...]:
 
 
 def reader_of(kind: Kind, suffix: str) -> Callable[..., Any] | None:
-    """Return the function that reads files of a suffix, such as ".csv"; None if there is none.
-
-    Whatever the function of another package raises, other than an error of the file system,
-    becomes a LogError or MechanismError that names the file and the function.
-    """
+    """Return the function that reads files of a suffix, such as ".csv"; None if there is none."""
     name = f"{kind}{suffix}"
     if name in OWN:
         module, _, function = OWN[name].partition(":")

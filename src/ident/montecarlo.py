@@ -41,19 +41,16 @@ class Estimator:
 
 def with_free_multipliers(mechanism: Mechanism, log: Log, **options: Any) -> Fit:
     """Return the fit of a completed log with `options` of `identify` and free multipliers."""
-    model = mechanism.with_multipliers(Multipliers())
+    model = mechanism.alike(multipliers=Multipliers())
     return identify(model, complete(model, log), **options)
 
 
 def _paper(mechanism: Mechanism, log: Log, spacing: float | None = None) -> Fit:
-    """Return the fit of all channels as logged, λ in hat functions beside the parameters (eq. 8).
-
-    Without a `spacing` [s] the hats are the mechanism's own time basis, else 5 samples wide.
-    """
+    """Return the fit of all channels as logged, λ in hats beside the parameters (eq. 8)."""
     basis = mechanism.multipliers
     if spacing is not None or basis.degree <= 0:
         basis = Multipliers("linear", spacing or SAMPLES * float(np.median(np.diff(log.t))))
-    model = mechanism.with_multipliers(basis)
+    model = mechanism.alike(multipliers=basis)
     motion = complete(model, log, smoothing=None, cutoff=None)
     return identify(model, motion, estimator="least-squares")
 

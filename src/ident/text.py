@@ -8,6 +8,7 @@ import sys
 import textwrap
 from collections.abc import Iterable, Sequence
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -48,14 +49,8 @@ two_digits = partial(significant, digits=2)
 def table(rows: Sequence[Sequence[str]], indent: str = "  ") -> list[str]:
     """Return rows of cells as lines, the first column aligned left and the others right."""
     width = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        indent
-        + "  ".join(
-            cell.rjust(w) if i else cell.ljust(w)
-            for i, (cell, w) in enumerate(zip(row, width, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+    form = "  ".join(f"{{:{'>' if i else '<'}{w}}}" for i, w in enumerate(width))
+    return [indent + form.format(*row).rstrip() for row in rows]
 
 
 def stamp(t: float) -> str:
@@ -115,13 +110,11 @@ def places(names: Iterable[str]) -> str:
     runs: list[list[str]] = []
     for name, part in parts:
         before = part and part[2] and f"{part[1]}{int(part[2]) - 1}"
-        if runs and before == runs[-1][-1]:
-            runs[-1].append(name)
-        else:
-            runs.append([name])
-    return listed(
-        word for run in runs for word in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)
-    )
+        if not runs or before != runs[-1][-1]:
+            runs.append([])
+        runs[-1].append(name)
+    ranges = [[f"{run[0]} to {run[-1]}"] if len(run) > 2 else run for run in runs]
+    return listed(chain.from_iterable(ranges))
 
 
 def percent(relative: float | None) -> str:
@@ -157,17 +150,17 @@ def merged(lines: Iterable[str]) -> list[str]:
         form = NUMBER.sub("#", rest) if name.endswith(":") else rest
         named = space and not name[:1].isdigit()
         kinds.setdefault(form if named else line, []).append((name, space + rest))
-    return [_one(kind) for kind in kinds.values()]
-
-
-def _one(kind: list[tuple[str, str]]) -> str:
-    names, texts = list(dict.fromkeys(name for name, _ in kind)), [text for _, text in kind]
-    numbers = zip(*map(NUMBER.findall, texts), strict=True)
-    columns = (sorted(each, key=float) for each in numbers)
-    ranges = (f"{c[0]} to {c[-1]}" if c[0] != c[-1] else c[0] for c in columns)
-    text = NUMBER.sub(lambda _: next(ranges), texts[0])
-    if len(names) > 1:
-        colon = ":" * names[0].endswith(":")
-        both = (name.removesuffix(":") for name in (names[0], names[-1]))
-        return f"{' … '.join(both)} ({len(names)}){colon}{text}"
-    return f"{names[0]}{text}"
+    found = []
+    for kind in kinds.values():
+        names = list(dict.fromkeys(name for name, _ in kind))
+        numbers = zip(*(NUMBER.findall(text) for _, text in kind), strict=True)
+        columns = [sorted(each, key=float) for each in numbers]
+        ranges = [f"{c[0]} to {c[-1]}" if c[0] != c[-1] else c[0] for c in columns]
+        pieces = zip(NUMBER.split(kind[0][1]), [*ranges, ""], strict=True)
+        text = "".join(chain.from_iterable(pieces))
+        of, colon = names[0], ""
+        if len(names) > 1:
+            of, colon = of.removesuffix(":"), ":" * of.endswith(":")
+            of += f" … {names[-1].removesuffix(':')} ({len(names)})"
+        found.append(f"{of}{colon}{text}")
+    return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -125,6 +126,18 @@ def check_refusal(outcome: Outcome, words: tuple[str, ...]) -> None:
 def slider(robots: Path, tmp_path: Path) -> Path:
     """A copy of the slider-crank's folder to work on, its log thinned to 401 samples."""
     return copy(robots, tmp_path, "slider_crank", thin=5)
+
+
+@pytest.fixture(scope="session")
+def fitted_once(robots: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with that of the slider-crank, and `out` with its fit."""
+    place = tmp_path_factory.mktemp("fitted")
+    slider, out = copy(robots, place, "slider_crank", thin=5), place / "out"
+    words = "identify", slider, slider / "run.csv", "--with", "viscous:theta", "--out", out
+    command = [sys.executable, "-m", "ident", *map(str, words)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert run.stderr.count("note: wrote ") == 7  # four views of it, and three of identified/
+    return place
 
 
 @pytest.fixture

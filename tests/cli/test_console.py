@@ -2,10 +2,15 @@
 
 import io
 
-from rich.console import Console
-
 from ident.cli import app as console
 from ident.cli.app import merged
+
+
+class Terminal(io.StringIO):
+    """Takes all that is written."""
+
+    def isatty(self) -> bool:
+        return True
 
 
 def test_notes_of_several_logs_are_one_line_with_ranges():
@@ -24,15 +29,25 @@ def test_numbers_within_names_are_no_numbers():
 
 
 def test_the_first_line_goes_before_anything_else_is_written(monkeypatch, capsys):
-    terminal = Console(file=io.StringIO(), force_terminal=True)
-    monkeypatch.setattr(console, "errors", terminal)
+    monkeypatch.setattr("sys.stderr", terminal := Terminal())
     console.starting("check: starting")
-    assert "check: starting …" in terminal.file.getvalue()
+    assert "check: starting …" in terminal.getvalue()
     console.result("mechanism arm")
-    assert terminal.file.getvalue().endswith("\r\x1b[K")
+    assert terminal.getvalue().endswith("\r\x1b[K")
     console.notes(["x"])
-    assert terminal.file.getvalue().count("\x1b[K") == 1
+    assert terminal.getvalue().count("\x1b[K") == 1
     assert capsys.readouterr().out == "mechanism arm\n"
+
+
+def test_a_style_is_for_terminals_that_want_it(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    for want, wish in ((True, ""), (False, "1")):
+        monkeypatch.setattr("sys.stdout", terminal := Terminal())
+        monkeypatch.setenv("NO_COLOR", wish)
+        console.styled("ident check run[0].csv", fg="cyan")
+        assert ("\x1b[36m" in terminal.getvalue()) is want
+        assert "run[0].csv" in terminal.getvalue()
 
 
 def test_notes_that_differ_in_the_joint_only_are_one():

@@ -74,10 +74,10 @@ def test_laws_that_are_found_before_ctrl_c_are_kept(robots, tmp_path, monkeypatc
     api.Log.from_arrays("magnet", log.t, columns).write(tmp_path / "magnet.csv")
     search = laws._law
 
-    def interrupted(contest, selection, last, joint, *rest):
+    def interrupted(selection, last, joint, *rest):
         if joint != "elbow":
             raise KeyboardInterrupt
-        return search(contest, selection, last, joint, *rest)
+        return search(selection, last, joint, *rest)
 
     monkeypatch.setattr(laws, "_law", interrupted)
     monkeypatch.setattr(laws, "_joints", lambda *_: list(joints))
@@ -339,7 +339,7 @@ def test_grow_goes_on_where_it_was(arm_folder, tmp_path):
         api.grow(mechanism, motion, checkpoint=tmp_path, resume=True)
 
 
-@pytest.mark.parametrize("moment", ["candidates_of", "concluded"])
+@pytest.mark.parametrize("moment", ["candidates_of", "judged"])
 def test_ctrl_c_in_grow_keeps_what_is_fitted(moment, arm_folder, tmp_path, monkeypatch, ident):
     """Before the second fit, and after the last one; then it goes on."""
 
@@ -392,6 +392,19 @@ def test_ctrl_c_says_how_to_go_on(arm_folder, tmp_path, monkeypatch, ident):
     again = f"ident diagnose {arm_folder} {log} --out {out}"
     assert outcome.err.rstrip().endswith(f"begin again with: {again}")
     assert "where it fails" in ident(*look.split()[1:]).out
+
+
+def test_files_of_grow_are_complete_where_nobody_reads(arm_folder, tmp_path):
+    words = "grow", arm_folder, arm_folder / "run.csv", *given(*FRICTION), "--out", tmp_path / "out"
+    command = [sys.executable, "-m", "ident", *map(str, words)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
+        run.stdout.close()
+        said = run.stderr.read()
+    assert run.returncode in (0, 141)
+    assert b"Traceback" not in said
+    files = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"fit.json", "diagnosis.json", "report.html", "mechanism.toml"} <= files
+    assert "growing.json" not in files
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose", "compare"])

@@ -211,6 +211,14 @@ def test_files_of_other_columns_are_left_alone(spoken, log, tmp_path):
     assert status == 1
     assert "parameters.csv: has other columns" in said
     assert (tmp_path / "parameters.csv").read_text() == "t,mine\n0,1\n"
+    (tmp_path / "parameters.csv").unlink()
+    (tmp_path / "parameters.csv").mkdir()
+    status, _, said = spoken("monitor", CRANK, log, "--like", log, "--out", tmp_path)
+    assert status == 1
+    assert (
+        "parameters.csv: cannot be written (Is a directory); name a folder that you may write"
+        in said
+    )
 
 
 def test_standard_input_as_it_comes(log):
@@ -310,7 +318,7 @@ def test_curves_of_hours_are_thinned_evenly():
 
 def test_charts_begin_where_a_value_is_known_and_mark_alarms():
     history, curve = MonitorHistory(load(ROBOTS / "arm"), ""), ThinnedSeries()
-    history.alarm(SimpleNamespace(onset=6.0, suspects=("coulomb:elbow",)))
+    history.alarms.append(SimpleNamespace(onset=6.0, suspects=("coulomb:elbow",)))
     for t in range(10):
         value, stderr = (0.0, np.nan) if t == 0 else (90.0, 40.0) if t < 3 else (1.0, 0.01)
         curve.add(float(t), np.array([[value, stderr]]))

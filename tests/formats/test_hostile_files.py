@@ -15,7 +15,8 @@ import ident
 from helpers import ROBOTS
 from ident.errors import IdentError, LogError, MechanismError
 from ident.files import LARGEST_LOG, atomic_write, write_all
-from ident.log.pieces import likely_rows, open_log
+from ident.log.pieces import open_log
+from ident.log.read import likely_rows
 
 ARM = ROBOTS / "arm"
 HEAVY = 5.0  # s

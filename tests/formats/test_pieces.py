@@ -9,7 +9,8 @@ import pytest
 
 from ident.errors import LogError
 from ident.log import Column, Log, pieces, read_log
-from ident.log.pieces import likely_rows, open_log
+from ident.log.pieces import open_log
+from ident.log.read import likely_rows
 
 ROWS = 3 * pieces.STRIDE + 77
 

@@ -14,7 +14,7 @@ from ident.diagnosis.diagnosis import of_one_form
 from ident.diagnosis.result import Law
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Scale, Term
-from ident.effects.library import with_values
+from ident.effects.library import parse
 from ident.errors import FitError, MechanismError
 from ident.show.diagnosis_report import write_instead
 
@@ -65,9 +65,8 @@ def test_a_law_is_added_as_an_effect_is():
 
 
 def test_values_on_the_command_line():
-    assert with_values("curve:elbow:q:pieces=8") == ("curve:elbow:q", {"pieces": 8.0})
-    assert with_values("coupling:a,b:Im=1,Fcm=2") == ("coupling:a,b", {"Im": 1, "Fcm": 2})
-    assert with_values("viscous") == ("viscous", {})
+    assert parse("curve:elbow:q:pieces=8") == ("curve", ("elbow",), "q", {"pieces": 8.0})
+    assert parse("coupling:a,b:Im=1,Fcm=2")[3] == {"Im": 1, "Fcm": 2}
     assert ident.load(ROBOTS / "arm").with_effect("curve:elbow:q:pieces=8").effects[0].pieces == 8
     for text in ("curve:elbow:q:pieces=x", "curve:elbow:q:pieces=", "curve:elbow:q:pieces=2,=3"):
         with pytest.raises(MechanismError, match=r"write curve:elbow:q:|no parameter"):

@@ -54,12 +54,12 @@ def test_every_mark_is_drawn_still_and_live():
     assert isinstance(CHART.figure, Figure)
     assert len(CHART.axes) == 4  # the last of them empty
     assert CHART._repr_png_().startswith(b"\x89PNG")
-    rows = json.loads(CHART.live().data())["rows"]
+    rows = json.loads(CHART.data())["rows"]
     assert [len(row) for row in rows] == [2, 1]
 
 
 def test_words_cannot_leave_their_place():
-    page = CHART.live().html()
+    page = CHART.html()
     assert "</script><script>alert" not in page
     assert CHART.words in page.replace("&lt;", "<").replace("&gt;", ">")
 
@@ -102,7 +102,7 @@ def test_colours_are_legible_on_both_papers(colour, paper):
 
 def test_an_array_goes_into_the_page_once():
     panel = Panel((Line(T, np.sin(T)), Line(T.copy(), np.cos(T))))
-    arrays = json.loads(Chart("", ((panel,), (panel,))).live().data())["arrays"]
+    arrays = json.loads(Chart("", ((panel,), (panel,))).data())["arrays"]
     assert len(arrays) == 3
 
 

@@ -14,6 +14,7 @@ from ident.diagnosis.result import errors_of
 from ident.display import part
 from ident.fit.files import fit_json
 from ident.fit.findings import Finding
+from ident.fit.identify import Comparison
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.card import Bar, Card, enough, good_enough
@@ -106,7 +107,7 @@ def test_multipliers_of_which_none_is_determined():
     t, nothing = np.linspace(0.0, 1.0, 9), np.full((9, 2), np.nan)
     chart = plot_forces(("a.x", "a.y"), ("N", "N"), {"identified": (t, nothing)})
     assert chart._repr_png_().startswith(b"\x89PNG")
-    assert chart.live().data()
+    assert chart.data()
     assert "none" in chart.panels[0].title
 
 
@@ -293,7 +294,7 @@ def test_the_framed_map_is_that_of_the_named_effects_own_signal(nouns):
     mechanism = nouns["mechanism"].with_effect("viscous:crank")
     after = ident.identify(mechanism, nouns["motion"], estimator="least-squares").residual
     models = {"without it": after.without("viscous:crank"), "with it": after}
-    chart = plot_maps(models, "crank", effect="viscous:crank")
+    chart = plot_maps(Comparison(models, {}), "crank", effect="viscous:crank")
     marked = [panel.x for row in chart.rows for panel in row if panel.marked]
     assert marked == ["v [rad/s]"]
 
@@ -321,7 +322,7 @@ def test_friction_under_load_is_drawn_over_the_load_in_both_directions():
     log, _ = ident.simulate(arm, ident.read_log(ROBOTS / "arm" / "run.csv"), values=values)
     fit = ident.identify(arm, ident.complete(arm, log), estimator="least-squares")
     label, after = "load_friction:shoulder", fit.residual
-    models = {"without it": after.without(label), "with it": after}
+    models = Comparison({"without it": after.without(label), "with it": after}, {})
     (framed,) = (
         panel
         for panel in plot_maps(models, "shoulder", effect=label).panels

@@ -98,7 +98,7 @@ def test_diagnose_explore_and_grow_begin_with_the_same_group():
     assert d.rivals == ()
     _, rung = first_steps(mechanism, motion)
     assert [each.label for each in rung.added] == [each.label for each in d.group]
-    announced = announced_with(fit, d.selection, d.members_of_group)
+    announced = announced_with(d.selection, d.members_of_group)
     for joint, error in rung.errors.items():
         assert error.rms == pytest.approx(announced[joint].rms, rel=1e-9)
     model = reduce(add, d.group, mechanism)

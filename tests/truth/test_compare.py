@@ -3,11 +3,14 @@
 import json
 
 import numpy as np
+import polars as pl
 import pytest
 from matplotlib.figure import Figure
 
 import ident
+from helpers import ROBOTS
 from ident import FitError, Noise
+from ident.show.charts import Line
 from ident.show.comparison import rounded_name
 from ident.text import WIDTH, rounded, shortened
 from identification import motion_log, plant, robot
@@ -118,3 +121,13 @@ def test_combinations_that_differ_by_rounding_have_one_row():
     one, two, small = map(rounded_name, names)
     assert one == two == "a.m + 0.0365 b.m"
     assert small == "a.m - 1e-07 wrist_2_link.mx"
+
+
+def test_a_log_too_short_for_the_filter_has_no_residual_of_another_one():
+    mechanism, table = ident.load(ROBOTS / "arm"), pl.read_csv(ROBOTS / "arm" / "run.csv")
+    logs = [ident.Log.from_frame(table.head(n), name=f"{n}.csv") for n in (60, 2500)]
+    fit = ident.identify(mechanism, ident.complete(mechanism, logs))
+    assert [trace.name for trace in fit.residual.traces] == ["2500.csv"]
+    for number, lines in ((0, 1), (1, 2)):  # the unfiltered difference, and the filtered one
+        below = fit.plot(number).rows[1][0].marks
+        assert sum(isinstance(mark, Line) for mark in below) == lines

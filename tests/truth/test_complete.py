@@ -310,6 +310,19 @@ def test_a_log_that_is_constant_to_the_last_bit_is_a_standstill(name, channels, 
     assert not e.ydd.any()
 
 
+def test_a_logged_joint_that_closures_hold_still_is_named(robots, tmp_path):
+    pair = (
+        '[[closure]]\nname = "c{0}"\nkind = "linear"\njoints = ["yaw", "elbow"]\nratios = [1, {0}]'
+    )
+    (tmp_path / "arm.urdf").write_bytes((robots / "arm" / "arm.urdf").read_bytes())
+    toml = "\n".join(['urdf = "arm.urdf"', pair.format(1), pair.format(2)])
+    (tmp_path / "mechanism.toml").write_text(toml)
+    mechanism, t = load(tmp_path), np.arange(0, 2, 0.01)
+    log = log_of(mechanism, t, ["yaw"], q={"yaw": 0 * t})
+    with pytest.raises(MotionError, match=r"let q.yaw not move at all.*one more of: q.shoulder"):
+        complete(mechanism, log)
+
+
 @pytest.mark.parametrize("kind", ["revolute", "point"])
 def test_loops_that_hold_everything_still_are_refused(kind, robots, tmp_path):
     urdf = (robots / "four_bar" / "four_bar.urdf").read_text()

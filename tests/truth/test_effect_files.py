@@ -135,7 +135,7 @@ def test_temperature_friction_needs_viscous_and_its_column():
 def test_where_effects_can_sit():
     four_bar = robot("four_bar")
     for text, says in {
-        "rotor_inertia:rocker": "'rocker' has none",
+        "rotor_inertia:rocker": "no driven joint 'rocker'",
         "payload:rocker": "did you mean 'rocker_link'",
         "geometry:pin.c.x": "no place 'pin.c.x'",
         "closure_compliance:crank": "no closure 'crank'",

@@ -14,12 +14,12 @@ import ident
 from helpers import ROBOTS
 from ident import Diagnosis, Fit, Mechanism, Motion, Noise
 from ident.diagnosis.candidates import Contest, candidates_of
+from ident.diagnosis.diagnosis import by_rivals, least_error
 from ident.diagnosis.grow import undetermined
 from ident.diagnosis.law_search import refined
-from ident.diagnosis.null import noise, path_shares
-from ident.diagnosis.refitted import by_rivals, least_error
+from ident.diagnosis.null import path_shares, with_noise
 from ident.diagnosis.search import NEAR
-from ident.diagnosis.selection import Decision, Ranking, can_be, rank
+from ident.diagnosis.selection import Ranking, can_be, rank
 from ident.effects import Effect, ReversalPulses, Signals, Unknown
 from ident.fit.problem import Table
 from ident.fit.small_errors import GUARD, away_from_reversals
@@ -127,13 +127,13 @@ def test_the_noise_floor_is_that_of_the_true_noise(name):
         contest = contest_of(planted(name=name, seed=seed))
         regression = contest.regression
         true = np.sqrt(regression.losses.sum(axis=0) / regression.rows) / regression.weight
-        ratios.append(noise(contest, seed).floor / true)
+        ratios.append(with_noise(replace(contest, seed=seed)).draws.floor / true)
     np.testing.assert_allclose(np.exp(np.mean(np.log(ratios), axis=0)), 1.0, atol=0.15)
 
 
 def test_the_noise_floor_is_reproducible():
     contest = contest_of(planted())
-    first, again, other = (noise(contest, seed) for seed in (0, 0, 1))
+    first, again, other = (with_noise(replace(contest, seed=s)).draws for s in (0, 0, 1))
     np.testing.assert_array_equal(first.rows, again.rows)
     assert not np.array_equal(first.rows, other.rows)
 
@@ -192,8 +192,7 @@ def test_a_candidate_with_impossible_values_hides_no_credible_one():
     case = planted(["viscous:shoulder", "spring:wrist"], values)
     fit = ident.identify(robot("arm"), logged(case, robot("arm")))
     contest = Contest.of(fit, candidates_of(fit), lambda what, share: None, curved=False)
-    draws, decision = noise(contest, 0), Decision()
-    found = rank(contest, contest.regression, draws, decision, 0, curved=False, least=NEAR)
+    found = rank(with_noise(contest), curved=False, least=NEAR)
     assert found.evidence[0].effect.label == "viscous:shoulder"
     assert not found.evidence[0].credible
     assert "spring:wrist" in [each.effect.label for each in found.credible]
@@ -411,12 +410,12 @@ def test_a_searched_shape_is_refined_from_several_starts():
     wave = next(e for e in contest.candidates if e.effect.label == "ripple:elbow")
     none = Chance({}, {}, 0.01)
     gains = {wave.effect.label: (1.0, 1.0, 0)}
-    ranking = Ranking(contest, regression, (), gains, none, none, (), ())
+    ranking = Ranking(contest, (), gains, (), none, none, ())
     falls = regression.explained(regression.gains(wave.groups).by)
     order = np.argsort(-falls).tolist()
     worst, best = order[-1], order[0]
-    lost = refined(contest, regression, wave.effect, wave.shapes[worst])
-    (found,) = ranking.looked_at([wave], [[worst, best]], Decision())
+    lost = refined(contest, wave.effect, wave.shapes[worst])
+    (found,) = ranking.looked_at([wave], [[worst, best]])
     assert found.shape["N"] == pytest.approx(9.0, rel=0.01)
     assert found.gain > regression.gain(lost[2])
 

@@ -7,9 +7,9 @@ import pytest
 
 from helpers import J, along, raw_configuration, tree_urdf, write_mechanism
 from ident.mechanism import load
-from ident.mechanism.description import align_z
+from ident.mechanism.closures import placements, rates
+from ident.mechanism.description import align_z, is_rotational, joint_axis
 from ident.mechanism.load import absolute
-from ident.mechanism.tree import is_rotational, joint_axis, placements, rates
 
 TREES = {
     "revolute": [J("a", axis="1 0 0"), J("b", axis="0 1 0", parent="a"), J("c", parent="b")],

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 import ident
 from helpers import ROBOTS
 from ident.motion.knots import ROUGH, common
-from ident.motion.noise import grain, motion_bandwidth
+from ident.motion.spline import grain, motion_bandwidth
 
 FRICTION = 0.3  # N m s/rad, N m: of all joints
 

@@ -90,6 +90,14 @@ def test_no_log_left_to_diagnose(without_elbow, tmp_path):
         ident.diagnose_each(without_elbow, tmp_path, jobs=1)
 
 
+def test_of_logs_that_cannot_be_used_the_reason_of_most_is_said(without_elbow, tmp_path):
+    (tmp_path / "a.csv").write_text("t\n")
+    for name in ("b.csv", "c.csv"):
+        (tmp_path / name).write_text("t,q.yaw\n0,0\n1,0\n")
+    with pytest.raises(FitError, match=r"none of 3 logs.*; b\.csv: .*2 of them say the same"):
+        ident.gather(without_elbow, tmp_path, jobs=1)
+
+
 @pytest.fixture
 def spoken(monkeypatch, capsys):
     """Status, output and error text of `ident`."""

@@ -393,6 +393,12 @@ def test_columns_numbered_from_another_number_than_joints_are_no_pattern(named, 
         assert entry_for(signal, joints, columns) == pairs
 
 
+def test_columns_in_another_spelling_are_found():
+    assert entry_for("tau", ["elbow"], ["foo", "tau.elbw"]) == '"tau.elbow" = "tau.elbw"'
+    assert entry_for("q", ["yaw", "elbow"], ["Q.Yaw", "Q.Elbow"]).startswith('"q.yaw" = "Q.Yaw"')
+    assert entry_for("q", ["joint_1"], ["q.joint_7"]) == entry_for("q", ["beta"], ["q.theta"]) == ""
+
+
 def test_which_columns_are_whose_is_open_where_there_are_more_from_number_0_on():
     joints, columns = ["j_1", "j_2"], ["q0", "q1", "q2"]
     assert entry_for("q", joints, columns) == ""

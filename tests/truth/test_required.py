@@ -23,7 +23,7 @@ def test_a_set_says_what_its_effects_require():
     mechanism, fit = grown()
     contest = Contest.of(fit, [], lambda *_: None, curved=False)
     dry, wide = (Member(e, np.array([0]), SimpleNamespace()) for e in mechanism.effects)
-    found = EffectSet(contest, contest.regression, (dry, wide))
+    found = EffectSet(contest, (dry, wide))
     assert found.required == {"coulomb:elbow"}
     assert replace(found, members=(dry,)).required == set()
     search = SimpleNamespace(new=lambda s: list(s.members), first=SimpleNamespace(

@@ -37,6 +37,7 @@ def test_unfiltered_it_is_the_prediction():
     np.testing.assert_allclose(trace.predicted, said.predicted, atol=1e-11)
     np.testing.assert_allclose(trace.measured, said.measured, atol=1e-12)
     np.testing.assert_allclose(trace.t, said.t)
+    assert "Scene(" not in repr(said)  # all that it was made from
 
 
 @pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar", "slider_crank"])

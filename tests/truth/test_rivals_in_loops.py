@@ -9,9 +9,8 @@ import ident
 from ident import Log, Noise
 from ident.diagnosis.candidates import Contest
 from ident.diagnosis.diagnosis import candidates_of
-from ident.diagnosis.null import noise
+from ident.diagnosis.null import with_noise
 from ident.diagnosis.search import Search
-from ident.diagnosis.selection import Decision
 
 LINK = (
     '<link name="{0}_link"><inertial><origin xyz="0 0 -{1}"/><mass value="{2}"/><inertia '
@@ -63,9 +62,8 @@ def test_of_the_same_columns_those_of_a_drive_are_named_first(fit):
 
 
 def test_what_came_with_others_has_the_same_effect_of_another_joint_as_rival(fit):
-    contest = Contest.of(fit, candidates_of(fit), lambda *_: None)
-    decision = Decision(0.01, 0.003, 2.0)
-    search = Search(contest, noise(contest, 0), decision, 0, (), lambda *_: None)
+    contest = with_noise(Contest.of(fit, candidates_of(fit), lambda *_: None))
+    search = Search(contest, (), lambda *_: None)
     first = search.ranked(search.start)
     own = next(e for e in first.credible if e.effect.label == "coulomb:first")
     alone = search.start.plus(own)

@@ -10,9 +10,9 @@ from helpers import J, tree_urdf, write_mechanism
 from ident import Log, Noise
 from ident.diagnosis.candidates import Contest, candidates_of
 from ident.diagnosis.effect_set import Member, leader, leading
-from ident.diagnosis.null import noise
+from ident.diagnosis.null import with_noise
 from ident.diagnosis.search import Search
-from ident.diagnosis.selection import Decision, sensible
+from ident.diagnosis.selection import sensible
 from identification import motion_log, plant, robot
 
 FRICTION = ("viscous", "coulomb")
@@ -62,8 +62,8 @@ def missing_friction(seconds, size, torque):
 
 
 def test_friction_of_all_joints_enters_where_all_that_is_common_is_too_much_for_the_rows():
-    contest = contest_of(missing_friction(2.2, 0.2, 0.06))
-    search = Search(contest, noise(contest, 0), Decision(), 0, (), lambda what, share: None)
+    contest = with_noise(contest_of(missing_friction(2.2, 0.2, 0.06)))
+    search = Search(contest, (), lambda what, share: None)
     search.ranked(search.start)
     every, *_ = search.together(search.start)
     assert {m.effect.kind for m in every.members} > {*FRICTION}

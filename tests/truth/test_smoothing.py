@@ -5,8 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 import ident
-from ident.motion.signals import Channel
-from ident.motion.spline import basis_over, evaluated, fitted
+from ident.motion.spline import Channel, basis_over, evaluated, fitted
 
 RATE = 200.0
 

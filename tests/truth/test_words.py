@@ -18,7 +18,7 @@ from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.card import Bar, Card
-from ident.show.diagnosis import beside, certainty
+from ident.show.diagnosis import beside, certainty, short
 from ident.show.diagnosis import words as text_of
 from ident.show.experiment import remedy_of
 from ident.show.ladder import head, history_card, rung
@@ -55,6 +55,22 @@ def test_the_first_lines_are_few_and_have_the_verdict_the_errors_and_the_command
     assert ("ident add " in d.short) == (d.best is not None)
 
 
+def test_the_last_line_names_what_is_left_out_and_only_that(monkeypatch):
+    def last(steps, top):
+        monkeypatch.setattr(ident.diagnosis.result.Diagnosis, "next_experiment", steps)
+        return " ".join(short(d, top).rpartition("--verbose:")[2].split())
+
+    d, top = lacking(), Card("x", "It is sure.", (), "ident grow x")
+    assert "more about" not in last("Move the elbow.", top)
+    assert "more about the next experiment" in last("Move the elbow. Load it.", top)
+    assert "the whole verdict" not in last("Move the elbow.", top)
+    long = replace(top, sure="A sentence of the card with eight words. " * 40)
+    assert last("Move the elbow.", long).startswith("the whole verdict")
+    assert "more candidates" in last("Move the elbow.", top)
+    d = replace(d, candidates=())
+    assert "more candidates" not in last("Move the elbow.", top)
+
+
 def test_what_nothing_explains_gets_no_name():
     d = replace(lacking(), verdict="unexplained", laws=(), curves=())
     assert clean().verdict == "nothing"
@@ -89,7 +105,9 @@ def test_rivals_in_a_loop_are_a_matter_of_leverage():
     assert "viscous friction in rocker and crank" in text
     assert "leverage" in text
     alone = replace(lacking().candidates[0], rivals=(ident.effect("drag", "elbow"),))
-    assert "leverage" not in text_of(replace(lacking(), candidates=(alone,)), "")
+    text = text_of(replace(lacking(), candidates=(alone,)), "")
+    assert "leverage" not in text
+    assert "They differ at other speeds, positions or loads" in text
 
 
 def test_invisible_effects_of_a_kind_are_named_together():

@@ -12,84 +12,73 @@ import shlex
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from contextvars import copy_context
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO, get_type_hints
 
 import typer
-from rich.console import Console
-from rich.text import Text
 from typer.core import TyperCommand, TyperGroup
 
-from ident.display import Progress, running
+from ident.display import Progress, quiet, running
 from ident.errors import IdentError
 from ident.files import LARGEST_LOG, json_line, most_bytes, version
-from ident.show.progress import terminal_bar
 from ident.text import merged
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 
-class Piped(Console):
-    """A console whose reader may leave: rich ends with status 1 then, a shell's tools with 141."""
-
-    def on_broken_pipe(self) -> None:
-        """Leave what happens to `ended_quietly`."""
-        raise BrokenPipeError
-
-
-errors = Piped(stderr=True, highlight=False, soft_wrap=True)
 _starting: list[str] = []  # the line that shows that a command has begun
+_held: list[str] = []  # notes that wait for the result
 _steps: list[str] = []  # the present step of the command, for the line that Ctrl-C gets
 _bars: list[Bar] = []  # the bar of progress that is shown
-_resumed: list[bool] = []  # whether the command can go on later
 _written: list[Path] = []  # files that the command has written
-_held: list[str] = []  # notes that wait for the result
 
 
 def starting(what: str) -> None:
     """Show in a terminal that a command has begun, until it writes or shows anything else: the
     libraries that it needs take a second or two to be imported.
     """
-    if errors.is_terminal:
+    if sys.stderr.isatty():
         _starting[:] = [what]
-        errors.print(f"{what} …", style="dim", end="\r", markup=False, emoji=False)
+        sys.stderr.write(f"{_in_style(f'{what} …', sys.stderr, dim=True)}\r")
+        sys.stderr.flush()
 
 
 def _begun() -> None:
     """Erase the line that shows that a command has begun."""
     if _starting:
         _starting.clear()
-        errors.file.write("\r\x1b[K")
-        errors.file.flush()
+        sys.stderr.write("\r\x1b[K")
+        sys.stderr.flush()
 
 
-def remark(text: str) -> None:
-    """Write a line to standard error."""
-    _begun()
-    errors.print(text, markup=False, emoji=False)
-
-
-def result(text: object) -> None:
-    """Write a result to standard output, as it is, at once, and without a bar of progress in it."""
+def result(text: object, stream: TextIO | None = None) -> None:
+    """Write a line as it is, at once, and without a bar of progress in it; a result goes to
+    standard output, all else to standard error, the `stream` then.
+    """
     _begun()
     for bar in _bars:
         bar.stop()
-    sys.stdout.write(f"{text}\n")
-    sys.stdout.flush()
+    stream = stream or sys.stdout
+    stream.write(f"{text}\n")
+    stream.flush()
     for bar in _bars:
         bar.start()
 
 
-def styled(text: str, style: str) -> None:
-    """Write a line to standard output, in a style where that is a terminal."""
-    _begun()
-    Piped(highlight=False, soft_wrap=True).print(Text(text, style))
+def styled(text: str, **style: Any) -> None:
+    """Write a line to standard output, in a style where that is a terminal that may have one."""
+    result(_in_style(text, sys.stdout, **style))
+
+
+def _in_style(text: str, stream: TextIO, **style: Any) -> str:
+    plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    return text if plain or not stream.isatty() else typer.style(text, **style)
 
 
 def close_pipe() -> None:
@@ -107,7 +96,7 @@ def notes(lines: Iterable[str]) -> None:
     """
     held, _held[:] = [*_held], []
     for each in merged([*held, *lines]):
-        remark(f"note: {each}")
+        result(f"note: {each}", sys.stderr)
 
 
 def notes_later(lines: Iterable[str]) -> None:
@@ -119,7 +108,7 @@ def wrote(paths: Iterable[Path]) -> None:
     """Note the files that were written."""
     for path in paths:
         _written.append(path)
-        remark(f"note: wrote {path}")
+        result(f"note: wrote {path}", sys.stderr)
 
 
 def conclude(found: object, written: Iterable[Path] = (), remarks: Iterable[str] = ()) -> None:
@@ -131,62 +120,29 @@ def conclude(found: object, written: Iterable[Path] = (), remarks: Iterable[str]
 
 def fail(why: object) -> NoReturn:
     """Write the one line that bad input gets, and end the command with status 1."""
-    remark(f"error: {' '.join(str(why).split())}")
+    result(f"error: {' '.join(str(why).split())}", sys.stderr)
     sys.exit(1)
-
-
-def interrupted() -> str:
-    """Return one line for Ctrl-C: which step was left, and which files are complete."""
-    files = "finished rounds are saved" if _resumed else "no file was written"
-    files = f"complete: {', '.join(map(str, _written))}" if _written else files
-    again = running.get()
-    if _resumed:
-        files += f"; go on with: {again}{' --resume' * ('--resume' not in again)}"
-    elif again:
-        files += f"; begin again with: {again}"
-    return f"interrupted{''.join(f' while {step}' for step in _steps)}; {files}"
-
-
-def can_resume(now: bool) -> None:
-    """State whether the command can go on where it is, if Ctrl-C ends it."""
-    _resumed[:] = [True] * now
 
 
 @contextmanager
 def progress() -> Iterator[Progress]:
     """Show a bar on standard error while something long runs; nothing where that is no terminal."""
+    show: Progress = quiet
     _begun()
-    with terminal_bar(errors) as (bar, show):
+    with ExitStack() as stack:
+        if sys.stderr.isatty():
+            from ident.show.progress import terminal_bar
+
+            bar, show = stack.enter_context(terminal_bar())
+            _bars[:] = [bar]
 
         def on_progress(what: str, share: float) -> None:
             _steps[:] = [what]
             show(what, share)
 
-        _bars[:] = [bar]
         yield on_progress
     _steps.clear()
     _bars.clear()
-
-
-@contextmanager
-def ended_quietly() -> Iterator[None]:
-    """End a command with one line after Ctrl-C (status 130), without one where nobody reads (141).
-
-    These are the statuses that a shell reports of a program that ends by the signal.
-    """
-    for state in (_starting, _steps, _bars, _written, _resumed, _held):
-        state.clear()
-    try:
-        try:
-            yield
-        finally:
-            notes(())  # those that are held back
-    except KeyboardInterrupt:
-        remark(interrupted())
-        sys.exit(130)
-    except BrokenPipeError:
-        close_pipe()
-        sys.exit(141)
 
 
 TYPED: dict[str, Any] = {  # what every command has of Typer
@@ -230,24 +186,38 @@ def flat(function: Callable[..., None]) -> Callable[..., None]:
     groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
     parameters = []
     for own in inspect.signature(function).parameters.values():
-        inner = [(own.name, own.default, hints[own.name])]
+        inner, types = [own], hints
         if group := groups.get(own.name):
-            annotations = get_type_hints(group, include_extras=True)
-            inner = [(f.name, f.default, annotations[f.name]) for f in fields(group)]
-        parameters += [
-            inspect.Parameter(
-                name, own.KEYWORD_ONLY, annotation=hint,
-                default=own.empty if default is MISSING else default,
-            )
-            for name, default, hint in inner
-        ]  # fmt: skip
+            types = get_type_hints(group, include_extras=True)
+            inner = [*inspect.signature(group).parameters.values()]
+        keyword = own.KEYWORD_ONLY
+        parameters += [each.replace(kind=keyword, annotation=types[each.name]) for each in inner]
 
     def command(**values: Any) -> None:
         for name, group in groups.items():
             values[name] = group(**{each.name: values.pop(each.name) for each in fields(group)})
-        with ended_quietly():
-            starting(f"{function.__name__}: starting")
-            copy_context().run(function, **values)
+        for state in (_held, _steps, _bars, _written):
+            state.clear()
+        context = copy_context()
+        # 130 and 141 are what a shell reports of a program that ends by SIGINT or SIGPIPE
+        try:
+            try:
+                starting(f"{function.__name__}: starting")
+                context.run(function, **values)
+            finally:
+                notes(())  # those that are held back
+        except KeyboardInterrupt:
+            left = "".join(f" while {step}" for step in _steps)
+            files = ", ".join(map(str, _written))
+            text = f"interrupted{left}; {f'complete: {files}' if files else 'no file was written'}"
+            if again := context.run(running.get):
+                how = "go on" if "--resume" in again.split() else "begin again"
+                text += f"; {how} with: {again}"
+            result(text, sys.stderr)
+            sys.exit(130)
+        except BrokenPipeError:
+            close_pipe()
+            sys.exit(141)
 
     command.__doc__ = function.__doc__
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]

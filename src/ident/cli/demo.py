@@ -175,7 +175,7 @@ def demo(
             place = stack.enter_context(tempfile.TemporaryDirectory())
             stack.enter_context(contextlib.chdir(place))
         made = make_puzzle(out or MACHINE, seed=seed)
-        styled(f"A machine with a hidden effect (seed {seed})", "bold")
+        styled(f"A machine with a hidden effect (seed {seed})", bold=True)
         result("\n".join(wrapped(INTRODUCTION)))
         if out is not None:
             (out / "answer.txt").write_text(f"{made.hidden}\n", encoding="utf-8")
@@ -183,7 +183,9 @@ def demo(
         if puzzle:
             result("\nTo find it yourself, begin with")
             for _, command in (BEFORE[0], BEFORE[3]):
-                styled(f"   $ ident {command.format(made.folder).partition(' --out')[0]}", "cyan")
+                styled(
+                    f"   $ ident {command.format(made.folder).partition(' --out')[0]}", fg="cyan"
+                )
             return
         for step in BEFORE:
             _step(*step, made.folder)
@@ -195,18 +197,18 @@ def demo(
             outcome = f"named {name}"
             for step in AFTER:
                 _step(*step, made.folder, name)
-        styled("\nThe answer", "bold")
+        styled("\nThe answer", bold=True)
         result("\n".join(wrapped(f"Hidden was {made.hidden}. The diagnosis {outcome}.")))
     if out is not None:
         notes([f"wrote {out}; open {out / 'diagnosis' / 'report.html'}"])
         return
     result("\nTo go on by hand, or for another machine to find out by yourself:")
     for options in (f"--seed {seed}", "--puzzle"):
-        styled(f"   $ ident demo {options} --out {MACHINE}", "cyan")
+        styled(f"   $ ident demo {options} --out {MACHINE}", fg="cyan")
 
 
 def _step(title: str, command: str, *names: object) -> None:
     words = [word.format(*names) for word in command.split()]
-    styled(f"\n{title}", "bold")
-    styled(f"   $ ident {shlex.join(words)}", "cyan")
+    styled(f"\n{title}", bold=True)
+    styled(f"   $ ident {shlex.join(words)}", fg="cyan")
     command_of(words[0]).main(words[1:], standalone_mode=False)

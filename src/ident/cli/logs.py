@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ident.cli.app import can_resume, close_pipe, conclude, notes, progress, result, wrote
+from ident.cli.app import close_pipe, conclude, notes, progress, result, wrote
 from ident.cli.options import (
     CHARTS,
     DIAGNOSIS_FILES,
@@ -41,7 +41,7 @@ from ident.cli.options import (
     read_logs,
     setting,
 )
-from ident.display import Progress, acceptable, inputs, part
+from ident.display import Progress, acceptable, inputs, part, running
 from ident.errors import FitError, IdentError, one_of
 
 if TYPE_CHECKING:
@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from ident.fit import Fit
     from ident.information.blocks import Error
     from ident.mechanism import Mechanism
-    from ident.motion import Motion
     from ident.streams.gather import Gathered
     from ident.streams.many_logs import Verdicts
 
@@ -107,8 +106,7 @@ def identify(
     MECHANISM is the folder of an earlier fit, what has changed since is named first; both are then
     filtered alike, unless --cutoff is given.
     """
-    from ident.log.pieces import likely_rows
-    from ident.log.read import expanded
+    from ident.log.read import expanded, likely_rows
     from ident.mechanism import Consistency
 
     acceptable.set(None if good_enough is None else good_enough / 100)
@@ -152,11 +150,12 @@ def identify(
 
         with progress() as on_progress:
             motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.2))
+            alike, show = model.filtered_at(motion.band.cutoff), part(on_progress, 0.2, 0.3)
             fit = identify_(
                 mechanism,
                 motion,
                 consistent=limits,
-                validate=_alike(model, mechanism, validate, motion, part(on_progress, 0.2, 0.3)),
+                validate=alike.motion(mechanism, validate, show) if validate else None,
                 estimator="likelihood" if refine else "auto",
                 progress=part(on_progress, 0.3, 1.0),
             )
@@ -166,14 +165,6 @@ def identify(
         sets: dict[str, Judged] = {"": (fit.held_out or fit.train, fit.noise)}
         sets |= {f" of {log}": (e, fit.noise_on(log)) for log, e in fit.validation.items()}
         _judge(sets, good_enough)
-
-
-def _alike(
-    model: FitOptions, mechanism: Mechanism, logs: Paths, fitted: Motion, on_progress: Progress
-) -> Motion | None:
-    """Return the motion of logs for validation, filtered as the fitted one; None of none."""
-    alike = model.filtered_at(fitted.band.cutoff)
-    return alike.motion(mechanism, logs, on_progress) if logs else None
 
 
 def _judge(sets: Mapping[str, Judged], percent: float) -> None:
@@ -417,10 +408,10 @@ def grow(
     output_folder(out, [*FIT_FILES, *DIAGNOSIS_FILES], [*logs, *(validate or ())])
     with progress() as on_progress:
         motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.04))
+        alike, show = model.filtered_at(motion.band.cutoff), part(on_progress, 0.04, 0.05)
 
         def reached(step: Step) -> None:
             first = not step.added and not step.removed
-            can_resume(out is not None)
             fits.extend([step.fit] if step.fit else [])
             if json:
                 return
@@ -438,18 +429,19 @@ def grow(
                 step=reached,
                 checkpoint=out,
                 resume=resume,
-                validate=_alike(model, mechanism, validate, motion, part(on_progress, 0.04, 0.05)),
+                validate=alike.motion(mechanism, validate, show) if validate else None,
                 **decision,
             )
             written = [] if out is None else history.write(out)
         except KeyboardInterrupt:
             if out is not None and fits:
                 wrote(write_all(out, model_files(fits[-1])))
+                if not resume:
+                    running.set(f"{running.get()} --resume")
             if out is None:
                 notes(["with --out DIR a run that is interrupted keeps its rounds and can go on"])
             raise
         text = str(history.diagnosis) if verbose else history.short
-    can_resume(False)
     shown = history.json() if json else f"{noise_rung(history)}\n\n{text}"
     conclude(shown, written, history.fit.warnings)
 

@@ -265,8 +265,7 @@ def _drive(
         Kp, Kd = map(float, text.split(","))
         return Kp, Kd
 
-    remedy = "write KP,KD or JOINT=KP,KD, as 400,30"
-    pairs = named(gains, "--gains", remedy, pair, bare="pair")
+    pairs = named(gains, "--gains", "write KP,KD or JOINT=KP,KD, as 400,30", pair, bare="pair")
     return (PD if control == "pd" else ComputedTorque)(log, pairs.get("", pairs) or None)
 
 
@@ -421,11 +420,10 @@ def montecarlo(
         "jobs": jobs,
         "scheduler": scheduler,
     }
-    logs, several = [log], is_folder_of_logs(log)
-    if several:
-        if reactions is not None:
-            raise IdentError(f"--reactions {reactions}: are of one log, and {log} is a folder")
-        logs, reactions = logs_in(log), None
+    several = is_folder_of_logs(log)
+    if several and reactions is not None:
+        raise IdentError(f"--reactions {reactions}: are of one log, and {log} is a folder")
+    logs = logs_in(log) if several else [log]
     studies, broken = [], list[str]()
     for i, each in enumerate(logs):
         try:

@@ -71,8 +71,7 @@ def monitor(
             notes([silent])
         if watch is not None and len(like) == 1:
             alone = f"alarms rest on {like[0].name} alone: other motions than this one will raise "
-            alone += "more false alarms than stated; give several logs (--like A --like B)"
-            notes([alone])
+            notes([f"{alone}more false alarms than stated; give several logs (--like A --like B)"])
     online = Online(mechanism, like=fit, forget=forget, **model.treatment)
     history = None
     with contextlib.ExitStack() as ends:
@@ -136,16 +135,8 @@ class Watch:
 
 
 class Session(contextlib.ExitStack):
-    """Lines of a log, one by one: printed, and recorded in the CSV files of a folder.
-
-    Args:
-        online: identifies; watch: raises alarms, if anything does.
-        folder: of parameters.csv, multipliers.csv and alarms.csv; None for no files.
-        every: seconds of the log between two printed lines [s].
-        history: gets all that is found.
-
-    Raises:
-        IdentError: if a file cannot be written, or has other columns already.
+    """Lines of a log, one by one: printed every so many seconds of the log, and recorded in the
+    history and in parameters.csv, multipliers.csv and alarms.csv of a folder, if there is one.
     """
 
     def __init__(
@@ -157,8 +148,7 @@ class Session(contextlib.ExitStack):
         history: MonitorHistory | None = None,
     ) -> None:
         super().__init__()
-        self._history = history
-        self._online, self._watch, self._every = online, watch, every
+        self._online, self._watch, self._every, self._history = online, watch, every, history
         self._due, self._left_out = -float("inf"), 0
         self._waiting = 0  # line of the sample that may wait for its successor
         self.raised: list[Alarm] = []
@@ -246,7 +236,7 @@ class Session(contextlib.ExitStack):
         for x in self._watch.alarms(samples) if self._watch else ():
             self.raised.append(x)
             if self._history is not None:
-                self._history.alarm(x)
+                self._history.alarms.append(x)
             result(f"alarm: {x.headline}")
             suspects = " ".join(x.suspects)
             row = (x.onset, x.detected, x.named, x.verdict, suspects, x.evidence, x.headline)
@@ -276,9 +266,8 @@ def _appended(path: Path, header: Sequence[str]) -> TextIO:
         stream.seek(0)
         before = stream.readline().rstrip("\r\n")
     except OSError as error:
-        raise IdentError(
-            f"{path}: cannot be written ({error.strerror}); name a folder that you may write"
-        ) from None
+        why = f"cannot be written ({error.strerror}); name a folder that you may write"
+        raise IdentError(f"{path}: {why}") from None
     if before not in ("", ",".join(header)):
         stream.close()
         raise IdentError(

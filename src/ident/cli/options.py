@@ -110,12 +110,6 @@ Scheduler = Annotated[
 ]
 
 
-LOCK = (
-    "is no joint with a number; write --lock JOINT to hold it at its start, or --lock JOINT=VALUE "
-    "in rad or m, as --lock finger=0.02"
-)
-
-
 # Groups of options: a command has a parameter of the class, the command line all of its fields.
 @dataclass(frozen=True)
 class MechanismOptions:
@@ -130,41 +124,45 @@ class MechanismOptions:
     def load(self, logs: Paths = None, like: Paths = None) -> Mechanism:
         """Return the mechanism that the options describe, and remember them for what goes on.
 
-        Args:
-            logs: of the command; hands and fingers of which the first has no column are held.
-            like: logs of normal running, before these.
+        Hands and fingers of which the first of the logs, or of those `like` it, has no column are
+        held at their start.
         """
         from ident.mechanism import load
 
-        files, normal = map(str, logs or [Path("LOG.csv")]), map(str, like or ())
-        inputs.set(Inputs(str(self.mechanism), tuple(files), self._words, tuple(normal)))
-        for place in reversed(self.mesh_path or ()):
-            if not place.is_dir():
-                why = "is no folder; give one that contains packages"
-                raise IdentError(f"--mesh-path {place}: {why}")
-            known = os.environ.get("ROS_PACKAGE_PATH", "")
-            os.environ["ROS_PACKAGE_PATH"] = f"{place.resolve()}{os.pathsep}{known}"
-        locked = locked_joints(self.lock)
-        read = partial(
-            load, self.mechanism, allow_code=self.allow_code, unmeasured=self.unmeasured or ()
-        )
-        mechanism = read(locked=locked)
-        if hands := _unlogged_hands(mechanism, like or logs):
-            locked |= dict.fromkeys(hands, None)
-            mechanism = read(locked=locked)
-            notes_later([f"{', '.join(hands)}: not logged, and parts of a hand; held at the start"])
-        return mechanism
-
-    @property
-    def _words(self) -> tuple[str, ...]:
-        """The options that are given, as words of a command line."""
         words: list[str] = []
         for each in fields(self):
             given, name = getattr(self, each.name), each.name.rstrip("_").replace("_", "-")
             if each.default is not MISSING and given != each.default:
                 for one in given if isinstance(given, list) else [given]:
                     words += [f"--{name}"] if one is True else [f"--{name}", str(one)]
-        return tuple(words)
+        files, normal = map(str, logs or [Path("LOG.csv")]), map(str, like or ())
+        inputs.set(Inputs(str(self.mechanism), tuple(files), tuple(words), tuple(normal)))
+        for place in reversed(self.mesh_path or ()):
+            if not place.is_dir():
+                why = "is no folder; give one that contains packages"
+                raise IdentError(f"--mesh-path {place}: {why}")
+            known = os.environ.get("ROS_PACKAGE_PATH", "")
+            os.environ["ROS_PACKAGE_PATH"] = f"{place.resolve()}{os.pathsep}{known}"
+        bare = [text for text in self.lock or () if "=" not in text]
+        valued = [text for text in self.lock or () if "=" in text]
+        remedy = "is no joint with a number; write --lock JOINT to hold it at its start, or "
+        remedy += "--lock JOINT=VALUE in rad or m, as --lock finger=0.02"
+        held = named(valued, "--lock", remedy, finite)
+        if both := next((name for name in bare if name in held), None):
+            why = (
+                f"{both} and --lock {both}={held[both]:g}: are two places for one joint, its start"
+            )
+            raise IdentError(f"--lock {why} and a value; give one of them")
+        locked = dict.fromkeys(bare) | held
+        read = partial(
+            load, self.mechanism, allow_code=self.allow_code, unmeasured=self.unmeasured or ()
+        )
+        mechanism = read(locked=locked)
+        if hands := _unlogged_hands(mechanism, like or logs):
+            locked |= dict.fromkeys(hands)
+            mechanism = read(locked=locked)
+            notes_later([f"{', '.join(hands)}: not logged, and parts of a hand; held at the start"])
+        return mechanism
 
 
 @dataclass(frozen=True)
@@ -199,12 +197,12 @@ class MotionOptions(MechanismOptions):
     @property
     def treatment(self) -> dict[str, Any]:
         """The cut-off, `auto`, None or a frequency [Hz], and the smoothing, as the library's."""
-        cutoff: float | str | None = None if self.cutoff == "none" else self.cutoff
-        if cutoff not in (None, "auto"):
+        cutoff: float | str = self.cutoff
+        if cutoff not in ("none", "auto"):
             valid = "is no frequency; valid: a number of Hz, auto or none"
             cutoff = value(self.cutoff, "--cutoff", valid)
-        smoothing = None if self.smoothing.lower() == "none" else self.smoothing
-        return {"cutoff": cutoff, "smoothing": smoothing}
+        given = {"cutoff": cutoff, "smoothing": self.smoothing.lower()}
+        return {name: None if x == "none" else x for name, x in given.items()}
 
     def filtered_at(self, cutoff: float | str | None) -> Self:
         """Return the options with another cut-off [Hz], None for no filter."""
@@ -271,7 +269,7 @@ class FitOptions(RunOptions):
             )
         if spacing is None:
             spacing = 0.0 if basis == "free" else mechanism.multipliers.spacing
-        return mechanism.with_multipliers(multipliers(basis, spacing, "--basis, --spacing"))
+        return mechanism.alike(multipliers=multipliers(basis, spacing, "--basis, --spacing"))
 
 
 @dataclass(frozen=True)
@@ -292,27 +290,15 @@ class DecisionOptions:
     @property
     def given(self) -> dict[str, Any]:
         """Return them as keywords of the library, refused before the long work if invalid."""
-        from ident.diagnosis.selection import Decision
+        from ident.diagnosis.candidates import Decision
 
         Decision(self.alpha, self.material, self.rival_se)
         return vars(self)
 
 
-def locked_joints(texts: Texts) -> dict[str, float | None]:
-    """Return the values of --lock by joint, None for that at the start."""
-    bare: dict[str, float | None] = {text: None for text in texts or () if "=" not in text}
-    valued = named([text for text in texts or () if "=" in text], "--lock", LOCK, finite)
-    for name in (each for each in bare if each in valued):
-        raise IdentError(
-            f"--lock {name} and --lock {name}={valued[name]:g}: are two places for one joint, its "
-            "start and a value; give one of them"
-        )
-    return bare | valued
-
-
 def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
-    """Return the joints of hands that the first of some logs lacks; it is read only for these.
-    Of no log, those that [log] lacks. None: logs do not matter.
+    """Return the joints of hands that the first log lacks; of no log ([]), those that [log] lacks,
+    and none where logs do not matter (None).
     """
     from ident.log.read import expanded, log_file
     from ident.mechanism.load import unlogged_hands
@@ -361,11 +347,7 @@ def naming_unused(mechanism: Mechanism) -> Iterator[None]:
 
 
 def many(paths: Sequence[Path], jobs: int | None, scheduler: str | None) -> bool:
-    """Return whether logs are to be worked on one by one: a folder, or on several processes.
-
-    Raises:
-        IdentError: if both processes and a scheduler are given.
-    """
+    """Return whether logs are to be worked on one by one: a folder, or on several processes."""
     from ident.log.read import is_folder_of_logs
 
     if jobs is not None and scheduler is not None:
@@ -405,7 +387,7 @@ def output_file(
 
 def _refuse_input(target: Path, inputs: Iterable[Path | None]) -> None:
     """Refuse a file or folder to be written that is an input, contains one, or would become one."""
-    end = Path(os.path.realpath(target))
+    end = Path(os.path.realpath(target))  # `resolve` fails on a link that leads to itself
     for path in filter(None, inputs):
         given = Path(os.path.realpath(path))
         joins = given.is_dir() and end.parent == given and end.suffix in LOGS
@@ -420,11 +402,7 @@ def _refuse_input(target: Path, inputs: Iterable[Path | None]) -> None:
 
 
 def value(text: str, given: str, remedy: str, read: Callable[[str], Any] = float) -> Any:
-    """Return what `read` makes of an option's text.
-
-    Raises:
-        IdentError: with the option, its text and the remedy where `read` raises a ValueError.
-    """
+    """Return what `read` makes of an option's text; its ValueError becomes one line."""
     try:
         return read(text)
     except ValueError:
@@ -434,16 +412,9 @@ def value(text: str, given: str, remedy: str, read: Callable[[str], Any] = float
 def named(
     texts: Texts, given: str, remedy: str, read: Callable[[str], Any], *, bare: str = ""
 ) -> dict[str, Any]:
-    """Return values by name from texts NAME=VALUE of one option.
+    """Return values by name from texts NAME=VALUE of the option `given`, each made by `read`.
 
-    Args:
-        texts: of the option; given: its name; remedy: what to write, for errors.
-        read: makes a value of its text, or raises a ValueError.
-        bare: the word for a single VALUE without a name, for all joints, where that is valid; its
-            name is "".
-
-    Raises:
-        IdentError: for a text that is no such pair.
+    `bare` is the word for a single VALUE for all joints, where that is valid; its name is "".
     """
 
     def pair(text: str) -> tuple[str, Any]:

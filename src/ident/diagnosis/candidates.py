@@ -5,37 +5,87 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 
 import numpy as np
 
 from ident.effects import Effect, ReversalPulses
 from ident.effects.curve import Curve, curves
-from ident.errors import IdentError
+from ident.errors import FitError, IdentError
 from ident.fit import Fit
 from ident.fit.problem import Table
 from ident.fit.small_errors import WORSE, away_from_reversals
 from ident.information.blocks import Part
-from ident.information.chance import BEYOND, zscore
-from ident.information.hypotheses import PartialRegression
+from ident.information.chance import ALPHA, BEYOND, RIVAL, zscore
+from ident.information.estimate import MATERIAL
+from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.signals import SLOW
 
 STANDS_FOR = 1 / 3  # tuned: share of a joint's samples or squares, that can speak for all of them
 HIDDEN = 0.02  # tuned: visible share below which the data cannot speak of an effect
+SURROGATES = 100  # work: random series with the spectrum of the residual
 SURE = 1.0  # level: standard errors over blocks by which pulses lower left-out errors
 Shape = Mapping[str, float]
 Columns = Mapping[int, np.ndarray]  # (m, u) in the rows of each coordinate
 OnProgress = Callable[[str, float], None]
 
 
+# --- the rule ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The three arguments of the rule of evidence."""
+
+    alpha: float = ALPHA  # chance that anything is credible where nothing is missing
+    material: float = MATERIAL  # share of a joint's torque that an effect must have to matter
+    rival_se: float = RIVAL  # standard errors of the paired difference within which two are rivals
+
+    def __post_init__(self) -> None:
+        """Refuse what is no chance, no share, or below what the random residuals can show."""
+        least = 1 / SURROGATES
+        for name, number in vars(self).items():
+            if not isinstance(number, Real):
+                raise FitError(f"{name} = {number!r}: is no number; valid: 0.01, for one")
+        if not least <= self.alpha <= 0.5:
+            raise FitError(
+                f"alpha = {self.alpha:g}: {SURROGATES} random residuals show chances from "
+                f"{least:g}; valid: {least:g} to 0.5"
+            )
+        if not 0 <= self.material < 1:
+            raise FitError(
+                f"material = {self.material:g}: is no share of a joint's torque; valid: 0 to below "
+                "1, such as 0.003"
+            )
+        if not 0 <= self.rival_se < np.inf:
+            raise FitError(
+                f"rival_se = {self.rival_se:g}: valid: 0 or more standard errors, such as 2"
+            )
+
+    def matters(self, before: Array | float, after: Array | float, torque: Array | float) -> bool:
+        """Whether squares (d,) fall by more than the share `material` of the torque's somewhere."""
+        return bool(np.any(np.subtract(before, after) > self.material**2 * np.asarray(torque)))
+
+    def __str__(self) -> str:
+        return f"alpha {self.alpha:g}, material {self.material:g}, rival-se {self.rival_se:g}"
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseDraws:
+    """Draws of what the sensors' noise leaves of the torques."""
+
+    rows: Array  # (N, d, DRAWS) in the table's rows [N m | N]
+    floor: Array  # (d,) median rms held out in the rows that decide [N m | N]
+    ceiling: Array  # (d,) largest
+
+
 # --- places ------------------------------------------------------------------------------------
 
 
 def possible(mechanism: Mechanism, motion: Motion) -> list[Effect]:
-    """All effects that could be missing, in the library's order; then known ones, which could have
-    changed.
-    """
+    """All effects that could be missing, in the library's order; then known ones."""
     first, *others = (e.logged for e in motion.experiments)
     logged = [name for name in first if all(name in names for names in others)]
     found = mechanism.candidates(logged, columns_of(motion))
@@ -49,11 +99,8 @@ def columns_of(motion: Motion) -> set[str]:
 
 def absorbed(mechanism: Mechanism, effect: Effect) -> str:
     """Why an effect needs no looking at: its columns are a link's own, all of them unknown."""
-    link = effect.loaded_link
-    if link is None:
-        return ""
-    own = set(np.array(mechanism.bodies.names)[mechanism.bodies.columns(link)])
-    if not own <= set(mechanism.unknown):
+    link, bodies = effect.loaded_link, mechanism.bodies
+    if link is None or not {*np.array(bodies.names)[bodies.columns(link)]} <= {*mechanism.unknown}:
         return ""
     return f"absorbed: same columns as {link}'s own parameters, all unknown"
 
@@ -74,17 +121,8 @@ def deciding(table: Table, r: np.ndarray) -> np.ndarray:
     return _most_of(r, away_from_reversals(table), table.moving)
 
 
-def with_reversals(table: Table, r: np.ndarray) -> np.ndarray:
-    """(N, d) rows that decide of effects that act at reversals: all that inform of a coordinate
-    whose residual r (N, d) is at its reversals for the most part.
-    """
-    return _most_of(r, deciding(table, r), table.informed)
-
-
 def _most_of(r: np.ndarray, calm: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The calm rows (N, d), with all `rows` of a coordinate where calm ones hold few of the squares
-    of its residual r.
-    """
+    """The calm rows (N, d), and all `rows` where these hold little of a coordinate's residual r."""
     squares, few = (np.where(use, r**2, 0.0).sum(axis=0) for use in (rows, calm))
     return calm | rows & (few < STANDS_FOR * squares)
 
@@ -96,37 +134,16 @@ def residual_in(table: Table, fit: Fit) -> np.ndarray:
     return np.asarray(table.b - table.A @ x)
 
 
-def pulses_of(fit: Fit) -> list[Effect]:
-    """What dry friction that is no step leaves at reversals, of each joint that has some, where
-    rows at reversals fit worse.
-    """
-    dry = (effect for effect in fit.mechanism.effects if effect.jumps)
-    joints = dict.fromkeys(joint for effect in dry for joint in effect.joints)
-    worse = bool((fit.checks.misfit > WORSE).any())
-    return [fit.mechanism.placed(ReversalPulses((joint,))) for joint in joints if worse]
-
-
 # --- columns -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class CandidateColumns:
-    """One effect at one place, with its columns.
-
-    Attributes:
-        effect: which.
-        shapes: shape parameters of each start.
-        groups: by start, which columns are its unknowns'; of a correction its sensitivities.
-    """
+    """One effect at one place, with its columns."""
 
     effect: Effect
-    shapes: tuple[Shape, ...]
-    groups: tuple[np.ndarray, ...]
-
-    @property
-    def numbers(self) -> int:
-        """Number of its parameters."""
-        return len(self.effect.parameters)
+    shapes: tuple[Shape, ...]  # shape parameters of each start
+    groups: tuple[Index, ...]  # by start, its unknowns' columns; of a correction sensitivities
 
     @property
     def curve(self) -> bool:
@@ -136,30 +153,24 @@ class CandidateColumns:
 
 @dataclass(frozen=True, eq=False)
 class Contest:
-    """The rows of a fit with the columns of everything that could be missing.
-
-    Attributes:
-        fit, table: whose rows.
-        use: (N, d) rows that decide.
-        regression: the rows, with the model projected out; residuals of nothing are no part yet.
-        pulses: which columns are of dry friction's pulses at reversals, part of the model.
-        candidates: laws, then curves; failed: what could not be evaluated, with the reason.
-    """
+    """The rows of a fit with the columns of everything that could be missing."""
 
     fit: Fit
     table: Table
-    use: np.ndarray
-    regression: PartialRegression
-    pulses: np.ndarray
-    candidates: tuple[CandidateColumns, ...]
-    failed: tuple[tuple[Effect, str], ...]
+    use: np.ndarray  # (N, d) rows that decide
+    regression: PartialRegression  # with the model projected out: that of the fit, or another one
+    pulses: Index  # columns of dry friction's pulses at reversals, part of the model
+    candidates: tuple[CandidateColumns, ...]  # laws, then curves
+    failed: tuple[tuple[Effect, str], ...]  # what could not be evaluated, with the reason
+    decision: Decision
+    seed: int  # of the residuals in which nothing is missing
+    draws: NoiseDraws | None = None  # of the sensors' noise, once they are made
 
     @classmethod
     def of(
         cls, fit: Fit, effects: Iterable[Effect], on_progress: OnProgress, curved: bool = True,
         earlier: Contest | None = None,
-        deciding: Callable[[Table, np.ndarray], np.ndarray] = deciding,
-        pulsed: Callable[[Fit], Sequence[Effect]] = pulses_of,
+        use: np.ndarray | None = None, decision: Decision | None = None, seed: int = 0,
     ) -> Contest:  # fmt: skip
         """The rows of a fit and the columns of some effects, all made once.
 
@@ -168,18 +179,26 @@ class Contest:
             on_progress: called with (what is being done, share done).
             curved: whether curves are candidates too.
             earlier: of another model, from which columns are taken that are the same there.
-            deciding: rows (N, d) that decide, of a table and the residuals (N, d).
-            pulsed: the pulses at reversals that stand beside the dry friction of a fit.
+            use: rows (N, d) that decide, beside which there are no pulses; default: see `deciding`.
         """
         table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
         held = fit.estimate.held
-        prior = table.columns.prior_at(table.point.values)
-        b = table.b - table.A[:, :, held] @ prior[held]
-        use = deciding(table, residual_in(table, fit))
-        store = ColumnStore(table, use, table.A, b)
-        pulses = {each.joints: store.add(each, [{}]) for each in pulsed(fit)}
+        pulsed = use is None and bool((fit.checks.misfit > WORSE).any())  # rows at reversals worse
+        use = deciding(table, residual_in(table, fit)) if use is None else use
+        store = ColumnStore(table, use, held)
+        # what dry friction that is no step leaves at reversals
+        dry = [joint for e in fit.mechanism.effects if e.jumps and pulsed for joint in e.joints]
+        pulses = {
+            joint: store.add(fit.mechanism.placed(ReversalPulses((joint,))), [{}])
+            for joint in dict.fromkeys(dry)
+        }
         known = {} if earlier is None else earlier.unchanged(fit, use)
-        moving, columns = _moving(table), columns_of(fit.motion)
+        index, columns = table.mechanism.joint_index, columns_of(fit.motion)
+        moving = tuple(  # in some log, in the tree or anywhere in a loop
+            name
+            for name, at in ((joint.name, index[joint.name]) for joint in table.mechanism.joints)
+            if any(np.quantile(np.abs(s.e.yd[:, at]), 0.98) > s.e.still[at] for s in table.scenes)
+        )
         every = curves(moving, moving, columns) if curved else ()
         wanted = [*effects, *map(fit.mechanism.placed, every)]
         found, failed = [], []
@@ -194,26 +213,30 @@ class Contest:
                 found.append(CandidateColumns(effect, tuple(shapes), tuple(groups)))
             except (IdentError, np.linalg.LinAlgError) as error:
                 failed.append((effect, str(error)))
-        sigma = weights(fit, table)
-        model = np.flatnonzero(~held)
+        sigma, model = fit.estimate.sigma, np.flatnonzero(~held)
+        if len(sigma) != table.b.shape[1]:  # a time basis weighs all rows alike
+            r = table.b - table.A @ fit.estimate.solution.x
+            sigma = np.sqrt((r**2).mean(axis=0)) + 1e-300
         regression = PartialRegression(store.parts(), model, 1.0 / sigma, store.count)
         some = _at_reversals(table, regression, pulses, found)
         bodies = np.flatnonzero(held[: len(fit.columns.rigid)])
         found, more = _beside_held(regression, bodies, found)
         failed += more
         regression = regression.extended(some)
-        return cls(fit, table, use, regression, some, tuple(found), tuple(failed))
+        rule = decision or Decision()
+        return cls(fit, table, use, regression, some, tuple(found), tuple(failed), rule, seed)
 
     def at_reversals(self, on_progress: OnProgress) -> Contest | None:
-        """The contest on rows at reversals too, without pulses, which are like effects that act
-        there; None where they are the same rows.
+        """The contest on all rows that inform of a coordinate whose residual is most at reversals,
+        without pulses, which are like effects that act there; None where they are the same rows.
         """
-        use = with_reversals(self.table, residual_in(self.table, self.fit))
+        r = residual_in(self.table, self.fit)
+        use = _most_of(r, deciding(self.table, r), self.table.informed)
         if np.array_equal(use, self.use):
             return None
         effects = [each.effect for each in self.laws]
         return Contest.of(
-            self.fit, effects, on_progress, deciding=lambda *_: use, pulsed=lambda _: ()
+            self.fit, effects, on_progress, use=use, decision=self.decision, seed=self.seed
         )
 
     @property
@@ -225,9 +248,8 @@ class Contest:
             c, shape = self.fit.point.of(effect)
             torque = [x + C @ c for x, C in zip(torque, self.columns(effect, shape), strict=True)]
         found = np.zeros(self.regression.d)
-        found[[part.coordinate for part in parts]] = [
-            np.sqrt((x**2).sum() / max(len(x), 1)) for x in torque
-        ]
+        for part, x in zip(parts, torque, strict=True):
+            found[part.coordinate] = np.sqrt((x**2).sum() / max(len(x), 1))
         return found
 
     @cached_property
@@ -236,9 +258,7 @@ class Contest:
         return tuple(each for each in self.candidates if not each.curve)
 
     def unchanged(self, fit: Fit, use: np.ndarray) -> dict[str, CandidateColumns]:
-        """Laws, by label, whose columns are the same in the rows (N, d) of another fit: of the same
-        motion, on which alone they depend.
-        """
+        """Laws, by label, with the same columns in the rows (N, d) of another fit of the motion."""
         models = self.fit.mechanism, fit.mechanism
         if self.fit.motion is not fit.motion or any(e.corrects for m in models for e in m.effects):
             return {}
@@ -253,9 +273,7 @@ class Contest:
         return [whole[self.use[:, p.coordinate], p.coordinate] for p in self.regression.parts]
 
     def passed(self, joint: str, waves: float) -> float:
-        """Share of the samples at which the rows' filter passes waves of a joint's position, so
-        many a radian (a metre).
-        """
+        """Share of the samples at which the filter passes so many waves a radian (a metre)."""
         cutoff, at = self.table.motion.band.cutoff, self.table.mechanism.joint_index[joint]
         speed = np.concatenate([np.abs(s.e.yd[s.e.usable, at]) for s in self.table.scenes])
         return float((waves * speed < 2 * np.pi * (cutoff or np.inf)).mean())
@@ -281,38 +299,47 @@ class Contest:
             ]
         return C
 
-    def added(self, C: Sequence[np.ndarray]) -> tuple[Contest, np.ndarray]:
-        """The contest with further columns C (m, u) of each part, and which they are."""
+    def beside(self, regression: PartialRegression) -> Contest:
+        """The contest with another model."""
+        return replace(self, regression=regression)
+
+    def extended(self, C: Sequence[np.ndarray]) -> tuple[Contest, Index]:
+        """The contest with further columns C (m, u) of each part in the model, and which."""
         regression, new = self.regression.added(C)
-        return replace(self, regression=regression), new
+        return self.beside(regression.extended(new)), new
+
+    @cached_property
+    def torque(self) -> Array:
+        """(d,) weighted squares of the measured torque in the rows that decide."""
+        tau = np.where(self.use, self.table.tau, 0.0)
+        return np.asarray((tau**2).sum(axis=0) * self.regression.weight**2)
 
 
 def _at_reversals(
     table: Table,
     regression: PartialRegression,
-    pulses: Mapping[tuple[str, ...], np.ndarray],
+    pulses: Mapping[str, Index],
     candidates: Iterable[CandidateColumns],
 ) -> np.ndarray:
     """The columns of those pulses, by joint, that lower left-out errors (others have no rows that
-    determine them) and by more than friction of the joint that builds up over so much speed that it
-    acts far from reversals, too: a pulse would take its part.
+    determine them), and by more than friction that builds up over so much speed that it acts far
+    from reversals too: a pulse would take its part.
     """
     some = [np.zeros(0, dtype=int)]
     gains = regression.gains([*pulses.values()])
     laws = [each for each in candidates if each.effect.slow and each.effect.needs]
-    for (joints, columns), D, by in zip(pulses.items(), gains.D, gains.by, strict=True):
+    for (joint, columns), D, by in zip(pulses.items(), gains.D, gains.by, strict=True):
         if zscore(D) <= SURE:
             continue
-        at = table.mechanism.joint_index[joints[0]]
+        at = table.mechanism.joint_index[joint]
         top = max(np.abs(s.e.yd[s.e.usable, at]).max(initial=0.0) for s in table.scenes)
         wide = [
             group
             for each in laws
             for shape, group in zip(each.shapes, each.groups, strict=True)
-            if each.effect.joints == joints and max(shape.values()) > BEYOND * SLOW * top
+            if each.effect.joints == (joint,) and max(shape.values()) > BEYOND * SLOW * top
         ]
-        instead = regression.explained(regression.gains(wide).by).max() if wide else 0.0
-        if regression.explained(by) > instead:
+        if regression.explained(by) > (regression.shares(wide).max() if wide else 0.0):
             some.append(columns)
     return np.concatenate(some)
 
@@ -341,10 +368,13 @@ def _beside_held(
 
 
 class ColumnStore:
-    """Columns of many effects in the rows that decide, by coordinate, beside A (N, d, k) and b."""
+    """Columns of many effects in the rows that decide, by coordinate, beside the model's, of which
+    those that are held (k,) are taken off b at their priors.
+    """
 
-    def __init__(self, table: Table, use: np.ndarray, A: np.ndarray, b: np.ndarray) -> None:
-        self.table, self.b = table, b
+    def __init__(self, table: Table, use: np.ndarray, held: np.ndarray) -> None:
+        prior, A = table.columns.prior_at(table.point.values), table.A
+        self.table, self.b = table, table.b - A[:, :, held] @ prior[held]
         self.rows = [np.flatnonzero(each) for each in use.T]
         self.blocks = [[A[rows, u]] for u, rows in enumerate(self.rows)]
         self.index = [[np.arange(A.shape[2])] for _ in self.rows]
@@ -375,22 +405,3 @@ class ColumnStore:
             X = np.concatenate(self.blocks[u], axis=1)
             found.append(Part(u, np.concatenate(self.index[u]), X, self.b[rows, u][:, None], edges))
         return tuple(found)
-
-
-def _moving(table: Table) -> tuple[str, ...]:
-    """Joints that move in some log and are in the tree, or anywhere in a loop."""
-    index = table.mechanism.joint_index
-    return tuple(
-        name
-        for name, at in ((joint.name, index[joint.name]) for joint in table.mechanism.joints)
-        if any(np.quantile(np.abs(s.e.yd[:, at]), 0.98) > s.e.still[at] for s in table.scenes)
-    )
-
-
-def weights(fit: Fit, table: Table) -> np.ndarray:
-    """σ (d,) of the fit's rows, or of its residuals where a time basis weighs all rows alike."""
-    sigma = fit.estimate.sigma
-    if len(sigma) == table.b.shape[1]:
-        return sigma
-    r = table.b - table.A @ fit.estimate.solution.x
-    return np.sqrt((r**2).mean(axis=0)) + 1e-300

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
@@ -11,24 +11,25 @@ from operator import add
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, residual_in
+from ident.diagnosis.candidates import Contest, Decision, OnProgress, candidates_of, residual_in
 from ident.diagnosis.effect_set import Member
-from ident.diagnosis.found_curves import FoundCurve, curve_of
+from ident.diagnosis.found_curves import found_curves
 from ident.diagnosis.laws import FoundLaw, laws_of
-from ident.diagnosis.null import NoiseDraws, noise
-from ident.diagnosis.refitted import (
-    by_rivals,
-    explain,
-    explanations,
-    least_error,
-    started,
-    with_group,
+from ident.diagnosis.null import with_noise
+from ident.diagnosis.result import (
+    Diagnosis,
+    Explanation,
+    Law,
+    announced,
+    announced_with,
+    errors_of,
+    known_of,
 )
-from ident.diagnosis.result import Diagnosis, Explanation, Law, announced_with, errors_of
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import MOST, NEGATIVE, Decision, Ranking, can_be, torque_squares
+from ident.diagnosis.selection import MOST, NEGATIVE, Evidence, Ranking, can_be, simplicity
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
+from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError, check_whole
@@ -40,9 +41,10 @@ from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
 from ident.information.chance import ALPHA, LEAVES, LOUD, RIVAL
 from ident.information.estimate import MATERIAL
-from ident.information.hypotheses import PartialRegression
 
 TRIED = 3  # work: rivals of a formula whose constants are not determined
+SHOWN = 3  # shown: candidates that are listed though they are not credible
+LISTED = 8  # shown: candidates that are listed at most
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
 STEP = 0.08  # tuned: of dry friction's rms, by which it may differ from a step around reversals; a
 # simulator's friction, 10 ms early, differs by 0.06, breakaway of eight times as much by 0.1
@@ -86,36 +88,39 @@ def diagnose(
     on_progress = part(progress, 0.0, 1.0)
     decision = Decision(alpha, material, rival_se)
     check_whole("seed", seed)
-    contest = Contest.of(fit, candidates_of(fit), part(on_progress, 0.0, 0.3))
+    here, effects = part(on_progress, 0.0, 0.3), candidates_of(fit)
+    contest = Contest.of(fit, effects, here, decision=decision, seed=seed)
     on_progress("noise of the sensors", 0.3)
-    draws, here = noise(contest, seed), part(on_progress, 0.3, 0.9)
-    found = concluded(contest, draws, decision, seed, here)
-    return at_reversals(contest, found, decision, seed, part(on_progress, 0.9, 1.0))
+    contest = with_noise(contest)
+    found = judged(select(contest, part(on_progress, 0.3, 0.6)), part(on_progress, 0.6, 0.9))
+    return at_reversals(found, part(on_progress, 0.9, 1.0))
 
 
 def at_reversals(
-    contest: Contest, found: Diagnosis, decision: Decision, seed: int, on_progress: OnProgress,
-    other: Contest | None = None,
-) -> Diagnosis:  # fmt: skip
+    found: Diagnosis, on_progress: OnProgress, other: Contest | None = None
+) -> Diagnosis:
     """The diagnosis, or where it names nothing the one on the rows at reversals too, if that names
-    an effect that acts there, or one that is more than chance away from them too. What else is
-    found there is left open: dry friction is least exact. `other`: the contest on those rows, if it
-    is made already.
+    an effect that acts there, or is more than chance away from them too. What else is found there
+    is left open: dry friction is least exact. `other`: the contest on those rows, if it is made.
     """
     if found.verdict == "missing":
         return found
-    first, second, third = (part(on_progress, *x) for x in ((0.0, 0.4), (0.4, 0.7), (0.7, 1.0)))
-    other = other or contest.at_reversals(first)
-    if other is None:
+    rows, search, judge = (part(on_progress, *x) for x in ((0.0, 0.4), (0.4, 0.7), (0.7, 1.0)))
+    contest = found.selection.first.contest
+    if (other := other or contest.at_reversals(rows)) is None:
         return found
-    draws = noise(other, seed)
-    chosen = select(other, draws, decision, seed, second)
+    other = with_noise(other)
+    chosen = select(other, search)
     seen = seen_elsewhere(found.selection.first)
     both = tuple(m for m in chosen.members if m.label in seen)
     chosen = replace(chosen, members=both) if both else chosen
     acts = seen | {m.label for m in chosen.members if m.effect.at_reversals}
-    if _named_at_reversals(chosen, found.fit, acts):
-        again = judged(other, draws, chosen, decision, third)
+    first, most = next(iter(chosen.named), None), False
+    if first and first.label in acts and first.evidence is not None:
+        with suppress(IdentError):
+            most = _explains_most(explain(found.fit, first.evidence), found.fit)
+    if most:
+        again = judged(chosen, judge)
         if again.best and again.best.label in acts:
             return again
     table = contest.table
@@ -125,7 +130,7 @@ def at_reversals(
     loud = tuple(joint for joint, most in names if most)  # most of it is around reversals
     # dry friction that is no step there is no other effect, and a finding of the fit says so; nor
     # is it in a joint in which it builds up over some speed or is late
-    left = excess(other, draws, other.regression, decision)
+    left = excess(other)
     more = bool(both) or any(m.effect.at_reversals for m in chosen.members)
     no_step = {j for m in chosen.named if m.effect.needs or m.effect.fault for j in m.effect.joints}
     large = zip(found.fit.motion.independent, left > STEP * other.dry, strict=True)
@@ -148,113 +153,97 @@ def seen_elsewhere(first: Ranking) -> set[str]:
     }
 
 
-def _named_at_reversals(selection: Selection, fit: Fit, acts: Collection[str]) -> bool:
-    """Whether the first name is of an effect that `acts` has, and explains most at reversals."""
-    for first in selection.named[:1]:
-        if first.label in acts and first.evidence is not None:
-            with suppress(IdentError):
-                return _explains_most(explain(fit, first.evidence), fit)
-    return False
-
-
-def concluded(
-    contest: Contest, draws: NoiseDraws, decision: Decision, seed: int, on_progress: OnProgress
-) -> Diagnosis:
-    """The diagnosis of a fit from the rows of all candidates and draws of the sensors' noise."""
-    selection = select(contest, draws, decision, seed, part(on_progress, 0.0, 0.5))
-    return judged(contest, draws, selection, decision, part(on_progress, 0.5, 1.0))
-
-
-def judged(
-    contest: Contest, draws: NoiseDraws, selection: Selection, decision: Decision,
-    on_progress: OnProgress,
-) -> Diagnosis:  # fmt: skip
+def judged(selection: Selection, on_progress: OnProgress) -> Diagnosis:
     """The diagnosis of a fit from the set of effects that explains most."""
+    contest, last = selection.first.contest, selection.last.regression
     fit = contest.fit
-    names = fit.motion.independent
-    floor = dict(zip(names, map(float, draws.floor), strict=True))
-    left = excess(contest, draws, selection.last.regression, decision)
-    loud = tuple(name for name, each in zip(names, left, strict=True) if each)
-    last = selection.last.regression
-    data = _health_beside(contest, last.losses / last.weight**2)
+    left = zip(fit.motion.independent, excess(selection.contest), strict=True)
+    loud = tuple(name for name, each in left if each)
+    # a wrong channel must explain more than the effects that were found
+    squares = last.losses / last.weight**2
+    checks = DataChecks(
+        fit.problem, fit.estimate, fit.relative, contest.table, contest.use, squares
+    )
+    data = checks.health()
+    if not data.faults:  # a joint swings freely by the fitted terms, which wrong channels spoil
+        freely = (e for e in fit.findings if e.code == "swings freely")
+        data = Health((*data.findings, *freely))
     laws: tuple[Law, ...] = ()
     unsearched: tuple[str, ...] = ()
     if not data.faults:
         here = part(on_progress, 0.0, 0.4)
-        lawful, found, unsearched = laws_of(contest, selection, loud, floor, decision, here)
+        lawful, found, unsearched = laws_of(selection, loud, here)
         on_progress("refitting", 0.4)
-        selection, laws = _refitted(fit, lawful, found, decision)
+        selection, laws = _refitted(lawful, found)
     first, best = selection.named[0] if selection.named else None, None
-    candidates = explanations(fit, selection, first)
+    candidates = explanations(selection, first)
     for each in () if data.faults else by_rivals(selection):
         name = each.named[0]
-        again = candidates if name is first else explanations(fit, each, name)
+        again = candidates if name is first else explanations(each, name)
         known = [x.effect.label for x in again[:1]] == [name.label]
-        if known and _explains(again[0], contest, draws, each, decision):
+        if known and _explains(again[0], each):
             best, selection, candidates = name, each, again
             if (other := least_error(each, again)) is not None:
-                again = explanations(fit, other, other.named[0])
-                if _explains(again[0], contest, draws, other, decision):
+                again = explanations(other, other.named[0])
+                if _explains(again[0], other):
                     best, selection, candidates = other.named[0], other, again
             break
     if best is not None and best.effect.sits == "place":
         data = Health((*data.findings, *_clock(fit, candidates[0])))
     residual = residual_of(fit)
     verdict = _verdict(selection, best, bool(loud), bool(laws), residual.periods)
-    curves = found_curves(contest, selection, [law.found for law in laws], verdict, decision)
+    curves = found_curves(selection, [law.found for law in laws], verdict)
     on_progress("where it fails", 0.8)
     diagnosis = Diagnosis(
         fit=fit,
         verdict=verdict,
-        decision=decision,
+        decision=contest.decision,
         health=data,
         where=residual.where,
         periods=residual.periods,
         candidates=tuple(candidates),
         selection=selection,
         invisible=invisible(selection.first),
-        unsupported=unsupported(fit, contest, decision),
+        unsupported=unsupported(selection.first),
         curves=curves,
         laws=laws,
         unsearched=unsearched,
-        relatives=relatives_of(contest, selection, decision, part(on_progress, 0.8, 1.0))
-        if best
-        else (),
+        relatives=relatives_of(selection, part(on_progress, 0.8, 1.0)) if best else (),
         floor=fit.noise,
         loud=loud,
     )
-    return with_group(diagnosis)
+    if len(diagnosis.group) > 1:
+        with suppress(IdentError):  # announced errors stay
+            evidence = [m.evidence for m in diagnosis.members_of_group if m.evidence]
+            together = errors_of(refit_with(fit, diagnosis.group, evidence))
+            return replace(diagnosis, with_group=together)
+    return diagnosis
 
 
 def _refitted(
-    fit: Fit, selection: Selection, found: Collection[FoundLaw], decision: Decision
+    selection: Selection, found: Collection[FoundLaw]
 ) -> tuple[Selection, tuple[Law, ...]]:
-    """Refit the laws, with what is named beside them; without those that cannot be refitted or do
-    not matter, and what these replaced has its name again.
-    """
-    laws: list[Law] = []
+    """Refit the laws; what those replaced that fail or do not matter has its name again."""
+    laws, contest = list[Law](), selection.contest
     for each in of_one_form(found):
         formulas = (each.found, *each.rivals[:TRIED])  # the next, where one is not determined
         with_names: list[Sequence[Member | Law]] = [[*selection.named, *laws], laws]
         for formula, others in product(formulas, with_names[not selection.named :]):
             with suppress(IdentError):
-                law = refitted(fit, each.instead(formula), others)
-                if law.determined and law.matters(decision):
+                law = refitted(contest.fit, each.instead(formula), others)
+                if law.determined and law.matters(contest.decision):
                     laws.append(law)
                     break
-    good = tuple(laws)
-    joints = {law.joint for law in good}
+    joints = {None, *(law.joint for law in laws)}
     members = tuple(
-        m if m.law is None or m.law.joints[0] in joints else replace(m, law=None)
+        m if (m.law and m.law.joints[0]) in joints else replace(m, law=None)
         for m in selection.members
     )
-    return replace(selection, members=members), good
+    return replace(selection, members=members), tuple(laws)
 
 
 def of_one_form(found: Collection[FoundLaw]) -> list[FoundLaw]:
-    """Give laws of several joints one form, with constants of its own at each, where a formula of
-    these terms is the law or a rival of it at every joint; of several forms the best in all.
-    """
+    """Give laws of several joints one form, the best, where each has it as law or rival."""
     forms = [{e.formula.terms: e for e in (*law.rivals, law.found)} for law in found]
     common = set(forms[0]).intersection(*forms[1:]) if len(forms) > 1 else set()
     if not common:
@@ -269,26 +258,21 @@ def of_one_form(found: Collection[FoundLaw]) -> list[FoundLaw]:
 
 def _explains_most(found: Explanation, fit: Fit) -> bool:
     """Whether a candidate explains half of what exceeds the noise in its joint, as a law must."""
-    noise = fit.noise[found.joint]
-    before, left = (
-        max(e[found.joint].rms ** 2 - noise**2, 0.0) for e in (found.before, found.after)
-    )
+    noise, joint = fit.noise[found.joint], found.joint
+    before, left = (max(e[joint].rms ** 2 - noise**2, 0.0) for e in (found.before, found.after))
     return left <= (1 - MOST) * before
 
 
-def _explains(
-    found: Explanation, contest: Contest, draws: NoiseDraws, selection: Selection,
-    decision: Decision,
-) -> bool:  # fmt: skip
+def _explains(found: Explanation, selection: Selection) -> bool:
     """Whether the best is a cause: with which the error falls, of a possible size that the log
     determines, a length changed by no more than a third, a curve that explains half of what exceeds
-    the noise, as a law must, and of no joint of which it and what was found with it leave most of
-    the torque, whichever of those on which it acts it mends.
+    the noise, and of no joint on which it acts of which it and what was found with it leave most of
+    the torque.
     """
-    fit = contest.fit
+    contest, fit = selection.contest, selection.contest.fit
     after, before = found.after[found.joint].rms, found.before[found.joint].rms
     if after >= before and len(selection.named) > 1:  # alone it may need the others
-        after = announced_with(fit, selection, selection.named)[found.joint].rms
+        after = announced_with(selection, selection.named)[found.joint].rms
     if after >= before:
         return False
     if found.effect.descriptive and not _explains_most(found, fit):
@@ -301,18 +285,17 @@ def _explains(
     if found.effect.sits == "place" and not can_be(fit.mechanism, found.effect, values, 0 * values):
         return False
     first, last = selection.first.regression, selection.last.regression
-    left = last.losses.sum(axis=0) - last.rows * (last.weight * draws.floor) ** 2
-    explained = left < LEAVES**2 * torque_squares(contest, last)
+    assert contest.draws is not None
+    left = last.losses.sum(axis=0) - last.rows * (last.weight * contest.draws.floor) ** 2
+    explained = left < LEAVES**2 * contest.torque
     own = found.evidence.squares(first) * first.weight**2
-    acts = own > decision.material**2 * torque_squares(contest, first)
+    acts = own > contest.decision.material**2 * selection.first.contest.torque
     acts[found.evidence.coordinate] = True
     return bool(explained[acts].all())
 
 
 def _clock(fit: Fit, found: Explanation) -> Iterator[Finding]:
-    """Report a scale of time that does as well as a length that is k times as long: lengths k times
-    as long and a clock 1/√k times as long make nearly the same torques.
-    """
+    """Report a clock 1/√k times as long that does as well as a length that is k times as long."""
     length = fit.mechanism.lengths.get(found.effect.joints[0], 0.0)
     k = 1 + found.parameters[0].value / length if length else 1.0
     if (before := found.error_before) is None or not 0 < k != 1:
@@ -337,31 +320,14 @@ def health(fit: Fit) -> Health:
     return fit.health
 
 
-def _health_beside(contest: Contest, explained: np.ndarray) -> Health:
-    """The same beside a diagnosis, on its rows: a wrong channel must explain more than the effects
-    that it found, which leave squares (blocks, d) of blocks that were left out.
-    """
-    fit = contest.fit
-    checks = DataChecks(
-        fit.problem, fit.estimate, fit.relative, contest.table, contest.use, explained
-    )
-    health = checks.health()
-    # a joint swings freely by the fitted terms, which wrong channels spoil
-    freely = () if health.faults else (e for e in fit.findings if e.code == "swings freely")
-    return Health((*health.findings, *freely))
-
-
-def excess(
-    contest: Contest, noise: NoiseDraws, regression: PartialRegression, decision: Decision
-) -> np.ndarray:
-    """(d,) rms that a model leaves beyond the sensors' noise [N m | N], 0 where it is that of some
-    noise or does not matter.
-    """
-    rows = np.maximum(regression.rows, 1)
-    rms = np.sqrt(regression.losses.sum(axis=0) / rows) / regression.weight
-    torque = np.sqrt(torque_squares(contest, regression) / rows) / regression.weight
-    found = np.sqrt(np.maximum(rms**2 - noise.floor**2, 0.0))
-    seen = (rms > LOUD * noise.ceiling) & (found > decision.material * torque)
+def excess(contest: Contest) -> np.ndarray:
+    """(d,) rms left beyond the sensors' noise [N m | N], 0 where it is noise or immaterial."""
+    regression, draws = contest.regression, contest.draws
+    assert draws is not None
+    size = np.sqrt(np.maximum(regression.rows, 1)) * regression.weight
+    rms, torque = np.sqrt(regression.losses.sum(axis=0)) / size, np.sqrt(contest.torque) / size
+    found = np.sqrt(np.maximum(rms**2 - draws.floor**2, 0.0))
+    seen = (rms > LOUD * draws.ceiling) & (found > contest.decision.material * torque)
     return np.where(seen, found, 0.0)
 
 
@@ -377,6 +343,106 @@ def _verdict(
     return "undecided" if loud else "nothing"
 
 
+# --- refits --------------------------------------------------------------------------------------
+
+
+def by_rivals(selection: Selection) -> Iterator[Selection]:
+    """Yield a selection as it is, then with each rival in the place of its first name, if any."""
+    if not selection.named:
+        return
+    yield selection
+    simple = sorted(selection.named[0].rivals, key=simplicity)
+    for each in simple:
+        yield _with_first(selection, each, [e for e in simple if e is not each])
+
+
+def _with_first(selection: Selection, name: Evidence, rivals: Sequence[Evidence]) -> Selection:
+    """Return a selection with another first name, which no other member has, and its rivals."""
+    first, label = selection.named[0], name.effect.label
+    member = replace(first, effect=name.effect, evidence=name, rivals=tuple(rivals), stands_in=True)
+    members = (member if m is first else m for m in selection.members)
+    return replace(selection, members=tuple(m for m in members if m is member or m.label != label))
+
+
+def least_error(selection: Selection, found: Sequence[Explanation]) -> Selection | None:
+    """Return a selection with that rival of its first name in the place of that which leaves least
+    when all is refitted, where both are one load on several links; None where the first name does.
+    `found`: the first name and its rivals, refitted or not.
+    """
+    first = selection.named[0]
+    left = {
+        e.effect.label: float(np.mean([np.log(max(x.rms, 1e-300)) for x in e.after.values()]))
+        for e in found
+        if e.fit is not None
+    }
+    own = first.evidence
+    if own is None or first.label not in left or not first.effect.loaded_link:
+        return None
+    both = (own, *first.rivals)
+    alike = [e for e in both if e.effect.kind == own.effect.kind and e.effect.label in left]
+    best = min(alike, key=lambda e: left[e.effect.label])
+    if best is own:
+        return None
+    return _with_first(selection, best, [e for e in both if e is not best])
+
+
+def explanations(selection: Selection, best: Member | None) -> list[Explanation]:
+    """The best refitted, its rivals and what else is promising, best first."""
+    fit = selection.first.contest.fit
+    first = [best.evidence, *best.rivals] if best is not None and best.evidence else []
+    effects = {each.effect.label: each.effect for each in first}
+    rest = [e for e in selection.first.evidence if e.effect.label not in effects]
+    rest.sort(key=lambda each: not each.credible)
+    wanted = [*first, *rest][: max(SHOWN, min(LISTED, len(first) + 1))]
+    cheap = all(each.linear for each in fit.mechanism.effects)  # no search of shapes
+    found = []
+    for each in wanted:
+        own = each.effect.label
+        rivals = tuple(e for n, e in effects.items() if n != own) if own in effects else ()
+        if (first and each is first[0]) or (each.effect.linear and cheap):
+            with suppress(IdentError):  # a correction too large for the loops to close, say
+                found.append(explain(fit, each, rivals))
+        else:
+            found.append(announced(selection, each, rivals))
+    return found
+
+
+def explain(fit: Fit, found: Evidence, rivals: tuple[Effect, ...] = ()) -> Explanation:
+    """The refit with a candidate, whose standard errors hold no bias of wrong data."""
+    refit = refit_with(fit, [found.effect], [found])
+    effects = refit.effects_with(refit.without_faults)
+    values = next(e.parameters for e in effects if e.effect.label == found.effect.label)
+    return Explanation.of(fit, found, refit, errors_of(refit), values, rivals)
+
+
+def refit_with(
+    fit: Fit, effects: Collection[Effect], found: Collection[Evidence],
+    shapes: Mapping[str, float] | None = None,
+) -> Fit:  # fmt: skip
+    """Refit everything with further effects; searched shapes set out from where they were found, or
+    from `shapes`, by full name.
+    """
+    point = started(fit, found)
+    point = Point(point.pi, {**point.values, **(shapes or {})})
+    model = reduce(add, effects, fit.mechanism)
+    return identify(model, fit.motion, start=point, estimator="least-squares")
+
+
+def started(fit: Fit, found: Collection[Evidence]) -> Point:
+    """The working point of a fit with the shapes of some candidates where they were found."""
+    shapes: dict[str, float] = {}
+    for each in found:
+        effect = each.effect
+        before = known_of(fit, effect) if effect.corrects else {}
+        names = effect.names[len(effect.unknowns) :]
+        shapes |= {
+            full: each.shape[shape.name] + before.get(full, 0.0)
+            for full, shape in zip(names, effect.shapes, strict=True)
+            if shape.name in each.shape
+        }
+    return Point(fit.point.pi, {**fit.point.values, **shapes})
+
+
 def refitted(fit: Fit, found: FoundLaw, beside: Collection[Member | Law]) -> Law:
     """Refit everything with a law and what is beside it; searches set out from where they ended."""
     others = [each.effect for each in beside]
@@ -385,60 +451,12 @@ def refitted(fit: Fit, found: FoundLaw, beside: Collection[Member | Law]) -> Law
     at = {n: (x, *found.bounds[n]) for n, x in found.found.shape.items()}
     law = replace(found.formula, name=name, found=at)
     evidence = [e.evidence for e in beside if isinstance(e, Member) and e.evidence is not None]
-    point = started(fit.point, fit, evidence)
-    full = dict(zip((p.name for p in law.parameters), law.names, strict=True))
-    start = Point(point.pi, {**point.values, **{full[n]: x for n, (x, *_) in at.items()}})
-    refit = identify(
-        reduce(add, (*others, law), fit.mechanism),
-        fit.motion,
-        start=start,
-        estimator="least-squares",
-    )
+    shapes = {law.full[n]: x for n, (x, *_) in at.items()}
+    refit = refit_with(fit, (*others, law), evidence, shapes)
     effects = refit.effects_with(refit.without_faults)  # beside wrong data there is no law
     own = next(e for e in effects if e.effect.label == law.label)
     assert isinstance(own.effect, Formula)
     values = {v.name.rpartition(".")[2]: v.value for v in own.parameters}
     effect = replace(own.effect, found={n: (values[n], *at[n][1:]) for n in at})
-    return Law(
-        found, effect, tuple(others), refit, tuple(own.parameters), errors_of(fit), errors_of(refit)
-    )  # fmt: skip
-
-
-def found_curves(
-    contest: Contest, selection: Selection, laws: Collection[FoundLaw], verdict: str,
-    decision: Decision,
-) -> tuple[FoundCurve, ...]:  # fmt: skip
-    """Find the curves of the joints that have a law, or where the model fails unexplained."""
-    last = selection.last
-    places = {law.joint: law.beside for law in laws}
-    if verdict == "unexplained" and not places:
-        rest = last.regression.judging([p.Y[:, :1] for p in last.regression.parts])
-        for member in selection.members:
-            rest = rest.without(member.columns) if member.rejected else rest
-        curves = [curve for curve, _ in (*last.curves, *selection.first.curves)]
-        curves += [m.curve for m in selection.members if m.curve is not None]
-        places = {curve.joints[0]: rest for curve in curves[:1]}
-    found = (
-        curve_of(
-            last.contest,
-            beside,
-            joint,
-            last.limit_at(joint),
-            decision.rival_se,
-            0.0 if laws else last.limit_at(joint),  # a law has the evidence
-        )
-        for joint, beside in places.items()
-    )
-    used = {name for law in laws for name in law.formula.logged}
-    errors = errors_of(contest.fit)
-    return tuple(
-        replace(each, independent=tuple(n for n in each.independent if each.full(n) not in used))
-        for each in found
-        if each is not None
-        and (
-            each.joint not in errors  # in a loop it is felt elsewhere
-            or decision.matters(
-                1.0, each.ratio, 1 / max(errors[each.joint].relative or 1.0, 1e-9) ** 2
-            )
-        )
-    )
+    before, after = errors_of(fit), errors_of(refit)
+    return Law(found, effect, tuple(others), refit, tuple(own.parameters), before, after)

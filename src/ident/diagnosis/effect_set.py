@@ -23,7 +23,6 @@ from ident.diagnosis.law_search import refined
 from ident.diagnosis.selection import (
     MOST,
     PARSIMONY,
-    Decision,
     Evidence,
     Ranking,
     alike,
@@ -42,33 +41,20 @@ from ident.information.projection import EXACT
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """An effect of a set.
-
-    Attributes:
-        columns: its columns in the regression.
-        evidence: when it was chosen, None of an effect of the fit; rivals: then, or beside the
-            rest of the set of one that came with others.
-        gain: rise of the left-out squared error of the whole set without it, as a share.
-        curve: a curve of its signals that explains much beside it: the law has the wrong form.
-        impossible: a law that explains more of the same joint than it does, with values that no
-            machine has: the cause is something else.
-        law: a formula that stands in its place, because it has the right form.
-        stands_in: whether its columns are of another effect, for which it stands.
-        grouped: whether it came with others, which every machine has or which are a path.
-        path: chance of the path with which it came; None of what came without one.
-    """
+    """An effect of a set."""
 
     effect: Effect
-    columns: Index
-    evidence: Evidence | None = None
-    rivals: tuple[Evidence, ...] = ()
-    gain: float = np.nan
-    curve: Effect | None = None
+    columns: Index  # in the regression
+    evidence: Evidence | None = None  # when it was chosen; None of an effect of the fit
+    rivals: tuple[Evidence, ...] = ()  # then, or beside the rest of the set if it came with others
+    gain: float = np.nan  # rise of the left-out squares of the whole set without it, as a share
+    curve: Effect | None = None  # that explains much beside it: the law has the wrong form
+    # a law that explains more of the joint, with values that no machine has: the cause is another
     impossible: Effect | None = None
-    law: Formula | None = None
-    stands_in: bool = False
-    grouped: bool = False
-    path: float | None = None
+    law: Formula | None = None  # that stands in its place, because it has the right form
+    stands_in: bool = False  # whether its columns are of another effect, for which it stands
+    grouped: bool = False  # whether it came with others, which every machine has or a path has
+    path: float | None = None  # chance of the path with which it came, if it did
 
     @property
     def rejected(self) -> bool:
@@ -98,8 +84,12 @@ class EffectSet:
     """The model with a set of effects added, on the rows of one fit."""
 
     contest: Contest
-    regression: PartialRegression
     members: tuple[Member, ...] = ()
+
+    @property
+    def regression(self) -> PartialRegression:
+        """The model with the set."""
+        return self.contest.regression
 
     @property
     def labels(self) -> frozenset[str]:
@@ -131,16 +121,17 @@ class EffectSet:
 
     def plus(self, found: Evidence, equal: tuple[Evidence, ...] = ()) -> EffectSet:
         """The set with a further effect and its rivals."""
-        contest, columns = replace(self.contest, regression=self.regression), found.columns
         if found.C:  # of a refined shape
-            contest, columns = contest.added(found.C)
-        member = Member(found.effect, columns, found, equal)
-        return EffectSet(contest, contest.regression.extended(columns), (*self.members, member))
+            contest, columns = self.contest.extended(found.C)
+        else:
+            contest = self.contest.beside(self.regression.extended(found.columns))
+            columns = found.columns
+        return EffectSet(contest, (*self.members, Member(found.effect, columns, found, equal)))
 
     def minus(self, member: Member) -> EffectSet:
         """The set without one of its effects."""
         left = tuple(each for each in self.members if each is not member)
-        return replace(self, regression=self.regression.without(member.columns), members=left)
+        return EffectSet(self.contest.beside(self.regression.without(member.columns)), left)
 
     def polished(self) -> EffectSet:
         """The set with all shapes refined beside each other: weights have changed since."""
@@ -149,21 +140,19 @@ class EffectSet:
             if m.evidence is None or m.effect.corrects or not m.evidence.C:
                 continue
             bare = found.minus(m)
-            contest = replace(bare.contest, regression=bare.regression)
-            shape, C, refit = refined(contest, bare.regression, m.effect, m.evidence.shape)
+            shape, C, refit = refined(bare.contest, m.effect, m.evidence.shape)
             e = replace(m.evidence, shape=shape, columns=m.columns[:0], C=tuple(C), refit=refit)
             found = bare.plus(e, m.rivals)
         return found
 
     def reweighted(self) -> EffectSet:
         """The set with weights by the left-out errors that it leaves."""
-        return replace(self, regression=reweighted(self.regression))
+        return replace(self, contest=self.contest.beside(reweighted(self.regression)))
 
     @cached_property
     def shares(self) -> dict[str, float]:
-        """Rise of the in-sample squared error without each effect, as a share, by label.
-
-        It is larger than the left-out one; −1 of an effect whose values cannot be.
+        """Rise of the in-sample squares without each effect, as a share, by label; −1 of an effect
+        whose values cannot be. It is larger than the left-out one.
 
             θ_gᵀ ((XᵀX)⁻¹)_gg⁻¹ θ_g / |e|²
         """
@@ -193,14 +182,11 @@ def on_rows_in_motion(
     contest: Contest, members: Iterable[Member]
 ) -> tuple[PartialRegression, dict[str, Index]]:
     """The rows of a fit in motion, those at reversals too, with columns of members by label and
-    without pulses: on them errors are announced, as those of a fit are. A joint that never moves
-    has all that inform.
+    without pulses, on which errors are announced; of a joint that never moves all that inform.
     """
-    table, held = contest.table, contest.fit.estimate.held
+    table = contest.table
     use = np.where(table.moving.any(axis=0), table.moving, table.informed)
-    prior = table.columns.prior_at(table.point.values)
-    store = ColumnStore(table, use, table.A, table.b - table.A[:, :, held] @ prior[held])
-    columns = {}
+    store, columns = ColumnStore(table, use, contest.fit.estimate.held), {}
     for each in members:
         assert each.evidence is not None
         shape = each.evidence.shape
@@ -211,49 +197,29 @@ def on_rows_in_motion(
     return PartialRegression(store.parts(), rows.model, rows.weight, store.count), columns
 
 
-@dataclass(frozen=True, eq=False)
-class Responses:
-    """Responses to the past speed of each joint beside a set of effects.
+Response = tuple[Effect, Index, float]
+"""To the past speed of a joint, with its columns and the share of the left-out squares."""
 
-    Attributes:
-        beside: all candidates beside the set, on rows that have the responses' columns too.
-        credible: responses that explain more than chance, with their columns and the share of the
-            left-out squares.
+
+def past_responses(last: Ranking) -> tuple[Ranking, list[Response]]:
+    """Return all candidates beside a set on rows that have columns of responses to the past speed
+    of each joint that has curves too, and the responses that explain more than chance.
     """
-
-    beside: Ranking
-    credible: tuple[tuple[Effect, Index, float], ...]
-
-    @classmethod
-    def of(cls, last: Ranking) -> Responses:
-        """The responses of all joints that have curves; `last`: all candidates beside a set."""
-        table, limit = last.contest.table, last.with_curves.limit
-        cutoff = table.motion.band.cutoff or 0.25 * min(scene.e.rate for scene in table.scenes)
-        shortest = {"T": 0.5 / (np.pi * cutoff)}
-        regression = last.regression.judging([p.Y[:, :1] for p in last.regression.parts])
-        contest, found = replace(last.contest, regression=regression), []
-        for joint in dict.fromkeys(e.effect.joints[0] for e in last.contest.candidates if e.curve):
-            response = table.mechanism.placed(PastSpeed((joint,), shortest, signal="past v"))
-            contest, columns = contest.added(contest.columns(response, {}))
-            found.append((response, columns))
-        regression = contest.regression
-        gains = regression.explained(regression.gains([columns for _, columns in found]).by)
-        credible = tuple(
-            (response, columns, float(more))
-            for (response, columns), more in zip(found, gains, strict=True)
-            if more > limit(regression.place(columns))
-        )
-        return cls(replace(last, contest=contest, regression=regression), credible)
-
-
-def doubted(member: Member, bare: PartialRegression, last: Ranking, responses: Responses) -> Member:
-    """The member with what speaks against it: a curve, or a law with impossible values.
-
-    `bare`: the set without the member; `last`: all candidates beside the set, with `responses`.
-    """
-    impossible = _impossible(member, bare, last)
-    curve = _curve(member, last) or _past(member, responses)
-    return replace(member, curve=curve, impossible=impossible)
+    table, limit = last.contest.table, last.with_curves.limit
+    cutoff = table.motion.band.cutoff or 0.25 * min(scene.e.rate for scene in table.scenes)
+    shortest = {"T": 0.5 / (np.pi * cutoff)}
+    regression, found = last.regression.bare, []
+    for joint in dict.fromkeys(e.effect.joints[0] for e in last.contest.candidates if e.curve):
+        response = table.mechanism.placed(PastSpeed((joint,), shortest, signal="past v"))
+        regression, columns = regression.added(last.contest.columns(response, {}))
+        found.append((response, columns))
+    shares = regression.shares([columns for _, columns in found])
+    credible = [
+        (response, columns, float(more))
+        for (response, columns), more in zip(found, shares, strict=True)
+        if more > limit(regression.place(columns))
+    ]
+    return replace(last, contest=last.contest.beside(regression)), credible
 
 
 def _curve(member: Member, last: Ranking) -> Effect | None:
@@ -266,12 +232,10 @@ def _curve(member: Member, last: Ranking) -> Effect | None:
     return None
 
 
-def _past(member: Member, responses: Responses) -> Effect | None:
-    """A response that explains much beside the set: of a joint of the law, whose coefficients are
-    then not the same in slow and in fast motion, or one that leaves the law no more than chance.
-    """
-    last, regression = responses.beside, responses.beside.regression
-    for response, columns, more in responses.credible:
+def _past(member: Member, last: Ranking, responses: Sequence[Response]) -> Effect | None:
+    """A response to the speed of a joint of the law, or one that leaves the law only chance."""
+    regression = last.regression
+    for response, columns, more in responses:
         (joint,) = response.joints
         if joint in member.effect.joints:
             if more > PARSIMONY * (member.gain + more) and _beside_best_law(
@@ -279,49 +243,44 @@ def _past(member: Member, responses: Responses) -> Effect | None:
             ):
                 return response
             continue
-        instead = regression.extended(columns).without(member.columns)
-        own = float(instead.explained(instead.gains([member.columns]).by)[0])
-        if own <= last.chance.limit(regression.place(member.columns)):
+        if _by_chance(member, regression.extended(columns).without(member.columns), last):
             return response
     return None
 
 
+def _by_chance(member: Member, beside: PartialRegression, last: Ranking) -> bool:
+    """Whether a member explains no more beside a model than chance."""
+    share = float(beside.shares([member.columns])[0])
+    return share <= last.chance.limit(beside.place(member.columns))
+
+
 def _impossible(member: Member, bare: PartialRegression, last: Ranking) -> Effect | None:
-    """A law with impossible values that explains more, and either leaves the member no more than
-    chance explains, so that both approximate one unknown cause, or explains twice the squares of
-    the member's joint, whose greater part then has an unknown cause.
+    """A law with impossible values that explains more, and leaves the member no more than chance
+    explains, or explains twice the squares of the member's joint: the cause is unknown.
     """
     assert member.evidence is not None
-    mended, u = set(member.evidence.mends), member.evidence.coordinate
+    mended, u = set(member.evidence.refit.mends), member.evidence.coordinate
     for each in last.evidence:
         more = each.gain > max(each.limit, member.gain)
-        if each.sensible or not more or not mended & set(each.mends):
+        if each.sensible or not more or not mended & set(each.refit.mends):
             continue
         groups = next(c for c in last.contest.candidates if c.effect == each.effect).groups
         columns = groups[last.gains[each.effect.label][2]]
         mine, others = bare.gains([member.columns, columns]).by
-        beside = bare.extended(columns)
-        own = float(beside.explained(beside.gains([member.columns]).by)[0])
-        if own <= last.chance.limit(bare.place(member.columns)) or mine[u] < MOST * others[u]:
+        if _by_chance(member, bare.extended(columns), last) or mine[u] < MOST * others[u]:
             return each.effect
     return None
 
 
 def _beside_best_law(columns: Index, joint: str, member: Member, last: Ranking) -> bool:
-    """Return whether columns explain as much beside the law of a joint that explains most beside
-    the set, credible or not: what such a law explains speaks against no other law's form.
-    """
-    laws = [
-        each
-        for each in last.contest.candidates
-        if not each.curve and joint in each.effect.joints and each.effect.label in last.gains
-    ]
+    """Whether columns explain as much beside the law of the joint that explains most."""
+    laws = [each for each in last.contest.laws if joint in each.effect.joints]
+    laws = [each for each in laws if each.effect.label in last.gains]
     if not laws:
         return True
     best = max(laws, key=lambda each: last.gains[each.effect.label][0])
-    start = int(last.regression.explained(last.regression.gains(best.groups).by).argmax())
-    richer = last.regression.extended(best.groups[start])
-    more = float(richer.explained(richer.gains([columns]).by)[0])
+    start = int(last.regression.shares(best.groups).argmax())
+    more = float(last.regression.extended(best.groups[start]).shares([columns])[0])
     limit = last.chance.limit(last.regression.place(columns))
     return more > max(limit, PARSIMONY * member.gain)
 
@@ -331,8 +290,8 @@ def _beside_best_law(columns: Index, joint: str, member: Member, last: Ranking) 
 
 def leader(named: Sequence[Member], first: Ranking) -> Member:
     """Return which of some members, sorted by what they explain alone, is named first: one that
-    every machine has and that explains as much as the best, within PARSIMONY, for a bare model
-    lacks friction of all joints; else the best.
+    every machine has, if it explains as much as the best within PARSIMONY, for a bare model lacks
+    friction of all joints.
     """
     alone = {e.effect.label: e.gain for e in first.credible}
     least = (1 - PARSIMONY) * alone.get(named[0].label, np.inf)
@@ -340,7 +299,7 @@ def leader(named: Sequence[Member], first: Ranking) -> Member:
     return min(common, key=lambda m: len(m.effect.parameters), default=named[0])
 
 
-def in_order(members: Sequence[Member], first: Ranking, decision: Decision) -> list[Member]:
+def in_order(members: Sequence[Member], first: Ranking) -> list[Member]:
     """Put members of a set in the order in which they are named: first those that are credible on
     the model as it is, by what they explain there; the first name with its evidence there.
     """
@@ -349,33 +308,35 @@ def in_order(members: Sequence[Member], first: Ranking, decision: Decision) -> l
     if named:
         at, lead = found.index(named[0]), leader(named, first)
         found.remove(lead)
-        found.insert(at, _alone(lead, first, decision))
+        found.insert(at, _alone(lead, first))
     return found
 
 
-def _alone(member: Member, first: Ranking, decision: Decision) -> Member:
+def _alone(member: Member, first: Ranking) -> Member:
     """The member with its evidence on the model as it is, where it is credible there.
 
     Beside other effects a member may be better than the simplest effect that explains the same part
-    alone; a user who adds one effect is given the latter, with the member among its rivals. One
-    that came with others is named with them, and its rivals are those beside them.
+    alone; a user who adds one effect is given the latter, with the member among its rivals.
     """
     own = next((e for e in first.credible if e.effect.label == member.label), None)
     if own is None:
         return member
     if member.grouped:
         return replace(member, evidence=own)
-    simple = simplest(first, decision)
-    if simple is not None and alike(own, simple) and behind(own, simple) >= decision.rival_se:
+    simple, least = simplest(first), first.contest.decision.rival_se
+    if simple is not None and alike(own, simple) and behind(own, simple) >= least:
         own = simple
         member = replace(member, stands_in=True)
-    return replace(member, effect=own.effect, evidence=own, rivals=rivals(own, first, decision))
+    return replace(member, effect=own.effect, evidence=own, rivals=rivals(own, first))
 
 
-def judged_member(member: Member, found: EffectSet, last: Ranking, responses: Responses) -> Member:
-    """The member with its gain and with what speaks against it."""
+def judged_member(
+    member: Member, found: EffectSet, last: Ranking, past: tuple[Ranking, Sequence[Response]]
+) -> Member:
+    """The member with its gain and with what speaks against it: a curve, or a law with impossible
+    values; `last`: all candidates beside the set, `past`: see `past_responses`.
+    """
     bare, e = found.minus(member), member.evidence
-    gain = found.rise(bare)
     assert e is not None
     if np.isnan(e.p):  # it came with others, and is judged beside them
         refit = bare.regression.refit(member.columns)
@@ -386,4 +347,6 @@ def judged_member(member: Member, found: EffectSet, last: Ranking, responses: Re
         e = replace(
             e, refit=refit, gain=share, limit=limit, p=p, credible=share > limit and e.sensible
         )
-    return doubted(replace(member, evidence=e, gain=gain), bare.regression, last, responses)
+    member = replace(member, evidence=e, gain=found.rise(bare))
+    curve = _curve(member, last) or _past(member, *past)
+    return replace(member, curve=curve, impossible=_impossible(member, bare.regression, last))

@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.selection import Evidence
-from ident.diagnosis.trials import Move, Trial, allowed, present, trials
+from ident.diagnosis.trials import Trial, allowed, present, trials
 from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.equations.terms import Samples, unbalanced
@@ -40,13 +40,12 @@ WORSE = 10.0  # range: times the log's largest ‖K⁺‖: no trial goes nearer 
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """A trial with its rows (M,), weighted, and the model's orthonormal columns Q (M, rank)."""
+    """The rows of a trial, M in all coordinates."""
 
-    trial: Trial
     table: Table
-    rows: tuple[np.ndarray, ...]
-    weight: np.ndarray
-    Q: np.ndarray
+    rows: tuple[np.ndarray, ...]  # by coordinate
+    weight: np.ndarray  # (d,) 1/σ
+    Q: np.ndarray  # (M, rank) the model's columns, orthonormal
     memo: dict[str, list[np.ndarray]] = field(default_factory=dict)
     spans: dict[str, list[np.ndarray]] = field(default_factory=dict)
 
@@ -56,7 +55,7 @@ class Probe:
         fit = d.fit
         try:
             motion = complete(fit.mechanism, trial.logs, cutoff=None, torques=False)
-            runs = [_loaded(d, _with_extra(e, fit.motion)) for e in motion.experiments]
+            runs = [_loaded(d, e) for e in motion.experiments]
             motion = replace(motion, experiments=tuple(runs), independent=fit.motion.independent)
             if not allowed(fit.mechanism, fit.motion, motion):
                 return None
@@ -66,21 +65,9 @@ class Probe:
             sigma = _noise(d, table) * np.sqrt(count / _length(fit.motion))
             rows = tuple(np.flatnonzero(each) for each in use.T)
             A = [table.A[mine, u] / sigma[u] for u, mine in enumerate(rows)]
-            return cls(trial, table, rows, 1 / sigma, orthonormal(np.concatenate(A)))
+            return cls(table, rows, 1 / sigma, orthonormal(np.concatenate(A)))
         except (IdentError, np.linalg.LinAlgError, ValueError, ArithmeticError):
             return None
-
-    def taken(self, x: np.ndarray, felt: np.ndarray) -> np.ndarray:
-        """Columns (N, c, k) of the table in the coordinates `felt` as weighted rows (M, k)."""
-        place = {int(u): i for i, u in enumerate(felt)}
-        return np.concatenate([
-            x[rows, place[u]] * self.weight[u] if u in place else np.zeros((len(rows), x.shape[2]))
-            for u, rows in enumerate(self.rows)
-        ])  # fmt: skip
-
-    def projected(self, X: np.ndarray) -> np.ndarray:
-        """(I − QQᵀ) X (M, k)."""
-        return X - self.Q @ (self.Q.T @ X)
 
     def columns(self, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
         """Weighted columns (M, unknowns) of an effect at shapes given and at its usual starts."""
@@ -90,7 +77,10 @@ class Probe:
                 tried += [{**s, n: s[n] * by} for s in shapes for n in s for by in NEARBY]
             elif effect.searched or not tried:
                 tried += self.table.starts(effect)
-            C = self.taken(*self.table.effect_columns(effect, tried))
+            C, felt = self.table.effect_columns(effect, tried)
+            whole = np.zeros((*self.table.b.shape, C.shape[2]))
+            whole[:, felt] = C * self.weight[felt, None]
+            C = np.concatenate([whole[rows, u] for u, rows in enumerate(self.rows)])
             self.memo[effect.label] = np.split(C, len(tried), axis=1)
         return self.memo[effect.label]
 
@@ -107,17 +97,14 @@ class Probe:
     def _left(self, a: Evidence, b: Evidence) -> tuple[float, float]:
         C = self.columns(a.effect, [a.shape])[0]
         names = a.effect.unknowns or a.effect.searched
-        signal = self.projected(C @ a.refit.theta[: len(names)])
+        signal = _without(self.Q, C @ a.refit.theta[: len(names)])
         size = float(np.linalg.norm(signal))
-        left = min(float(np.linalg.norm(signal - Q @ (Q.T @ signal))) for Q in self._spans(b))
-        return left, left / max(size, 1e-300)
-
-    def _spans(self, b: Evidence) -> list[np.ndarray]:
-        """Orthonormal columns (M, ≤ unknowns) beside the model, at every shape."""
-        if b.effect.label not in self.spans:
+        if b.effect.label not in self.spans:  # beside the model, at every shape
             columns = self.columns(b.effect, [b.shape])
-            self.spans[b.effect.label] = [orthonormal(self.projected(C)) for C in columns]
-        return self.spans[b.effect.label]
+            self.spans[b.effect.label] = [orthonormal(_without(self.Q, C)) for C in columns]
+        spans = self.spans[b.effect.label]
+        left = min(float(np.linalg.norm(_without(Q, signal))) for Q in spans)
+        return left, left / max(size, 1e-300)
 
     def visible(self, effect: Effect) -> float:
         """The largest share of an effect's columns that the model does not have; none where the
@@ -129,7 +116,7 @@ class Probe:
         largest = np.array([min(p.largest, ends.get(p.name, np.inf)) for p in own])
         shares = [0.0]
         for C in self.columns(effect, []):
-            beside = self.projected(C)
+            beside = _without(self.Q, C)
             size, left = (np.linalg.norm(x, axis=0) for x in (C, beside))
             seen = left > 1e-9 * np.sqrt(len(C))
             if np.any(left[seen] * largest[seen] > SURE):
@@ -137,28 +124,23 @@ class Probe:
         return max(shares)
 
 
-def _with_extra(e: State, now: Motion) -> State:
-    """The log's other columns, at rest at what they usually are."""
-    seen = now.experiments[0].extra
-    usual = {name: np.full(len(e), float(np.median(x))) for name, x in seen.items()}
-    return replace(e, extra={**usual, **e.extra})
-
-
 def _loaded(d: Diagnosis, e: State) -> State:
-    """With the torques that the fitted model predicts, in the diagnosis's own coordinates."""
+    """With the torques that the model predicts, and the log's other columns at their medians."""
     mechanism, names = d.fit.mechanism, d.fit.motion.independent
+    others = d.fit.motion.experiments[0].extra.items()
+    usual = {name: np.full(len(e), float(np.median(x))) for name, x in others}
+    e = replace(e, extra={**usual, **e.extra})
     if mechanism.closures:
         bare, e = e, e.transmitted(mechanism, names)
-        worst = max(float(_size(each).max()) for each in d.fit.motion.experiments)
-        if left_out(bare, e) or float(_size(e).max()) > WORSE * worst:
+        now, then = (
+            max(np.linalg.norm(x.pinv[x.usable], axis=(1, 2)).max() for x in some)
+            for some in (d.fit.motion.experiments, [e])
+        )
+        if left_out(bare, e) or then > WORSE * now:
             raise ValueError("near a singular position")
     needed = -unbalanced(Samples(mechanism, e, slice(None), d.fit.point).reduced(slice(None)))
     drives = [mechanism.joint_index[name] for name in mechanism.driven]
     return replace(e, tau=e.drive_torques(needed, drives))
-
-
-def _size(e: State) -> np.ndarray:
-    return np.linalg.norm(e.pinv[e.usable], axis=(1, 2))
 
 
 def _noise(d: Diagnosis, table: Table) -> np.ndarray:
@@ -182,7 +164,6 @@ def _length(motion: Motion) -> float:
 
 
 # --- propose -------------------------------------------------------------------------------------
-# The simplest motion, among some that are tried out, that tells rivals apart.
 #
 #     worth = Σ min(separation, AMPLE)²  over the pairs of a question, within PARSIMONY of the best
 #
@@ -202,29 +183,22 @@ Pair = tuple[Evidence, Evidence]
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A motion to be logged next, and what it would show.
+    """A motion to be logged next, and what it would show."""
 
-    Attributes:
-        trial: the motion; `trial.logs` are its positions, rates and accelerations.
-        separation: of the two rivals told apart that stay most alike, in standard errors of a log
-            as long as the present one.
-        apart: rivals that it tells apart; alike: pairs that it does not.
-        seconds: how long a log of it should be to be nearly sure.
-    """
-
-    trial: Trial
+    trial: Trial  # the motion
+    # standard errors of a log as long as the present one, of the rivals that stay most alike
     separation: float
-    apart: tuple[Effect, ...]
-    alike: tuple[tuple[Effect, Effect], ...]
-    seconds: float
+    apart: tuple[Effect, ...]  # rivals that it tells apart
+    alike: tuple[tuple[Effect, Effect], ...]  # pairs that it does not
+    seconds: float  # how long a log of it should be to be nearly sure
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """Separation of all pairs in one trial: (standard errors, share that differs)."""
+    """Separation of all pairs in one trial."""
 
     trial: Trial
-    found: dict[Pair, tuple[float, float]]
+    found: dict[Pair, tuple[float, float]]  # standard errors, share that differs
 
     def separation(self, pair: Pair) -> float:
         """Standard errors; none where the two are the same but for rounding."""
@@ -237,9 +211,7 @@ class Attempt:
 
 
 def contenders(d: Diagnosis) -> list[Evidence]:
-    """The best and its rivals, as they were judged, those of the best one's kind first, then laws
-    that do as well; where nothing is named, the first law and its rivals.
-    """
+    """The best and its rivals, then laws that do as well; without a name the laws alone."""
     formulas = [*d.relatives[:FORMULAS]]
     if d.best is None and d.laws:
         formulas = [d.laws[0].found.found, *d.laws[0].found.rivals[:FORMULAS]]
@@ -270,11 +242,17 @@ def questions(rivals: Sequence[Evidence]) -> list[list[Pair]]:
 
 
 def attempts(d: Diagnosis, rivals: Sequence[Evidence]) -> list[Attempt]:
-    """Tries motions out, one like the present first, until one tells all apart with ease."""
+    """Tries motions out, the likeliest to help first, until one tells all apart with ease."""
     now = present(d.fit.mechanism, d.fit.motion)
     pairs = list(combinations(rivals, 2))
     tried: list[Attempt] = []
-    for trial in ordered(d, rivals, now):
+    kinds = [rival.effect.kind for rival in rivals]
+    order = KINDS_SLOW if any(each.effect.slow for each in rivals) else KINDS
+    if len(set(kinds)) < len(kinds):
+        order = PLACES
+    about = concerned(d, [rival.effect for rival in rivals])
+    mine = [trial for trial in trials(now, about) if trial.kind in order]
+    for trial in sorted(mine, key=lambda trial: order.index(trial.kind)):
         probe = Probe.of(d, trial)
         if probe is None:
             continue
@@ -283,17 +261,6 @@ def attempts(d: Diagnosis, rivals: Sequence[Evidence]) -> list[Attempt]:
         if ample and trial.kind != "same":
             break
     return tried
-
-
-def ordered(d: Diagnosis, rivals: Sequence[Evidence], now: tuple[Move, ...]) -> list[Trial]:
-    """Trials in the order in which they are likely to help, as they come where alike."""
-    kinds = [rival.effect.kind for rival in rivals]
-    order = KINDS_SLOW if any(each.effect.slow for each in rivals) else KINDS
-    if len(set(kinds)) < len(kinds):
-        order = PLACES
-    about = concerned(d, [rival.effect for rival in rivals])
-    mine = [trial for trial in trials(now, about) if trial.kind in order]
-    return sorted(mine, key=lambda trial: order.index(trial.kind))
 
 
 def concerned(d: Diagnosis, effects: Sequence[Effect]) -> tuple[str, ...]:
@@ -307,9 +274,9 @@ def concerned(d: Diagnosis, effects: Sequence[Effect]) -> tuple[str, ...]:
 
 def proposal(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) -> Proposal | None:
     """The simplest trial that answers a question about as well as the best; None if none does."""
-    other = [each for each in tried if each.trial.kind != "same"]
-    most = max((each.worth(pairs) for each in other), default=0.0)
-    best = next((each for each in other if each.worth(pairs) >= (1 - PARSIMONY) * most), None)
+    worth = [(each.worth(pairs), each) for each in tried if each.trial.kind != "same"]
+    most = max((one for one, _ in worth), default=0.0)
+    best = next((each for one, each in worth if one >= (1 - PARSIMONY) * most), None)
     if best is None or not (told := [p for p in pairs if best.separation(p) >= SOME]):
         return None
     worst = min(told, key=best.separation)
@@ -324,10 +291,16 @@ def proposal(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) -> P
     )
 
 
+def _without(Q: np.ndarray, X: np.ndarray) -> np.ndarray:
+    """(I − QQᵀ) X."""
+    return X - Q @ (Q.T @ X)
+
+
 def orthonormal(A: np.ndarray) -> np.ndarray:
     """A basis (M, rank) of the columns' span."""
     size = np.linalg.norm(A, axis=0)
-    A = A[:, size > 1e-12 * size.max(initial=0.0)] / size[size > 1e-12 * size.max(initial=0.0)]
+    some = size > 1e-12 * size.max(initial=0.0)
+    A = A[:, some] / size[some]
     if not A.size:
         return np.zeros((len(A), 0))
     Q, R = np.linalg.qr(A)

@@ -8,24 +8,24 @@ with the least left-out error.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
-from ident.diagnosis.law_search import normal_equations
-from ident.diagnosis.laws import LossComparison
-from ident.effects import Signals
+from ident.diagnosis.law_search import normal_equations, solved
+from ident.diagnosis.laws import FoundLaw, LossComparison
+from ident.diagnosis.search import Selection
+from ident.effects import Effect, Signals
 from ident.effects.curve import Curve
 from ident.effects.formula import plain
-from ident.information.chance import MINE, PARSIMONY
+from ident.information.chance import PARSIMONY
 from ident.information.hypotheses import Array, PartialRegression
 
 PIECES = (2, 3, 5, 8, 12, 20)  # work: that are compared
 POINTS = 101  # shown: at which the curve is given
 BAND = 1.96  # level: standard errors of a 95 % band
-NEW = 1e-6  # numerics: share of a column's squares that must be new
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,8 +34,8 @@ class FoundCurve:
 
     Attributes:
         effect: with the number of its pieces; joint: of its torque.
-        x, torque, lower, upper: (n,) the signal, the torque and its 95 % band; of a product, the
-            torque for a second signal of 1.
+        x, torque, lower, upper: (n,) the signal, the torque and its 95 % band [N m | N]; of a
+            product, the torque for a second signal of 1.
         ratio: left-out squares of its coordinates with the curve, over those without.
         absorbable: share of its squared torque that the model's own columns could make.
         depends, independent: signals of further curves that would lower the error beside it, and
@@ -77,32 +77,26 @@ class FoundCurve:
 
 
 def curve_of(
-    contest: Contest, beside: PartialRegression, joint: str, limit: float, rival_se: float,
-    least: float,
-) -> FoundCurve | None:  # fmt: skip
+    contest: Contest, beside: PartialRegression, joint: str, limit: float, least: float
+) -> FoundCurve | None:
     """Find the curve that explains most in a joint beside a model; None where none does.
 
     Args:
-        contest: rows and all curves.
-        beside: the model, without what has the wrong form.
-        joint: of the torque.
-        limit: share of the left-out squared error that chance explains.
-        rival_se: standard errors within which two curves are equal.
-        least: share of the left-out squared error that it must explain.
+        contest: rows and all curves; beside: the model, without what has the wrong form.
+        limit: share of the left-out squares that chance explains; least: that it must explain.
     """
     mine = [
         e for e in contest.candidates if isinstance(e.effect, Curve) and e.effect.joints[0] == joint
     ]
     if not mine:
         return None
-    G = beside.explained(beside.gains([each.groups[0] for each in mine]).by)
+    G = beside.shares([each.groups[0] for each in mine])
     if G.max() <= least:
         return None
+    curves = [each.effect for each in mine if isinstance(each.effect, Curve)]
     near = [i for i in range(len(mine)) if G[i] >= (1 - PARSIMONY) * G.max()]
-    best = min(near, key=lambda i: (len(mine[i].effect.depends_on), -G[i]))  # type: ignore[attr-defined]
-    curve = mine[best].effect
-    assert isinstance(curve, Curve)
-    contest = replace(contest, regression=beside)
+    curve = curves[min(near, key=lambda i: (len(curves[i].depends_on), -G[i]))]
+    contest = contest.beside(beside)
     tried = []
     for pieces in PIECES:
         effect = replace(curve, values={"pieces": float(pieces)})
@@ -111,25 +105,15 @@ def curve_of(
         tried.append((beside.refit_with(C), effect, shape, C))
     refit, effect, shape, C = min(tried, key=lambda each: float(each[0].loss.sum()))
     S, g = normal_equations(beside, C)
-    size = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1.0))
-    values, V = np.linalg.eigh(S / size[:, None] / size)
-    V = V[:, values > NEW] / size[:, None]
-    values = values[values > NEW]
-    theta = (V / values) @ (V.T @ g)
+    inverse, theta = solved(S, np.eye(len(S))), solved(S, g)
     own = sorted({p.coordinate for p, c in zip(beside.parts, C, strict=True) if c.any()})
     noise = float(refit.loss[:, own].sum()) / max(float(beside.rows[own].sum()), 1.0)
     x, B = _on_grid(effect, shape)
     torque = B @ theta
-    half = BAND * np.sqrt(noise * ((B @ V) ** 2 / values).sum(axis=1))
-    whole = sum(
-        float(
-            ((c * beside.weight[p.coordinate]) @ theta)
-            @ ((c * beside.weight[p.coordinate]) @ theta)
-        )
-        for p, c in zip(beside.parts, C, strict=True)
-    )
-    mends = np.flatnonzero(refit.by >= MINE * refit.by.sum())
-    compare = LossComparison([int(u) for u in mends], rival_se)
+    half = BAND * np.sqrt(noise * np.einsum("nu,uv,nv->n", B, inverse, B))
+    weights = [beside.weight[part.coordinate] for part in beside.parts]
+    whole = sum(float(np.sum((c @ theta * w) ** 2)) for w, c in zip(weights, C, strict=True))
+    compare = LossComparison(refit.mends, contest.decision.rival_se)
     depends, independent = _signals(contest, C, mine, effect, limit)
     return FoundCurve(
         effect, joint, x, torque, torque - half, torque + half,
@@ -164,24 +148,49 @@ def _signals(
     contest: Contest, C: list[Array], curves: list[CandidateColumns], effect: Curve, limit: float
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the signals of which further curves lower the error beside a curve, and which not."""
-    contest, new = contest.added(C)
-    regression = contest.regression.extended(new)
+    regression = contest.extended(C)[0].regression
     total = max(float(regression.loss.sum()), 1e-300)  # what no signal explains counts as well
     G = regression.gains([each.groups[0] for each in curves]).G / total
+    names = [_names(each.effect) for each in curves]
     more = {*effect.depends_on, *(f"q.{name}" for name in effect.joints[1:])}
-    for each, gain in zip(curves, G, strict=True):
-        if gain > limit:
-            more |= set(_names([each]))
-    every = dict.fromkeys(_names(curves))
+    more |= {name for own, gain in zip(names, G, strict=True) if gain > limit for name in own}
+    every = dict.fromkeys(name for own in names for name in own)
     return tuple(n for n in every if n in more), tuple(n for n in every if n not in more)
 
 
-def _names(curves: list[CandidateColumns]) -> Iterator[str]:
-    """Yield the signals of curves; of another joint's, with its name."""
-    for each in curves:
-        effect = each.effect
-        assert isinstance(effect, Curve)
-        if effect.arity > 1:
-            yield f"q.{effect.joints[1]}"
-        else:
-            yield from sorted(effect.depends_on)
+def _names(effect: Effect) -> list[str]:
+    """Return the signals of a curve; of another joint's, with its name."""
+    assert isinstance(effect, Curve)
+    return [f"q.{effect.joints[1]}"] if effect.arity > 1 else sorted(effect.depends_on)
+
+
+def found_curves(
+    selection: Selection, laws: Collection[FoundLaw], verdict: str
+) -> tuple[FoundCurve, ...]:
+    """Find the curves of the joints that have a law, or where the model fails unexplained."""
+    last, contest = selection.last, selection.contest
+    places = {law.joint: law.beside for law in laws}
+    if verdict == "unexplained" and not places:
+        rest = last.regression.bare
+        for member in selection.members:
+            rest = rest.without(member.columns) if member.rejected else rest
+        curves = [curve for curve, _ in (*last.curves, *selection.first.curves)]
+        curves += [m.curve for m in selection.members if m.curve is not None]
+        places = {curve.joints[0]: rest for curve in curves[:1]}
+    found = []
+    for joint, beside in places.items():
+        limit = last.limit_at(joint)
+        found.append(curve_of(contest, beside, joint, limit, 0.0 if laws else limit))
+    used = {name for law in laws for name in law.formula.logged}
+    errors = contest.fit.held_out or contest.fit.train
+    return tuple(
+        replace(each, independent=tuple(n for n in each.independent if each.full(n) not in used))
+        for each in found
+        if each is not None
+        and (
+            each.joint not in errors  # in a loop it is felt elsewhere
+            or contest.decision.matters(
+                1.0, each.ratio, 1 / max(errors[each.joint].relative or 1.0, 1e-9) ** 2
+            )
+        )
+    )

@@ -17,14 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, possible
-from ident.diagnosis.diagnosis import Decision, at_reversals, concluded, seen_elsewhere
-from ident.diagnosis.effect_set import EffectSet, Member, leader, on_rows_in_motion, reweighted
-from ident.diagnosis.null import noise
-from ident.diagnosis.refitted import started
+from ident.diagnosis.candidates import Contest, Decision, OnProgress, candidates_of, possible
+from ident.diagnosis.diagnosis import at_reversals, judged, seen_elsewhere, started
+from ident.diagnosis.effect_set import EffectSet, leader, on_rows_in_motion, reweighted
+from ident.diagnosis.null import with_noise
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
-from ident.diagnosis.search import Search
-from ident.diagnosis.selection import Ranking, can_be
+from ident.diagnosis.search import Search, select
+from ident.diagnosis.selection import can_be
 from ident.display import Displayed, part, render
 from ident.effects import Effect
 from ident.equations.unknowns import Point
@@ -40,21 +39,18 @@ from ident.motion import Motion
 
 NAME = "growing.json"
 SCHEMA = "ident.growing/1"
+CHANGES = ("added", "removed", "rivals")
+ROUNDS = 4  # work: fits, lest shapes that move with the working point take turns for ever
 
 
 @dataclass(eq=False)
 class SavedRounds:
-    """Rounds of `grow`, each written as soon as it is fitted.
+    """Rounds of `grow`, each written as soon as it is fitted."""
 
-    Attributes:
-        folder: where they are written; None: nowhere.
-        key: of all that they depend on.
-        rounds: by round the `rungs` as (added, removed, rivals, errors), effects by label, and the
-            `start` of the fit's shapes, and the sets `visited` so far.
-    """
-
-    folder: Path | None
-    key: str
+    folder: Path | None  # where they are written; None: nowhere
+    key: str  # of all that they depend on
+    # by round the `rungs` as (added, removed, rivals, errors), effects by label, the `start` of the
+    # fit's shapes, and the sets `visited` so far
     rounds: list[dict[str, Any]] = field(default_factory=list)
 
     @classmethod
@@ -102,16 +98,11 @@ class SavedRounds:
         visited: Collection[frozenset[str]],
     ) -> None:
         """Write a further round: its steps, its fit's start, and all sets that were searched."""
-        words = [
-            {
-                **{
-                    name: [effect.label for effect in getattr(step, name)]
-                    for name in ("added", "removed", "rivals")
-                },
-                "errors": {joint: asdict(error) for joint, error in step.errors.items()},
-            }
-            for step in rungs
-        ]
+        words = []
+        for step in rungs:
+            effects = {n: [e.label for e in getattr(step, n)] for n in CHANGES}
+            errors = {joint: asdict(error) for joint, error in step.errors.items()}
+            words.append({**effects, "errors": errors})
         sets = sorted(map(sorted, visited))
         self.rounds.append({"rungs": words, "start": dict(start), "visited": sets})
         self.write()
@@ -121,9 +112,6 @@ class SavedRounds:
         if self.folder is not None:
             content = {"schema": SCHEMA, "key": self.key, "rounds": self.rounds}
             write_all(self.folder, {NAME: json_bytes(content)})
-
-
-ROUNDS = 4  # work: fits, lest shapes that move with the working point take turns for ever
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -226,6 +214,12 @@ def grow(
     fit = identify(mechanism, motion, validate=validate, estimator="least-squares", progress=first)
     steps = [Step((), (), (), fit, errors_of(fit))]
 
+    def contest_of(fit: Fit, on_progress: OnProgress, curved: bool = True) -> Contest:
+        effects = candidates_of(fit)
+        return with_noise(
+            Contest.of(fit, effects, on_progress, curved, decision=decision, seed=seed)
+        )
+
     def reached(rungs: Collection[Step]) -> None:
         steps.extend(rungs)
         if step:
@@ -246,21 +240,20 @@ def grow(
         rest = part(on_progress, done_before, 1.0)
         here = part(rest, 0.0, 0.5)
         # curves judge what is left in the end, the search needs none
-        contest = Contest.of(fit, candidates_of(fit), part(here, 0.0, 0.4), curved=number > 0)
-        draws = noise(contest, seed)
-        search = Search(contest, draws, decision, seed, given, part(here, 0.4, 0.6), visited)
+        contest = contest_of(fit, part(here, 0.0, 0.4), curved=number > 0)
+        search = Search(contest, given, part(here, 0.4, 0.6), visited)
         found = search.run()
         here("refitting", 0.6)
         grown, turning = refitted(fit, search, found, validate), None
         if grown is None and (turning := contest.at_reversals(part(here, 0.6, 0.65))):
             seen, turns = seen_elsewhere(search.first), part(here, 0.65, 0.9)
-            search = Search(turning, noise(turning, seed), decision, seed, given, turns)
+            search = Search(with_noise(turning), given, turns)
             led = led_at_reversals(search, search.run(), seen)
             grown = None if led is None else refitted(fit, search, led, validate)
         if grown is None:
             break
         found, removed, start, again = grown
-        rungs = ladder(search.start, found, removed, fit, again, search.first, material)
+        rungs = ladder(search, found, removed, again)
         saved.add(rungs, start.values, visited)
         reached(rungs)
         fit = again
@@ -268,11 +261,9 @@ def grow(
         number = 0
     if number == 0 or contest.fit is not fit:
         turning = None
-        contest = Contest.of(fit, candidates_of(fit), part(rest, 0.35, 0.4))
-        draws = noise(contest, seed)
-    last = concluded(contest, draws, decision, seed, part(rest, 0.4, 0.8))
-    here = part(rest, 0.8, 1.0)
-    return History(tuple(steps), at_reversals(contest, last, decision, seed, here, turning))
+        contest = contest_of(fit, part(rest, 0.35, 0.4))
+    last = judged(select(contest, part(rest, 0.4, 0.6)), part(rest, 0.6, 0.8))
+    return History(tuple(steps), at_reversals(last, part(rest, 0.8, 1.0), turning))
 
 
 Grown = tuple[EffectSet, tuple[Effect, ...], Point, Fit]
@@ -289,10 +280,10 @@ def refitted(fit: Fit, search: Search, found: EffectSet, validate: Motion | None
     removed = tuple(e for e in model.effects if e.label in without)
     for effect in removed:
         model = model.without(effect.label)
-    new = [each for each in found.members if each.evidence is not None]
+    new = search.new(found)
     if not (new or removed):
         return None
-    start = started(fit.point, fit, [each.evidence for each in new if each.evidence])
+    start = started(fit, [each.evidence for each in new if each.evidence])
     for each in new:
         model = model + each.effect
 
@@ -334,9 +325,7 @@ def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple
     known = {each.label: each for each in (*possible(model, fit.motion), *model.effects)}
     rungs = []
     for rung in saved["rungs"]:
-        added, removed, rivals = (
-            tuple(known[label] for label in rung[name]) for name in ("added", "removed", "rivals")
-        )
+        added, removed, rivals = (tuple(known[label] for label in rung[n]) for n in CHANGES)
         for effect in removed:
             model = model.without(effect.label)
         for effect in added:
@@ -350,12 +339,12 @@ def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple
 
 
 def undetermined(fit: Fit, new: Collection[Effect]) -> str:
-    """Return the label of an added effect all values of which are smaller than their errors, or
-    than CERTAIN times these where it moves the machine's geometry or clock, or one of which cannot
-    be, the one with most parameters first, and what every machine has last; "" if there is none.
+    """Return the label of an added effect all values of which are smaller than their errors (than
+    CERTAIN times these where it moves the machine's geometry or clock), or one of which cannot be:
+    that with most parameters first, what every machine has last; "" if there is none.
     """
-    labels = {each.label for each in new}
-    labels -= {label for each in fit.mechanism.effects for label in each.required}
+    required = {label for each in fit.mechanism.effects for label in each.required}
+    labels = {each.label for each in new} - required
     loose = []
     for e in fit.effects:
         own = e.parameters[: len(e.effect.unknowns) or None]
@@ -378,45 +367,35 @@ def better(before: Mapping[str, Error], after: Mapping[str, Error]) -> bool:
 # --- the ladder --------------------------------------------------------------------------------
 
 
-def ladder(
-    start: EffectSet,
-    found: EffectSet,
-    removed: tuple[Effect, ...],
-    before: Fit,
-    after: Fit,
-    first: Ranking,
-    material: float,
-) -> list[Step]:
+def ladder(search: Search, found: EffectSet, removed: tuple[Effect, ...], after: Fit) -> list[Step]:
     """A rung a kind of effect: what a diagnosis names, then what explains most of what is left.
 
     The last rung is fitted; errors before it are announced by the same regression, of all rows in
     motion. A rung whose announcement the fit contradicts is one with the last.
     """
-    new = [each for each in found.members if each.evidence is not None]
-    regression, columns = on_rows_in_motion(start.contest, new)
+    contest, first = search.contest, search.first
+    material = contest.decision.material
+    new = search.new(found)
+    regression, columns = on_rows_in_motion(contest, new)
     given = regression.losses.sum(axis=0) / regression.weight**2
-    errors, rungs = errors_of(before), list[Step]()
+    errors, rungs = errors_of(contest.fit), list[Step]()
 
     def announced(regression: PartialRegression) -> dict[str, Error]:
         now = regression.losses.sum(axis=0) / regression.weight**2
         return announced_errors(errors, given, now)
 
-    last = errors
+    last, gone = errors, {effect.label for effect in removed}
     if removed:
-        gone = {effect.label for effect in removed}
-        for each in start.members:
-            if each.effect.label in gone:
+        for each in search.start.members:
+            if each.label in gone:
                 regression = regression.without(each.columns)
-        now = announced(regression)
-        rungs.append(Step((), removed, (), None, now))
-        last = now
+        last = announced(regression)
+        rungs.append(Step((), removed, (), None, last))
     new.sort(key=lambda each: first.place(each.label))
     lead = leader(new, first) if new else None
     new.sort(key=lambda each: each is not lead)
-    kinds: dict[str, list[Member]] = {}
-    for each in new:
-        kinds.setdefault(each.effect.kind, []).append(each)
-    groups = list(kinds.values())
+    kinds = dict.fromkeys(each.effect.kind for each in new)
+    groups = [[each for each in new if each.effect.kind == kind] for kind in kinds]
     while groups:
         at = [np.concatenate([columns[each.label] for each in group]) for group in groups]
         order = [0] if len(groups) == len(kinds) else np.argsort(-regression.gains(at).G)
@@ -430,8 +409,7 @@ def ladder(
         _, i, regression, last = max(steps, key=lambda step: step[0])
         group = groups.pop(i)
         equal = {rival.effect.label: rival.effect for each in group for rival in each.rivals}
-        together = {each.label for each in new}
-        rivals = tuple(rival for label, rival in equal.items() if label not in together)
+        rivals = tuple(rival for n, rival in equal.items() if n not in found.labels)
         rungs.append(Step(tuple(each.effect for each in group), (), rivals, None, last))
     rungs[-1] = replace(rungs[-1], fit=after, errors=errors_of(after))
     while len(rungs) > 1 and _contradicted(rungs[-2].errors, rungs[-1].errors, material):
@@ -449,10 +427,5 @@ def _contradicted(announced: Mapping[str, Error], fitted: Mapping[str, Error], m
 
 def _fall(before: Mapping[str, Error], after: Mapping[str, Error]) -> float:
     """1 − Σ (rms₁/rms τ)² / Σ (rms₀/rms τ)² over joints: squares weighted by their torque."""
-    names = [name for name, error in before.items() if error.relative]
-    weight = {
-        name: (before[name].relative or 0.0) / max(before[name].rms, 1e-300) for name in names
-    }
-    old = sum((weight[name] * before[name].rms) ** 2 for name in names)
-    new = sum((weight[name] * after[name].rms) ** 2 for name in names)
-    return float(1 - new / old) if old > 0 else 0.0
+    old, new = (sum((e[n].relative or 0.0) ** 2 for n in before) for e in (before, after))
+    return 1 - new / old if old > 0 else 0.0

@@ -19,12 +19,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest, Shape
+from ident.diagnosis.candidates import SURROGATES, Contest, Shape
 from ident.diagnosis.grammar import terms
-from ident.diagnosis.null import SURROGATES
 from ident.effects import Effect
 from ident.effects.formula import Formula, Term
-from ident.information.chance import ALPHA, MINE, NEGATIVE, quantile
+from ident.information.chance import ALPHA, NEGATIVE, quantile
 from ident.information.hypotheses import Array, PartialRegression, Refit
 from ident.text import significant
 
@@ -35,16 +34,14 @@ RANK = 1e-6  # numerics: of a unit column's square: less of it is new
 SLOPE = 1e-4  # numerics: of a shape's range, for its slope
 
 
-def refined(
-    contest: Contest, regression: PartialRegression, effect: Effect, shape: Shape
-) -> tuple[Shape, list[Array], Refit]:
+def refined(contest: Contest, effect: Effect, shape: Shape) -> tuple[Shape, list[Array], Refit]:
     """Refine the shapes of an effect that have slopes, from where they are.
 
     Returns:
         The shapes; columns, then slopes, (m, u) in each part; everything refitted with both.
         Without slopes where the change that they ask for is beyond the shapes' bounds.
     """
-    free = [each.name for each in effect.searched if not each.discrete]
+    free, regression = [e.name for e in effect.searched if not e.discrete], contest.regression
     bounds, shape = contest.table.bounds(effect), dict(shape)
     u, C = len(effect.unknowns), contest.columns(effect, shape)
     S, g = normal_equations(regression, C)
@@ -63,7 +60,8 @@ def refined(
             if fall(S_new, g_new) > now:
                 shape, C, S, g, now = tried, trial, S_new, g_new, fall(S_new, g_new)
                 break
-        if now - before < RISE * max(_squares(regression, C) - now, 0.0):
+        felt = (r[:, 0] for r, c in zip(regression.residual, C, strict=True) if c.any())
+        if now - before < RISE * max(sum(float(r @ r) for r in felt) - now, 0.0):
             break
     if free:
         both = contest.with_slopes(effect, shape, C, solved(S, g), _steps(shape, free, bounds))
@@ -87,28 +85,16 @@ def _steps(
     }
 
 
-def _squares(regression: PartialRegression, C: Sequence[Array]) -> float:
-    """Return |r|² in the coordinates in which columns are."""
-    pairs = zip(regression.residual, C, strict=True)
-    return sum(float(r[:, 0] @ r[:, 0]) for r, c in pairs if c.any())
-
-
-def screened(
-    regression: PartialRegression, C: Sequence[np.ndarray], groups: int, draws: int = 0
-) -> Array:
-    """(groups,) in-sample fall of the squares by each group of columns, equal in number; with
-    `draws` (groups, 1 + draws), those of as many random residuals too.
-    """
-    S, g = normal_equations(regression, C, draws)
+def screened(regression: PartialRegression, C: Sequence[np.ndarray], groups: int) -> Array:
+    """(groups,) in-sample fall of the squares by each group of columns, equal in number."""
+    S, g = normal_equations(regression, C)
     u = len(g) // groups
     parts = (slice(k * u, (k + 1) * u) for k in range(groups))
-    return np.array([(g[at] * solved(S[at, at], g[at])).sum(axis=0) for at in parts])
+    return np.array([fall(S[at, at], g[at]) for at in parts])
 
 
 def at_most(regression: PartialRegression, falls: Sequence[float] | Array) -> list[float]:
-    """Return the largest shares that falls (n,) of the squares can explain, in sample: where each
-    is in one coordinate.
-    """
+    """Return the largest shares that falls (n,) of one coordinate's squares each can explain."""
     r = np.concatenate([x[:, 0] for x in regression.residual])
     before = regression.by_coordinate(r**2).sum(axis=0)
     each = np.minimum(np.reshape(falls, (-1, 1)), before)
@@ -199,24 +185,16 @@ Starts = Sequence[Mapping[str, float]]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FittedFormula:
-    """A formula with its constants refined, judged by the left-out error.
-
-    Attributes:
-        formula, shape: which, at which constants.
-        C: its columns and slopes (m, u) in each part.
-        refit: everything refitted with them.
-    """
+    """A formula with its constants refined, judged by the left-out error."""
 
     formula: Formula
-    shape: Mapping[str, float]
-    C: tuple[Array, ...]
-    refit: Refit
+    shape: Mapping[str, float]  # its constants
+    C: tuple[Array, ...]  # its columns and slopes (m, u) in each part
+    refit: Refit  # everything, with them
 
     def __repr__(self) -> str:
-        constants = ", ".join(
-            f"{name} = {significant(value, 4)}" for name, value in self.shape.items()
-        )
-        return f"{self.formula.text}" + (f", {constants}" if constants else "")
+        constants = (f"{name} = {significant(value, 4)}" for name, value in self.shape.items())
+        return ", ".join((self.formula.text, *constants))
 
     @property
     def loss(self) -> Array:
@@ -224,11 +202,7 @@ class FittedFormula:
         return np.asarray(self.refit.loss.sum(axis=1))
 
     def determined(self, regression: PartialRegression) -> bool:
-        """Whether the rows determine all constants: no combination of their columns vanishes, and
-        each term has a coefficient larger than its error.
-
-        Else the formula is another, simpler one in disguise.
-        """
+        """Whether no columns vanish and no term is within its error: else it is a simpler one."""
         S, _ = normal_equations(regression, self.C)
         size = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1.0))
         least = np.linalg.eigvalsh(S / size[:, None] / size)[0]
@@ -241,31 +215,22 @@ class FittedFormula:
 
 @dataclass(eq=False)
 class LawSearch:
-    """Searches the formula that explains most beside a model.
+    """Searches the formula that explains most beside a model."""
 
-    Args:
-        contest: rows and effects; regression: the model; drawn: the model with SURROGATES random
-            residuals, to be better than chance; None where that is known.
-        joint: whose torque.
-        other: a joint on whose signals, with the own ones, the terms depend; empty for terms of
-            the own signals alone.
-        limit: share g of the left-out squares that a term must explain.
-        noise: (d,) left-out squares that the sensors' noise alone makes, at most.
-        on_progress: called with (what is being done, share done).
-        of_position: whether only functions of the joint's own position are searched.
-        alpha: chance that the best term explains as much of a random residual.
-    """
-
-    contest: Contest
-    regression: PartialRegression
-    joint: str
+    contest: Contest  # rows, effects and the model
+    joint: str  # whose torque
+    # a joint on whose signals, with the own ones, the terms depend; empty: on the own ones alone
     other: str
-    limit: float
-    noise: Array
+    limit: float  # share g of the left-out squares that a term must explain
+    noise: Array  # (d,) left-out squares that the sensors' noise alone makes, at most
     on_progress: OnProgress
-    of_position: bool = False
+    of_position: bool = False  # whether only functions of the joint's own position are searched
+    # the model with SURROGATES random residuals, to be better than chance; None if that is known
     drawn: PartialRegression | None = None
-    alpha: float = ALPHA
+    alpha: float = ALPHA  # chance that the best term explains as much of a random residual
+
+    def __post_init__(self) -> None:
+        self.regression = self.contest.regression
 
     @cached_property
     def terms(self) -> list[Formula]:
@@ -287,9 +252,7 @@ class LawSearch:
     @cached_property
     def screened(self) -> list[tuple[Starts, list[np.ndarray]]]:
         """Constants at which each term is screened, and its columns (m, starts · u) there in each
-        part, in single precision.
-
-        A wave beside other constants has the wave numbers of the best plain sines.
+        part; a wave beside other constants has the wave numbers of the best plain sines.
         """
         found = []
         numbers: dict[str, list[float]] = {}
@@ -323,9 +286,7 @@ class LawSearch:
 
     @cached_property
     def beyond_chance(self) -> bool:
-        """Whether the best term explains more of the residual than the best one does of random
-        residuals, all at their starts.
-        """
+        """Whether the best term explains more of the residual than of random ones, at its start."""
         if self.drawn is None:
             return True
         own = [len(c) > 0 for c in self.screened[0][1]]
@@ -341,9 +302,7 @@ class LawSearch:
         return float(screened(self.regression, self.columns(formula, [{}]), 1)[0])
 
     def run(self, known: FittedFormula | None = None) -> list[FittedFormula]:
-        """All formulas that were fitted, those of one term first; `known`: one that they must be
-        better than, by more than chance.
-        """
+        """All formulas that were fitted, single terms first, better than one that is `known`."""
         beam: list[FittedFormula | None] = [None]
         found: list[FittedFormula] = []
         if not self.beyond_chance:
@@ -373,9 +332,7 @@ class LawSearch:
         return found
 
     def inside(self, found: FittedFormula) -> bool:
-        """Whether no constant with a scale of its own is at an end of its search: there a formula
-        is a simpler one in disguise, as tanh of a narrow range is a line.
-        """
+        """Whether no constant is at an end of its search, as tanh of a narrow range is a line."""
         bounds = self.contest.table.bounds(found.formula)
         for scale in found.formula.scales:
             low, high = bounds[scale.name]
@@ -386,22 +343,23 @@ class LawSearch:
 
     def explained(self, best: FittedFormula) -> bool:
         """Whether a formula leaves no more than noise in the coordinates that it mends."""
-        mends = best.refit.by >= MINE * best.refit.by.sum()
-        return bool((best.refit.loss.sum(axis=0) < self.noise)[mends].all())
+        return bool((best.refit.loss.sum(axis=0) < self.noise)[best.refit.mends].all())
 
     def extended(self, before: FittedFormula | None) -> list[FittedFormula]:
         """The best formulas with one term more; all terms are screened beside those before."""
         regression, terms = self.regression, tuple[Term, ...]()
         values: list[float] = []
         if before is not None:
-            contest, new = replace(self.contest, regression=regression).added(before.C)
-            regression = contest.regression.extended(new)
+            regression = self.contest.extended(before.C)[0].regression
             terms = before.formula.terms
             values = [before.shape[scale.name] for scale in before.formula.scales]
         falls = []
         for i, one in enumerate(self.terms):
-            if before is not None and not _fits(before.formula, one):
-                continue
+            if before is not None:  # a new term, of no third joint, and few numbers in all
+                own, numbers = before.formula, len(before.formula.parameters) + len(one.parameters)
+                other = own.joints[1:] in ((), one.joints[1:]) or not one.joints[1:]
+                if one.terms[0] in terms or not other or numbers > NUMBERS:
+                    continue
             starts, columns = self.screened[i]
             each = screened(regression, columns, len(starts))
             falls += [(float(each[k]), i, int(k)) for k in np.argsort(-each)[: 1 + len(one.scales)]]
@@ -425,12 +383,5 @@ class LawSearch:
 
     def fitted(self, formula: Formula, shape: Mapping[str, float]) -> FittedFormula:
         """The formula with its constants refined from where they are."""
-        found, C, refit = refined(self.contest, self.regression, formula, shape)
+        found, C, refit = refined(self.contest, formula, shape)
         return FittedFormula(formula, found, tuple(C), refit)
-
-
-def _fits(before: Formula, one: Formula) -> bool:
-    """Return whether a term can be added: a new one, of no third joint, and few numbers in all."""
-    numbers = len(before.parameters) + len(one.parameters)
-    other = before.joints[1:] in ((), one.joints[1:]) or not one.joints[1:]
-    return one.terms[0] not in before.terms and other and numbers <= NUMBERS

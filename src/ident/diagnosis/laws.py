@@ -11,20 +11,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.diagnosis.candidates import Contest
-from ident.diagnosis.effect_set import Member, Responses
+from ident.diagnosis.effect_set import Member, past_responses
 from ident.diagnosis.grammar import PLAIN_WAVE, PROBE
 from ident.diagnosis.law_search import FittedFormula, LawSearch, OnProgress, at_most
 from ident.diagnosis.search import Selection
-from ident.diagnosis.selection import MOST, Decision, Ranking
+from ident.diagnosis.selection import MOST, Ranking
 from ident.display import part
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import ROUNDING, largest_transmission
-from ident.information.chance import LOUD, MINE, PARSIMONY, paired
+from ident.information.chance import LOUD, PARSIMONY, paired
 from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.information.projection import EXACT
 
-OTHERS = 1  # work: joint whose signals are tried beside the own ones
 JOINTS = 2  # work: whose laws are searched
 # level: standard errors within which the simplest formula is preferred to the best one (Breiman,
 # Friedman, Olshen, Stone, Classification and Regression Trees, 1984, 3.4.3)
@@ -36,34 +35,21 @@ CUBIC = Term(("1", "q", "q**2", "q**3"))
 
 @dataclass(frozen=True, eq=False)
 class FoundLaw:
-    """A formula that explains what is left in a joint.
-
-    Attributes:
-        found: the formula; joint: of its torque.
-        gain: share of the left-out squared error; explained: of what exceeds the noise.
-        limit: what the gain was held against.
-        nearest: name of the closest law of the literature, with its distance: the share of the
-            torque (rms) that is different over the motion.
-        rivals: other formulas that the left-out error cannot tell from it.
-        front: (complexity, share of the squared error left, formula), of the best of each
-            complexity.
-        replaced: labels of effects of the library in whose place it stands.
-        beside: the model's rows without those effects.
-        bounds: of its constants, and of its rivals'.
-    """
+    """A formula that explains what is left in a joint."""
 
     found: FittedFormula
-    joint: str
-    gain: float
-    explained: float
-    limit: float
-    nearest: str
-    distance: float
-    rivals: tuple[FittedFormula, ...]
+    joint: str  # of its torque
+    gain: float  # share of the left-out squares
+    explained: float  # share of what exceeds the noise
+    limit: float  # what the gain was held against
+    nearest: str  # name of the closest law of the literature
+    distance: float  # share of the torque (rms) that is different from that over the motion
+    rivals: tuple[FittedFormula, ...]  # that the left-out error cannot tell from it
+    # (complexity, share of the squared error left, formula), the best of each complexity
     front: tuple[tuple[int, float, str], ...]
-    replaced: tuple[str, ...]
-    beside: PartialRegression
-    bounds: Mapping[str, tuple[float, float]]
+    replaced: tuple[str, ...]  # labels of effects of the library in whose place it stands
+    beside: PartialRegression  # the model's rows without those effects
+    bounds: Mapping[str, tuple[float, float]]  # of its constants, and of its rivals'
 
     @property
     def formula(self) -> Formula:
@@ -87,19 +73,14 @@ class FoundLaw:
 
 @dataclass(frozen=True, eq=False)
 class LossComparison:
-    """Left-out squares of models in the coordinates that a law mends.
+    """Left-out squares of models in the coordinates that a law mends."""
 
-    Attributes:
-        mends: coordinates.
-        rival_se: standard errors of paired blocks within which two are equal.
-    """
-
-    mends: Sequence[int]
-    rival_se: float
+    mends: list[int]  # these coordinates
+    rival_se: float  # standard errors of paired blocks within which two are equal
 
     def loss(self, losses: Array) -> Array:
         """(blocks,) of losses (blocks, d)."""
-        return np.asarray(losses[:, list(self.mends)].sum(axis=1))
+        return np.asarray(losses[:, self.mends].sum(axis=1))
 
     def ratio(self, worse: Array, best: Array) -> float:
         """Return how many times larger the left-out squares of the first are."""
@@ -127,56 +108,42 @@ class LossComparison:
 
 
 def laws_of(
-    contest: Contest,
-    selection: Selection,
-    loud: Collection[str],
-    floor: Mapping[str, float],
-    decision: Decision,
-    on_progress: OnProgress,
+    selection: Selection, loud: Collection[str], on_progress: OnProgress
 ) -> tuple[Selection, tuple[FoundLaw, ...], tuple[str, ...]]:
-    """Search laws where no effect of the library has the right form; Ctrl-C ends the search with
-    the laws that are found.
-
-    Args:
-        contest, selection: of the diagnosis.
-        loud: joints in which more than noise is left; floor: rms of noise by joint [N m | N].
-        decision: the rule of evidence.
-        on_progress: called with (what is being done, share done).
+    """Search laws where no effect of the library has the right form, in `loud` joints first.
 
     Returns:
         The selection, in which a law rejects the effects that it replaces, the laws, and the joints
         that Ctrl-C left out.
     """
     found, last = list[FoundLaw](), selection.last
-    joints, unsearched = _joints(contest, selection, loud)[:JOINTS], list[str]()
+    joints, unsearched = _joints(selection, loud)[:JOINTS], list[str]()
     for i, joint in enumerate(joints):
-        if any(m.law is not None for m in _doubtful(contest, selection, joint)):
+        if any(m.law is not None for m in _doubtful(selection, joint)):
             continue  # in a loop, a law of another joint is in their place
         try:
             here = part(on_progress, i / len(joints), (i + 1) / len(joints))
-            law = _law(contest, selection, last, joint, floor, decision, here)
+            law = _law(selection, last, joint, here)
         except KeyboardInterrupt:
             unsearched = joints[i:]
             break
         if law is None:
             continue
         found.append(law)
-        last = _with(last, law, selection.members)
-        members = [
-            replace(m, law=law.formula) if m.label in law.replaced else m for m in selection.members
-        ]
+        replaced = [m for m in selection.members if m.label in law.replaced]
+        rest = last.contest.beside(last.regression.without(_columns(replaced)))
+        last = replace(last, contest=rest.extended(law.found.C)[0])
+        members = (replace(m, law=law.formula) if m in replaced else m for m in selection.members)
         selection = replace(selection, members=tuple(members))
     return selection, tuple(sorted(found, key=lambda law: -law.gain)), tuple(unsearched)
 
 
-def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> list[str]:
+def _joints(selection: Selection, loud: Collection[str]) -> list[str]:
     """Joints where a law may be missing, the loud ones first: those of curves, of effects whose
-    form is in doubt, and all in which more is left than noise.
-
-    If there are none, one of a name beside which the joint's curves have more than chance gives
-    them.
+    form is in doubt, and all in which more is left than noise; else one of a name beside which the
+    joint's curves have more than chance gives them.
     """
-    known = contest.table.mechanism.joint_index
+    known = selection.contest.table.mechanism.joint_index
     found = [curve.joints[0] for curve, _ in selection.last.curves[:1] if loud]
     hinted = {curve.joints[0] for curve, _, _ in selection.last.hints}
     quiet = []
@@ -184,23 +151,14 @@ def _joints(contest: Contest, selection: Selection, loud: Collection[str]) -> li
         joint = m.effect.joints[0] if m.effect.joints else ""
         if joint not in known:
             continue
-        several = len(_doubtful(contest, selection, joint)) > 1
-        doubt = m.rejected or m.effect.descriptive or _once(contest, m)
+        several = len(_doubtful(selection, joint)) > 1
+        doubt = m.rejected or m.effect.descriptive or _once(selection.contest, m)
         if not m.effect.common and (doubt or several):
             found.append(joint)
         elif joint in loud or (m.effect.arity == 1 and joint in hinted and not m.effect.common):
             quiet.append(joint)
     mine = [name for name in (*found, *quiet) if name in loud]
     return list(dict.fromkeys([*mine, *(found or quiet[:1]), *loud]))
-
-
-def _with(last: Ranking, law: FoundLaw, members: Collection[Member]) -> Ranking:
-    """Return the model with a law in the place of what it replaces."""
-    regression = last.regression
-    for m in members:
-        regression = regression.without(m.columns) if m.label in law.replaced else regression
-    whole, new = replace(last.contest, regression=regression).added(law.found.C)
-    return replace(last, contest=whole, regression=whole.regression.extended(new))
 
 
 def _hint(last: Ranking, joint: str, signals: frozenset[str]) -> float | None:
@@ -213,26 +171,21 @@ def _hint(last: Ranking, joint: str, signals: frozenset[str]) -> float | None:
     return None
 
 
-def _doubtful(contest: Contest, selection: Selection, joint: str) -> list[Member]:
+def _doubtful(selection: Selection, joint: str) -> list[Member]:
     """Members that a law of a joint could replace: what acts on it, but not on all drives in
     common; in a loop, also what acts on another joint alone and mends the same coordinates.
     """
-    at = contest.table.mechanism.joint_index[joint]
-    felt: set[int] = set()
-    for scene in contest.table.scenes:
+    table, felt = selection.contest.table, set[int]()
+    at = table.mechanism.joint_index[joint]
+    for scene in table.scenes:
         most = largest_transmission(scene.e)
         here = [at] if most is None else np.flatnonzero(most[at] > ROUNDING * most[at].max())
         felt |= {int(u) for u in here}
-    return [
-        m
-        for m in selection.members
-        if not m.effect.common
-        and not m.effect.joined
-        and (
-            joint in m.effect.joints[:1]
-            or (m.effect.local and m.evidence is not None and felt.issuperset(m.evidence.mends))
-        )
-    ]
+    found = []
+    for m in (m for m in selection.members if not (m.effect.common or m.effect.joined)):
+        mends = m.evidence.refit.mends if m.effect.local and m.evidence is not None else [-1]
+        found += [m] if joint in m.effect.joints[:1] or felt.issuperset(mends) else []
+    return found
 
 
 def _once(contest: Contest, m: Member) -> bool:
@@ -245,27 +198,25 @@ def _once(contest: Contest, m: Member) -> bool:
 
 
 def _law(
-    contest: Contest, selection: Selection, last: Ranking, joint: str, floor: Mapping[str, float],
-    decision: Decision, on_progress: OnProgress,
-) -> FoundLaw | None:  # fmt: skip
-    doubtful = _doubtful(contest, selection, joint)
+    selection: Selection, last: Ranking, joint: str, on_progress: OnProgress
+) -> FoundLaw | None:
+    contest, doubtful = last.contest, _doubtful(selection, joint)
     named = [m for m in doubtful if not m.rejected]
     drawn = last.regression.without(_columns(m for m in doubtful if m.rejected))
-    with_names = drawn.judging([p.Y[:, :1] for p in drawn.parts])
+    with_names = drawn.bare
     drawn, regression = (x.without(_columns(named)) for x in (drawn, with_names))
-    limit = last.limit_at(joint)
-    one = replace(last.contest, regression=regression)
-    floors = np.array([floor[name] for name in contest.fit.motion.independent])
-    noise = regression.rows * (floors * regression.weight) ** 2
-    here = [part(on_progress, i / (1 + OTHERS), (i + 1) / (1 + OTHERS)) for i in range(1 + OTHERS)]
-    search = LawSearch(one, regression, joint, "", limit, LOUD**2 * noise, here[0], drawn=drawn,
-                       alpha=decision.alpha / regression.d)  # fmt: skip
-    found = _formulas(contest, search, here[1:])
+    limit, one, decision = last.limit_at(joint), contest.beside(regression), contest.decision
+    assert contest.draws is not None
+    noise = regression.rows * (contest.draws.floor * regression.weight) ** 2
+    search = LawSearch(
+        one, joint, "", limit, LOUD**2 * noise, part(on_progress, 0.0, 0.5), drawn=drawn,
+        alpha=decision.alpha / regression.d,
+    )  # fmt: skip
+    found = _formulas(search, part(on_progress, 0.5, 1.0))
     if not found:
         return None
     best = min(found, key=lambda each: float(each.loss.sum()))
-    mends = np.flatnonzero(best.refit.by >= MINE * best.refit.by.sum())
-    compare = LossComparison([int(u) for u in mends], decision.rival_se)
+    compare = LossComparison(best.refit.mends, decision.rival_se)
     law = compare.equal(found, ONE_SE)[0]
     equal = compare.equal(found, decision.rival_se)
     # where a cubic does as well as a law, the names stay, and the law stands beside them
@@ -282,10 +233,9 @@ def _law(
     explained = (before - after) / max(before - noise[compare.mends].sum(), 1e-300)
     if explained < MOST:
         return None
-    whole, new = replace(last.contest, regression=regression).added(law.C)
-    richer = whole.regression.extended(new)
-    gain = regression.gain(law.refit)
-    lags = Responses.of(replace(last, contest=whole, regression=richer)).credible
+    whole, gain = one.extended(law.C)[0], regression.gain(law.refit)
+    richer = whole.regression
+    _, lags = past_responses(replace(last, contest=whole))
     ratio = gain / max(1 - gain, EXACT)
     if any(e.joints == (joint,) and more > PARSIMONY * (ratio + more) for e, _, more in lags):
         return None  # what follows the past of the speed is no function of the present
@@ -316,23 +266,18 @@ def _columns(members: Iterable[Member]) -> Index:
     return np.concatenate([np.zeros(0, dtype=np.intp), *(m.columns for m in members)])
 
 
-def _formulas(
-    contest: Contest, search: LawSearch, parts: Sequence[OnProgress]
-) -> list[FittedFormula]:
-    """Return all formulas of a joint's signals and, where they leave more than noise, of another
-    joint's; progress of each of those goes to one of `parts`.
-    """
+def _formulas(search: LawSearch, on_progress: OnProgress) -> list[FittedFormula]:
+    """Return all formulas of a joint's signals and, where these leave much, of another joint's."""
     found = search.run()
     best = min(found, key=lambda each: float(each.loss.sum()), default=None)
     if best is not None and search.explained(best):
         return found
-    others = [replace(search, other=name) for name in _moving(contest, search.joint)]
-    falls = {each.other: each.probed(PROBE) for each in others}
-    likely = sorted(others, key=lambda each: -falls[each.other])
-    for each, here in zip(likely, parts, strict=False):
-        each.on_progress = here
-        if at_most(each.regression, [falls[each.other]])[0] > search.limit:
-            found += each.run(best)
+    curves = [e.effect.joints for e in search.contest.candidates if e.curve]
+    moving = [each[1] for each in curves if len(each) > 1 and each[0] == search.joint]
+    others = [replace(search, other=name, on_progress=on_progress) for name in moving]
+    falls = [each.probed(PROBE) for each in others]
+    if others and at_most(search.regression, [max(falls)])[0] > search.limit:
+        found += others[int(np.argmax(falls))].run(best)
     return found
 
 
@@ -342,10 +287,8 @@ def _takes_place(
 ) -> bool:  # fmt: skip
     """Return whether a law takes the place of names: it is clearly better, or as good and shorter.
 
-    Args:
-        named: the effects; with_names: the model with them.
-        chance: gain of a curve of the law's signals by chance, where one has more beside the names.
-        once: whether one of them is a wave that the travel does not repeat.
+    `chance`: gain of a curve of the law's signals by chance, where one has more beside the names;
+    `once`: whether one of them is a wave that the travel does not repeat.
     """
     if once and law.formula.terms == (PLAIN_WAVE,):
         return False
@@ -361,17 +304,8 @@ def _takes_place(
     return shorter and not compare.clear(law.refit.loss, with_names.losses, 1.0)
 
 
-def _moving(contest: Contest, joint: str) -> list[str]:
-    """Other joints that move."""
-    curves = [e.effect for e in contest.candidates if e.curve and len(e.effect.joints) > 1]
-    return [c.joints[1] for c in curves if c.joints[0] == joint]
-
-
 def _nearest(law: FittedFormula, found: Sequence[FittedFormula]) -> tuple[str, float]:
-    """Return the law of the literature that is closest over this motion, and its distance.
-
-    The distance is the share of the law's torque, rms, that is different beside the model.
-    """
+    """Return the closest law of the literature, and the share of the torque that differs."""
     named = [e for e in found if len(e.formula.terms) == 1 and e.formula.terms[0].known_as]
     if not named:
         return "", 1.0

@@ -6,28 +6,27 @@ fit has found make of the residual,
 
     δr = Σ_i Σ_k ∂r/∂u_i^(k) δu_i^(k) + δτ + A δx        u = B c, U (c − ĉ) of unit noise
 
-through the same filter; their rms is the noise floor. What each candidate explains by itself is
-screened beside what the largest of them explains of these.
+through the same filter; their rms is the noise floor. What candidates explain is held
+against the most that any of them explains of these.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from ident.diagnosis.candidates import CandidateColumns, Contest
-from ident.effects import Effect
+from ident.diagnosis.candidates import SURROGATES, Contest, NoiseDraws
 from ident.equations.motion_noise import gain
 from ident.equations.unknowns import Columns
 from ident.fit.problem import Table
 from ident.information import linear
 from ident.information.blocks import Part
-from ident.information.chance import Chance, remaining_power, surrogates
+from ident.information.chance import remaining_power, surrogates
 from ident.information.hypotheses import Array, Gains, Index, PartialRegression
 from ident.information.projection import RANK
 from ident.mechanism.parameters import Covariance
@@ -35,31 +34,15 @@ from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
 
 VISIBLE = 1e-6  # numerics: norm of a column beside the model below which it is rounding
-SURROGATES = 100  # work: random series with the spectrum of the residual
 TRIALS = 25  # work: random series that show what share of its power a noise loses
 DRAWS = 24  # work: of noise
 CHUNK = 2048  # work: samples whose noise is in memory at once
-STARTS = 4  # work: of a searched shape, from which it is refined
 SAMPLES = 800  # work: of a log at which ∂r/∂motion is evaluated; between, it is interpolated
 
 
-@dataclass(frozen=True, eq=False)
-class NoiseDraws:
-    """Draws of what the sensors' noise leaves of the torques.
-
-    Attributes:
-        rows: (N, d, DRAWS) in the table's rows.
-        floor, ceiling: (d,) rms held out in the rows that decide [N m | N]: median and largest.
-    """
-
-    rows: Array
-    floor: Array
-    ceiling: Array
-
-
-def noise(contest: Contest, seed: int) -> NoiseDraws:
-    """Draws of the sensors' noise in the rows of a contest."""
-    table, random = contest.table, np.random.default_rng([seed, 1])
+def with_noise(contest: Contest) -> Contest:
+    """Return the contest with draws of the sensors' noise in its rows."""
+    table, random = contest.table, np.random.default_rng([contest.seed, 1])
     found = []
     for number, scene in enumerate(table.scenes):
         r = _of_torques(table, scene.e, random)
@@ -70,14 +53,13 @@ def noise(contest: Contest, seed: int) -> NoiseDraws:
     if (errors := contest.fit.known_errors) is not None:
         rows = rows + _of_values(contest, errors, random)
     regression = contest.regression
-    judged = regression.judging(
-        [rows[contest.use[:, p.coordinate], p.coordinate] for p in regression.parts]
-    )
+    judged = regression.judging([_rows(contest, part, rows) for part in regression.parts])
     losses = np.zeros((DRAWS, regression.d))
     for part, x in zip(regression.parts, judged.errors, strict=True):
         losses[:, part.coordinate] += (x**2).sum(axis=0)
     rms = np.sqrt(losses / np.maximum(regression.rows, 1)) / regression.weight
-    return NoiseDraws(rows, np.median(rms, axis=0), rms.max(axis=0))
+    draws = NoiseDraws(rows, np.median(rms, axis=0), rms.max(axis=0))
+    return replace(contest, draws=draws)
 
 
 def _of_torques(table: Table, e: State, random: np.random.Generator) -> np.ndarray:
@@ -137,7 +119,7 @@ def _coefficients(spline: Spline, random: np.random.Generator) -> Array:
 
 
 def runs(table: Table) -> list[slice]:
-    """Stretches of rows in equal steps of one experiment."""
+    """Return the stretches of rows in equal steps of one experiment."""
     step = np.diff(table.sample)
     usual = np.median(step) if len(step) else 1
     new = (np.diff(table.experiment) != 0) | (step != usual)
@@ -145,31 +127,29 @@ def runs(table: Table) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges)]
 
 
-def judging(
-    contest: Contest, regression: PartialRegression, noise: NoiseDraws | None, seed: int
-) -> PartialRegression:
-    """The regression with surrogates of its residual, and draws of the sensors' noise, as
-    right-hand sides.
+def judging(contest: Contest) -> Contest:
+    """The contest with surrogates of its residual and draws of noise as right-hand sides.
 
     What the model takes of any noise is given back to the surrogates, frequency by frequency, as
     random series show it that lose the same way.
     """
-    random, steps = np.random.default_rng(seed), runs(contest.table)
-    r = _series(contest, regression, [y[:, :1] for y in regression.residual])[:, :, 0]
+    random, steps = np.random.default_rng(contest.seed), runs(contest.table)
+    regression = contest.regression
+    r = _series(contest, [y[:, :1] for y in regression.residual])[:, :, 0]
     tries = surrogates(r, steps, TRIALS, random, known=contest.use) * contest.use[:, :, None]
     parts = regression.parts
     tried = regression.judging([_rows(contest, part, tries) for part in parts])
-    left = _series(contest, regression, tried.residual)
+    left = _series(contest, tried.residual)
     remaining = [remaining_power(left[run], tries[run]) for run in steps]
     drawn = surrogates(r, steps, SURROGATES, random, remaining, contest.use)
     Y = []
     for part in parts:
         more = [part.Y[:, :1], _rows(contest, part, drawn)]
-        if noise is not None:  # of a size that the residual has, at most
-            x, rms = _rows(contest, part, noise.rows), _rms(_rows(contest, part, r))
+        if contest.draws is not None:  # of a size that the residual has, at most
+            x, rms = _rows(contest, part, contest.draws.rows), _rms(_rows(contest, part, r))
             more.append(x * rms / np.maximum(_rms(x), rms))
         Y.append(np.column_stack(more))
-    return regression.judging(Y)
+    return contest.beside(regression.judging(Y))
 
 
 def path_shares(
@@ -189,8 +169,12 @@ def path_shares(
     """
     groups = [group for each in effects for group in each]
     owner = np.repeat(np.arange(len(effects)), [len(each) for each in effects])
-    C, r = (np.concatenate(x) for x in zip(*_projected(regression, u, groups), strict=True))
-    r = r[:, : 1 + draws]
+    parts, weight = regression.parts, regression.weight
+    X = [part.taken(np.concatenate(groups)) * weight[part.coordinate] for part in parts]
+    P = sum(q.T @ x for q, x in zip(regression.Q, X, strict=True))
+    own = [i for i, part in enumerate(parts) if part.coordinate == u]
+    C = np.concatenate([X[i] - regression.Q[i] @ P for i in own])
+    r = np.concatenate([regression.residual[i] for i in own])[:, : 1 + draws]
     squares = np.maximum((r**2).sum(axis=0), 1e-300)
     squares[1 + SURROGATES :] = np.maximum(squares[1 + SURROGATES :], squares[0])
     size = np.sqrt((C**2).sum(axis=0))
@@ -220,29 +204,16 @@ def path_shares(
     return found
 
 
-def _projected(
-    regression: PartialRegression, u: int, groups: Sequence[Index]
-) -> Iterator[tuple[Array, Array]]:
-    """Yield the columns of groups and the residuals in coordinate u, without the model."""
-    parts, Q, residual = regression.parts, regression.Q, regression.residual
-    C = [part.taken(np.concatenate(groups)) * regression.weight[part.coordinate] for part in parts]
-    P = sum(q.T @ c for q, c in zip(Q, C, strict=True))
-    for part, c, q, r in zip(parts, C, Q, residual, strict=True):
-        if part.coordinate == u:
-            yield c - q @ P, r
-
-
 def _rows(contest: Contest, part: Part, x: Array) -> Array:
     """Return the rows (m, ...) of a part in series x (N, d, ...)."""
     return x[contest.use[:, part.coordinate], part.coordinate]
 
 
-def _series(contest: Contest, regression: PartialRegression, Y: Sequence[Array]) -> Array:
+def _series(contest: Contest, Y: Sequence[Array]) -> Array:
     """Return series (N, d, count) of weighted rows Y (m, count) of every part; zero elsewhere."""
     found = np.zeros((*contest.table.b.shape, Y[0].shape[1]))
-    for part, y in zip(regression.parts, Y, strict=True):
-        u = part.coordinate
-        found[contest.use[:, u], u] = y / regression.weight[u]
+    for u, y in zip([part.coordinate for part in contest.regression.parts], Y, strict=True):
+        found[contest.use[:, u], u] = y / contest.regression.weight[u]
     return found
 
 
@@ -251,73 +222,8 @@ def _rms(x: Array) -> Array:
     return np.maximum(np.sqrt((x**2).sum(axis=0) / max(len(x), 1)), np.finfo(x.dtype).tiny)
 
 
-# --- candidates beside chance --------------------------------------------------------------------
-
-
 def null_shares(regression: PartialRegression, found: Gains) -> Array:
-    """Return the shares (groups, draws) of random residuals that groups of columns explain: of
-    surrogates of the residual, then of draws of noise, as it is.
-    """
+    """Return the shares (groups, draws) of surrogates, then of noise, that columns explain."""
     before = regression.null_losses.T.copy()  # (draws, d)
     before[SURROGATES:] = np.maximum(before[SURROGATES:], regression.losses.sum(axis=0))
     return regression.explained(found.null.transpose(0, 2, 1), before)
-
-
-@dataclass(frozen=True, eq=False)
-class Screened:
-    """Gains of n candidates beside a model, each from the best of its starts.
-
-    Attributes:
-        candidates: which.
-        starts: of each candidate, the best first; gain, visible, place: (n,) share g of the best
-            one, visible share, coordinate.
-        null: (groups, draws) shares of random residuals, of all starts; of: (groups,) candidate.
-    """
-
-    candidates: Sequence[CandidateColumns]
-    starts: Sequence[Sequence[int]]
-    gain: Array
-    visible: Array
-    place: Index
-    null: Array
-    of: Index
-
-    @classmethod
-    def beside(
-        cls, regression: PartialRegression, candidates: Sequence[CandidateColumns]
-    ) -> Screened:
-        """Screen candidates, with the random residuals that the regression has."""
-        found = regression.gains([group for each in candidates for group in each.groups])
-        ends = np.cumsum([0, *(len(each.groups) for each in candidates)])
-        every = regression.explained(found.by)
-        order = (np.argsort(-every[a:b], kind="stable") for a, b in pairwise(ends))
-        starts = [each[:STARTS].tolist() for each in order]
-        best = [a + own[0] for a, own in zip(ends.tolist(), starts, strict=False)]
-        visible = np.array([found.visible[a:b].max() for a, b in pairwise(ends)])
-        place = np.array([regression.place(each.groups[0]) for each in candidates], dtype=int)
-        null = null_shares(regression, found)
-        of = np.repeat(np.arange(len(candidates)), np.diff(ends))
-        return cls(candidates, starts, every[best], visible, place, null, of)
-
-    def chance(self, some: Sequence[int], alpha: float) -> Chance:
-        """The largest shares of some candidates, by place: of surrogates of the residual and of
-        draws of the sensors' noise.
-        """
-        mine = np.isin(self.of, some)
-        null, place = self.null[mine], self.place[self.of[mine]]
-        largest = {int(u): null[place == u].max(axis=0) for u in np.unique(place)}
-        residual, noise = (
-            {u: x[draws] for u, x in largest.items()}
-            for draws in (slice(SURROGATES), slice(SURROGATES, None))
-        )
-        return Chance(residual, noise, alpha)
-
-    def hints(self, alpha: float) -> Iterator[tuple[Effect, float, float]]:
-        """Yield by joint its best curve, the gain and the limit, where the gain is larger."""
-        curves = [i for i, each in enumerate(self.candidates) if each.curve]
-        for joint in dict.fromkeys(self.candidates[i].effect.joints[0] for i in curves):
-            own = [i for i in curves if self.candidates[i].effect.joints[0] == joint]
-            best = max(own, key=lambda i: float(self.gain[i]))
-            limit = max(self.chance(own, alpha).limit(int(self.place[best])), 0.0)
-            if self.gain[best] > limit:
-                yield self.candidates[best].effect, float(self.gain[best]), limit

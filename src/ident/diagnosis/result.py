@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from ident.diagnosis.candidates import Decision
 from ident.diagnosis.effect_set import Member, leading, on_rows_in_motion, reweighted
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.law_search import FittedFormula
 from ident.diagnosis.laws import FoundLaw
 from ident.diagnosis.search import Selection
-from ident.diagnosis.selection import Decision, Evidence
+from ident.diagnosis.selection import Evidence
 from ident.diagnosis.unobservable import Invisible, Unsupported, name_of
 from ident.display import Plotted, render
 from ident.effects import Effect
@@ -37,11 +38,10 @@ class Explanation:
     """One candidate: its evidence, and what adding it does.
 
     Attributes:
-        effect: the candidate; evidence: from rows away from reversals.
+        evidence: from rows away from reversals.
         joint: the independent joint whose error it lowers most.
         fit: everything refitted with it, on all rows; None where its numbers are announced.
         before, after: held-out errors by joint, without it and with it.
-        parameters: its values.
         rivals: effects that this data cannot tell from it.
         known: values that the model before gave it, by full name: then it has changed.
     """
@@ -105,29 +105,21 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Advice:
-    """What to log next.
+    """What to log next."""
 
-    Attributes:
-        words: whole sentences.
-        apart: the effects that a log of the motion would tell apart, if it is proposed for that.
-        interrupted: whether Ctrl-C came before a motion was worked out.
-    """
-
-    words: str
-    apart: tuple[Effect, ...] = ()
-    interrupted: bool = False
+    words: str  # whole sentences
+    apart: tuple[Effect, ...] = ()  # effects that it would tell apart, if it is proposed for that
+    interrupted: bool = False  # whether Ctrl-C came before a motion was worked out
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Law:
-    """A formula for what no effect of the library explains, everything refitted with it.
+    """A formula for what no effect explains; `mechanism + law` is a model with it.
 
     Attributes:
-        found: how it was found.
-        effect: the formula with its constants; `mechanism + law` is a model with it.
+        found: how it was found; effect: the formula with its constants; parameters: their values.
         beside: effects that the diagnosis names beside it, and laws of other joints.
         fit: everything refitted with it and those.
-        parameters: values of its constants.
         before, after: held-out errors by joint, without them and with them.
     """
 
@@ -176,9 +168,7 @@ class Law:
 
     @property
     def determined(self) -> bool:
-        """Whether the data determine a coefficient of each term and all constants within them: else
-        it is a simpler law in disguise.
-        """
+        """Whether the data determine each term and all constants: else it is a simpler law."""
         count = len(self.effect.unknowns)
         large = [
             v.stderr is not None and abs(v.value) > NEGATIVE * v.stderr for v in self.parameters
@@ -345,8 +335,7 @@ class Diagnosis(Concluded):
     @cached_property
     def group(self) -> tuple[Effect, ...]:
         """What is named together: the best effect, then those of its kind at other joints without
-        which, all others in place, the error of their joint would be larger by what matters; the
-        best alone where it has rivals, none where nothing is named.
+        which the error of their joint would be larger by what matters; none without a name.
         """
         if self.best is None:
             return ()
@@ -356,26 +345,20 @@ class Diagnosis(Concluded):
         before, after = errors_of(self.fit), self._errors_with(alike)
 
         def matters(m: Member) -> bool:
-            joint = self._joint_of(m)
-            rest = announced_with(
-                self.fit, self.selection, [each for each in alike if each is not m]
-            )
+            assert m.evidence is not None
+            joint = self.fit.motion.independent[m.evidence.coordinate]
+            rest = announced_with(self.selection, [each for each in alike if each is not m])
             e = before[joint]
             torque = (e.rms / e.relative) ** 2 if e.relative else 0.0
             return self.decision.matters(rest[joint].rms ** 2, after[joint].rms ** 2, torque)
 
         return tuple(m.effect for m in alike if m is own or matters(m))
 
-    def _joint_of(self, member: Member) -> str:
-        """The independent coordinate whose error a member lowers most."""
-        assert member.evidence is not None
-        return self.fit.motion.independent[member.evidence.coordinate]
-
     def _errors_with(self, members: Sequence[Member]) -> dict[str, Error]:
         """Held-out errors with the best effect, refitted, or with several members, announced."""
         if len(members) == 1:
             return self.candidates[0].after
-        return announced_with(self.fit, self.selection, members)
+        return announced_with(self.selection, members)
 
     @cached_property
     def after(self) -> dict[str, Error]:
@@ -399,7 +382,7 @@ class Diagnosis(Concluded):
         sizes = np.array([e.rms**2 / (e.relative or 1.0) ** 2 for e in self.after.values()])
 
         def squares(*more: Member) -> np.ndarray:
-            errors = announced_with(self.fit, self.selection, [*group, *more])
+            errors = announced_with(self.selection, [*group, *more])
             return np.array([e.rms**2 for e in errors.values()])
 
         now = squares() if rest else sizes
@@ -410,9 +393,9 @@ class Diagnosis(Concluded):
         """All candidates: `candidates`, then the others as announced, by what they explain."""
         first = self.selection.first
         done = {each.effect.label for each in self.candidates}
-        rest = [each for each in first.every(self.decision) if each.effect.label not in done]
+        rest = [each for each in first.every if each.effect.label not in done]
         rest.sort(key=lambda each: -each.gain)
-        more = (announced(self.fit, self.selection, each, ()) for each in rest)
+        more = (announced(self.selection, each, ()) for each in rest)
         return (*self.candidates, *more)
 
     @cached_property
@@ -440,27 +423,23 @@ def _entry(v: Value) -> dict[str, Any]:
 # --- errors and explanations of a fit ------------------------------------------------------------
 
 
-def announced_with(fit: Fit, selection: Selection, members: Sequence[Member]) -> dict[str, Error]:
+def announced_with(selection: Selection, members: Sequence[Member]) -> dict[str, Error]:
     """Return held-out errors with members of the set, as rows in motion predict them."""
-    regression, columns = on_rows_in_motion(selection.first.contest, members)
+    contest = selection.first.contest
+    regression, columns = on_rows_in_motion(contest, members)
     richer = reweighted(regression.extended(np.concatenate([*columns.values()])))
     old, new = (x.losses.sum(axis=0) / x.weight**2 for x in (regression, richer))
-    return announced_errors(errors_of(fit), old, new)
+    return announced_errors(errors_of(contest.fit), old, new)
 
 
-def announced(
-    fit: Fit, selection: Selection, found: Evidence, rivals: tuple[Effect, ...]
-) -> Explanation:
+def announced(selection: Selection, found: Evidence, rivals: tuple[Effect, ...]) -> Explanation:
     """Explain by a candidate as the rows that decide predict it, without a refit."""
-    before = selection.first.regression.losses.sum(axis=0)
+    fit, effect = selection.first.contest.fit, found.effect
+    before, known = selection.first.regression.losses.sum(axis=0), known_of(fit, effect)
     after = announced_errors(errors_of(fit), before, found.refit.loss.sum(axis=0))
-    effect, known = found.effect, known_of(fit, found.effect)
     linear = dict(zip((p.name for p in effect.unknowns), found.refit.theta, strict=False))
-    errors = dict(
-        zip(
-            (p.name for p in (*effect.unknowns, *effect.searched)), found.refit.stderr, strict=False
-        )
-    )
+    own = (p.name for p in (*effect.unknowns, *effect.searched))
+    errors = dict(zip(own, found.refit.stderr, strict=False))
     values = tuple(
         Value(full, float({**found.shape, **linear}.get(p.name, 0.0)) + known.get(full, 0.0),
               float(errors[p.name]) if p.name in errors else None, unit, True, 0.0)

@@ -18,20 +18,10 @@ from functools import cached_property, partial, reduce
 
 import numpy as np
 
-from ident.diagnosis.candidates import HIDDEN, CandidateColumns, Contest
-from ident.diagnosis.effect_set import EffectSet, Member, Responses, in_order, judged_member
-from ident.diagnosis.null import SURROGATES, NoiseDraws, judging, null_shares, path_shares
-from ident.diagnosis.selection import (
-    Decision,
-    Evidence,
-    OnProgress,
-    Ranking,
-    behind,
-    by_chance,
-    rank,
-    rivals,
-    simplest,
-)
+from ident.diagnosis.candidates import HIDDEN, SURROGATES, CandidateColumns, Contest, OnProgress
+from ident.diagnosis.effect_set import EffectSet, Member, in_order, judged_member, past_responses
+from ident.diagnosis.null import judging, null_shares, path_shares
+from ident.diagnosis.selection import Ranking, behind, by_chance, rank, rivals, simplest
 from ident.information.chance import Chance, exceeding, quantile, zscore
 from ident.information.hypotheses import Index, PartialRegression
 
@@ -45,21 +35,12 @@ TRIED = 3  # work: of the best candidates, until one makes a better set
 
 @dataclass(eq=False)
 class Search:
-    """Adds effects with eliminations, then exchanges, until neither makes a better set.
+    """Adds effects with eliminations, then exchanges, until neither makes a better set."""
 
-    Args:
-        contest, noise, decision, seed: rows, candidates and rule of evidence.
-        given: labels of effects of the model that stay.
-        visited: sets that were searched before.
-    """
-
-    contest: Contest
-    noise: NoiseDraws | None
-    decision: Decision
-    seed: int
-    given: Collection[str]
+    contest: Contest  # rows, candidates and the rule of evidence
+    given: Collection[str]  # labels of effects of the model that stay
     on_progress: OnProgress
-    visited: set[frozenset[str]] = field(default_factory=set)
+    visited: set[frozenset[str]] = field(default_factory=set)  # sets that were searched before
     chance: Chance = field(init=False)
     judged: PartialRegression = field(init=False)  # with the draws of the last null distribution
     first: Ranking = field(init=False)  # beside the start
@@ -73,7 +54,7 @@ class Search:
             mine = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
             if effect.label not in self.given and len(mine):
                 members.append(Member(effect, mine))
-        return EffectSet(self.contest, self.contest.regression, tuple(members))
+        return EffectSet(self.contest, tuple(members))
 
     def run(self, first: Ranking | None = None) -> EffectSet:
         """The best set; `first`: all candidates beside the start, with their null distribution."""
@@ -96,8 +77,7 @@ class Search:
 
     def with_rivals(self, now: EffectSet, member: Member) -> Member:
         """The member; one that came with others with its rivals beside the rest of the set: of what
-        every machine has none with more numbers, for it is there in any case. In a loop the same
-        effect of another joint may have its columns.
+        every machine has none with more numbers, in a loop the same effect of other joints too.
         """
         if not member.grouped:
             return member
@@ -107,44 +87,22 @@ class Search:
         if own is None:
             return member
         most = own.numbers if member.effect.common else np.inf
-        equal = (e for e in rivals(own, beside, self.decision) if e.numbers <= most)
+        equal = (e for e in rivals(own, beside) if e.numbers <= most)
         return replace(member, rivals=tuple(equal))
 
     def beside(self, bare: EffectSet, member: Member, kind: str | None = None) -> Ranking:
-        """Return what could take the place of a member in a set without it: effects of its joints
-        and, if a kind is given, those of that kind at any joint.
-        """
+        """Rank what could take the place of a member: effects of its joints, or of a kind."""
         effects, joints = (each.effect for each in bare.contest.candidates), member.effect.joints
         mine = {
             each.label
             for each in effects
             if not each.joints or not joints or {*joints} & {*each.joints} or each.kind == kind
         }
-        return rank(
-            bare.contest,
-            bare.regression,
-            None,
-            self.decision,
-            self.seed,
-            bare.labels,
-            curved=False,
-            chance=self.chance,
-            least=NEAR,
-            only=mine,
-        )
+        return rank(bare.contest, bare.labels, False, self.chance, NEAR, mine)
 
     def ranked(self, now: EffectSet) -> Ranking:
         """All laws beside a set, with a null distribution of its residual."""
-        found = rank(
-            now.contest,
-            now.regression,
-            self.noise,
-            self.decision,
-            self.seed,
-            now.labels,
-            curved=False,
-            least=NEAR,
-        )
+        found = rank(now.contest, now.labels, curved=False, least=NEAR)
         self.chance, self.judged = found.chance, found.regression
         return found
 
@@ -185,29 +143,25 @@ class Search:
         return self.chance.limit(now.regression.place(member.columns))
 
     def superfluous(self, now: EffectSet, bare: EffectSet, member: Member) -> bool:
-        """Return whether a set is no worse without a member than chance makes it.
-
-        What every machine has needs no evidence that it is there, only that it is not noise, and
-        that the others do not have its columns, as a spring with preload has those of an offset.
+        """Return whether a set is no worse without a member than chance makes it. What every
+        machine has must only not be noise, and have columns of its own beside the others.
         """
         if member.effect.common:
             if bare.regression.gains([member.columns]).visible[0] < HIDDEN:
                 return True
             D = (bare.regression.losses - now.regression.losses).sum(axis=1)
-            return zscore(D) < self.decision.rival_se
+            return zscore(D) < self.contest.decision.rival_se
         return now.rise(bare) < self.limit(now, member)
 
     def joined(self, now: EffectSet, ranking: Ranking) -> EffectSet:
-        """The set with what all drives have in common, before what else single joints may have.
-
-        It enters even where it is too small to matter, and is not named then: otherwise each
-        joint's part of it would be taken for an effect of that joint.
+        """The set with what all drives have in common, before what single joints may have; even
+        where it is too small to be named, lest its part be taken for an effect of each joint.
         """
         known = {effect.label for effect in now.contest.fit.mechanism.effects}
         for each in ranking.evidence:
             seen = each.gain > each.limit and each.sensible and each.effect.label not in known
             if each.effect.joined and (each.credible or seen):
-                new = now.plus(each, rivals(each, ranking, self.decision))
+                new = now.plus(each, rivals(each, ranking))
                 return self.accepted(now, new) or now
         return now
 
@@ -220,16 +174,15 @@ class Search:
         for some in (common, friction) if friction != common else (common,):
             if len(some) < 2:
                 continue
-            columns = np.concatenate([each.groups[0] for each in some])
-            found = now.regression.gains([columns, *(each.groups[0] for each in some)])
-            g = now.regression.explained(found.by)
+            groups = [each.groups[0] for each in some]
+            g = now.regression.shares([np.concatenate(groups), *groups])
             if g[0] >= TOGETHER * g[1:].max():
-                yield self.with_columns(now, some, columns)
+                yield self.with_candidates(now, some)
 
     def common(self, now: EffectSet, least: float) -> list[CandidateColumns]:
         """What every machine has and a set has not, with gains of so many standard errors."""
-        some = [e for e in self.contest.candidates
-                if e.effect.common and e.effect.label not in now.labels]  # fmt: skip
+        every = (e for e in self.contest.candidates if e.effect.common)
+        some = [each for each in every if each.effect.label not in now.labels]
         found = now.regression.gains([each.groups[0] for each in some])
         return [
             each
@@ -239,10 +192,10 @@ class Search:
 
     def restored(self, now: EffectSet) -> EffectSet:
         """The set with what every machine has, where another effect has made it visible."""
-        some = self.common(now, self.decision.rival_se) if self.all_common else []
+        some = self.common(now, self.contest.decision.rival_se) if self.all_common else []
         if not some:
             return now
-        new = self.with_columns(now, some, np.concatenate([each.groups[0] for each in some]))
+        new = self.with_candidates(now, some)
         return new if new.density > now.density else now
 
     def grouped(self, now: EffectSet) -> EffectSet:
@@ -258,9 +211,7 @@ class Search:
     def tried(
         self, now: EffectSet, new: EffectSet, stays: Callable[[EffectSet], bool] = lambda _: True
     ) -> EffectSet | None:
-        """The set, if it is accepted by a null distribution of its own and stays; else the null
-        distribution is the one before.
-        """
+        """The set, if it is accepted by a null distribution of its own and stays."""
         before = self.chance, self.judged
         self.ranked(new)
         found = self.accepted(now, new)
@@ -272,16 +223,14 @@ class Search:
     def beyond_chance(self, now: EffectSet, together: EffectSet) -> bool:
         """Return whether a set's new members explain more than of residuals without them."""
         new = np.concatenate([e.columns for e in together.members if e.label not in now.labels])
-        judged = judging(now.contest, now.regression, self.noise, self.seed)
+        judged = judging(now.contest).regression
         found = judged.gains([new])
         surrogates, draws = np.split(null_shares(judged, found)[0], [SURROGATES])
-        limit = max(quantile(x, self.decision.alpha) for x in (surrogates, draws))
+        limit = max(quantile(x, self.contest.decision.alpha) for x in (surrogates, draws))
         return float(judged.explained(found.by)[0]) > limit
 
     def several(self, now: EffectSet) -> EffectSet | None:
-        """The set with several effects of one joint that explain together more than such a path
-        does of random residuals, where none of them is credible alone.
-        """
+        """The set with effects of one joint that are credible together, and none of them alone."""
         laws = [e for e in now.contest.laws if e.effect.label not in now.labels]
         place = [now.regression.place(each.groups[0]) for each in laws]
         for u in (u for u in range(now.regression.d) if place.count(u) > 1):
@@ -292,7 +241,8 @@ class Search:
             new, labels = now, {each.effect.label for each in mine}
             while len(new.members) < len(now.members) + steps:
                 rest = labels - new.labels
-                best = self.best_of(new, rest) if rest else None
+                beside = rank(new.contest, (), False, self.none, NEAR, rest) if rest else None
+                best = simplest(beside) if beside else None
                 if best is None:
                     break
                 new = new.plus(best)
@@ -313,7 +263,7 @@ class Search:
     def left(self, now: EffectSet, u: int) -> float:
         """Left-out squares of a coordinate beyond the sensors' noise [N²m² | N²]."""
         regression = now.regression
-        floor = self.noise.floor[u] if self.noise is not None else 0.0
+        floor = now.contest.draws.floor[u] if now.contest.draws is not None else 0.0
         squares = regression.losses.sum(axis=0)[u] / regression.weight[u] ** 2
         return max(float(squares - regression.rows[u] * floor**2), 0.0)
 
@@ -321,11 +271,10 @@ class Search:
         self, judged: PartialRegression, u: int, effects: Sequence[Sequence[Index]]
     ) -> tuple[int, float]:
         """Return how many effects of a coordinate, given by their groups of columns, explain
-        together more than chance does, 0 if none do, and the chance of such a path in any
-        coordinate: k of them must be as improbable as k that are credible each, alphaᵏ. A few
-        draws are enough to see that a path is nothing special.
+        together more than chance does, and the chance of such a path in any coordinate: k of them
+        must be as improbable as k that are credible each, alphaᵏ. First a few draws are looked at.
         """
-        alpha, looks = self.decision.alpha, judged.d * (PATH - 1)
+        alpha, looks = self.contest.decision.alpha, judged.d * (PATH - 1)
         few, every = SURROGATES // 6, judged.residual[0].shape[1] - 1  # and draws of noise
         for draws in (few, every):
             p = {}
@@ -338,18 +287,8 @@ class Search:
         k = min(good, key=lambda k: p[k], default=0)
         return k, p.get(k, 1.0)
 
-    def best_of(self, now: EffectSet, labels: Collection[str]) -> Evidence | None:
-        """The simplest of the effects that explain most beside a set, whatever chance does."""
-        beside = rank(
-            now.contest, now.regression, None, self.decision, self.seed, curved=False,
-            chance=Chance({}, {}, self.decision.alpha, -np.inf), least=NEAR, only=labels,
-        )  # fmt: skip
-        return simplest(beside, self.decision)
-
     def led(self, first: Ranking) -> str:
-        """Label of the effect that is named first, as far as the first steps show without a null
-        distribution; "" if no effect is credible.
-        """
+        """Label of the effect that is named first, without a null distribution; "" if none is."""
         self.chance = first.chance
         now = self.joined(self.start, first)
         together = next(self.together(now), None)
@@ -361,43 +300,38 @@ class Search:
         alone = max((first.gains[each.label][0] for each in self.new(now)), default=0.0)
         louder = {e.effect.label for e in first.credible if e.gain > alone} - now.labels
         if louder:  # and not explained by what every machine has
-            beside = rank(now.contest, now.regression, None, self.decision, self.seed,
-                          curved=False, chance=self.chance, only=louder)  # fmt: skip
-            if (best := simplest(beside, self.decision)) is not None:
+            beside = rank(now.contest, curved=False, chance=self.chance, only=louder)
+            if (best := simplest(beside)) is not None:
                 now = now.plus(best)
-        return next((e.label for e in in_order(self.new(now), first, self.decision)), "")
+        return next((e.label for e in in_order(self.new(now), first)), "")
+
+    @property
+    def none(self) -> Chance:
+        """Limits that any gain exceeds."""
+        return Chance({}, {}, self.contest.decision.alpha, -np.inf)
 
     def new(self, now: EffectSet) -> list[Member]:
         """The members that are not of the fit."""
         return [each for each in now.members if each.evidence is not None]
 
-    def with_columns(
-        self, now: EffectSet, several: list[CandidateColumns], columns: Index
-    ) -> EffectSet:
+    def with_candidates(self, now: EffectSet, several: list[CandidateColumns]) -> EffectSet:
         """The set with several candidates, credible or not."""
-        regression = now.regression.extended(columns)
-        ranking = rank(
-            now.contest,
-            regression,
-            None,
-            self.decision,
-            self.seed,
-            chance=Chance({}, {}, self.decision.alpha, -np.inf),
-            curved=False,
-            only={each.effect.label for each in several},
-        )
+        columns = np.concatenate([each.groups[0] for each in several])
+        contest = now.contest.beside(now.regression.extended(columns))
+        labels = [each.effect.label for each in several]
+        ranking = rank(contest, curved=False, chance=self.none, only=labels)
         evidence = {each.effect.label: each for each in ranking.evidence}
         members = [
             Member(e.effect, e.groups[0], evidence[e.effect.label], grouped=True) for e in several
         ]
-        return EffectSet(now.contest, regression, (*now.members, *members)).reweighted()
+        return EffectSet(contest, (*now.members, *members)).reweighted()
 
     def forward(self, now: EffectSet, ranking: Ranking) -> EffectSet | None:
         """The set with the simplest of the best effects."""
-        best = simplest(ranking, self.decision)
+        best = simplest(ranking)
         rest = [each for each in ranking.credible if each is not best]
         for each in [best, *rest][:TRIED] if best is not None else []:
-            new = now.plus(each, rivals(each, ranking, self.decision))
+            new = now.plus(each, rivals(each, ranking))
             if (found := self.accepted(now, new)) is not None:
                 return found
         return None
@@ -411,7 +345,7 @@ class Search:
             ranking = self.beside(bare, each)
             own = next((e for e in ranking.evidence if e.effect.label == each.label), None)
             for other in ranking.credible[:TRIED]:
-                if other is own or (own and behind(own, other) < self.decision.rival_se):
+                if other is own or (own and behind(own, other) < self.contest.decision.rival_se):
                     continue
                 if (
                     own
@@ -419,7 +353,7 @@ class Search:
                     and by_chance(own, other, bare.regression.rows, other.limit)
                 ):
                     continue  # more numbers must bring more than chance does
-                new = bare.plus(other, rivals(other, ranking, self.decision))
+                new = bare.plus(other, rivals(other, ranking))
                 if (found := self.accepted(now, new)) is not None:
                     return found
         return None
@@ -430,17 +364,16 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The set of effects that explains most.
+    """The set of effects that explains most."""
 
-    Attributes:
-        first: all candidates on the model as it is.
-        members: first those that are credible alone, by what they explain alone.
-        last: all candidates beside the set.
-    """
+    first: Ranking  # all candidates on the model as it is
+    members: tuple[Member, ...]  # first those that are credible alone, by what they explain alone
+    last: Ranking  # all candidates beside the set
 
-    first: Ranking
-    members: tuple[Member, ...]
-    last: Ranking
+    @property
+    def contest(self) -> Contest:
+        """The contest with the set in its model."""
+        return self.last.contest
 
     @property
     def named(self) -> tuple[Member, ...]:
@@ -448,19 +381,17 @@ class Selection:
         return tuple(m for m in self.members if not m.rejected)
 
 
-def select(
-    contest: Contest, noise: NoiseDraws, decision: Decision, seed: int, on_progress: OnProgress
-) -> Selection:
+def select(contest: Contest, on_progress: OnProgress) -> Selection:
     """Searches the set that explains most beside a fitted model, and judges its members."""
-    first = rank(contest, contest.regression, noise, decision, seed)
+    first = rank(contest)
     given = [effect.label for effect in contest.fit.mechanism.effects]
-    found = Search(contest, noise, decision, seed, given, on_progress).run(first)
+    found = Search(contest, given, on_progress).run(first)
     if not found.members:
         return Selection(first, (), first)
     found = found.polished()
-    last = rank(found.contest, found.regression, noise, decision, seed, found.labels)
-    responses = Responses.of(last)
-    judged = [judged_member(each, found, last, responses) for each in found.members]
+    last = rank(found.contest, found.labels)
+    past = past_responses(last)
+    judged = [judged_member(each, found, last, past) for each in found.members]
     # of what came together only what is more than chance beside the others is a name
     members = [m for m in judged if m.path is not None or m.evidence is None or m.evidence.credible]
     if any(m.effect.loaded_link and not m.rejected for m in members):
@@ -476,28 +407,18 @@ def select(
     weak = [m for m in found.members if m.label not in left and m.label in given]
     if weak:
         bare = reduce(EffectSet.minus, weak, found)
-        members = [m for m in members if _stands(m, bare, first, noise, decision, seed)]
-    return Selection(first, tuple(in_order(members, first, decision)), last)
+        members = [m for m in members if _stands(m, bare, first)]
+    return Selection(first, tuple(in_order(members, first)), last)
 
 
-def _stands(
-    member: Member, bare: EffectSet, first: Ranking, noise: NoiseDraws, decision: Decision,
-    seed: int,
-) -> bool:  # fmt: skip
-    """Return whether a member is credible without other values of known effects, which are too
-    little to be named: where all of them together make up for a misfit that is everywhere, what is
-    left beside them is less than chance explains of the misfit.
-
-    Args:
-        member: of a set; bare: that set without these values; first: all candidates on the model.
+def _stands(member: Member, bare: EffectSet, first: Ranking) -> bool:
+    """Whether a member is credible alone, or beside the set without other values of known effects
+    that are too little to be named: these may together make up for a misfit that is everywhere.
     """
     if member.path is not None or any(e.effect.label == member.label for e in first.credible):
         return True
     others = bare.minus(next(m for m in bare.members if m.label == member.label))
     if not others.members:
         return False
-    beside = rank(
-        bare.contest, others.regression, noise, decision, seed, others.labels, curved=False,
-        least=NEAR,
-    )  # fmt: skip
+    beside = rank(others.contest, others.labels, curved=False, least=NEAR)
     return any(e.effect.label == member.label for e in beside.credible)

@@ -16,115 +16,52 @@ difference and by more than chance.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from numbers import Real
+from itertools import pairwise
 
 import numpy as np
 
-from ident.diagnosis.candidates import STANDS_FOR, CandidateColumns, Contest, Shape
+from ident.diagnosis.candidates import STANDS_FOR, SURROGATES, CandidateColumns, Contest, Shape
 from ident.diagnosis.law_search import refined
-from ident.diagnosis.null import SURROGATES, NoiseDraws, Screened, judging
+from ident.diagnosis.null import judging, null_shares
 from ident.effects import Effect
-from ident.errors import FitError
 from ident.fit.shapes import widened
-from ident.information.chance import ALPHA, MINE, NEGATIVE, PARSIMONY, RIVAL, Chance, paired, zscore
-from ident.information.estimate import MATERIAL
-from ident.information.hypotheses import Array, Index, PartialRegression, Refit
+from ident.information.chance import NEGATIVE, PARSIMONY, Chance, paired, zscore
+from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
 from ident.mechanism.mechanism import Mechanism
 
 MOST = 0.5  # level: of a joint's squares: what explains less of them is not its main cause
 ALIKE = 0.7  # level: cosine of what two candidates explain: half of the squares are the same part
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
+STARTS = 4  # work: of a searched shape, from which it is refined
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
-OnProgress = Callable[[str, float], None]
 
 
-@dataclass(frozen=True)
-class Decision:
-    """The three arguments of the rule of evidence.
-
-    Attributes:
-        alpha: chance that anything is credible where nothing is missing.
-        material: share of a joint's torque that an effect must have to matter.
-        rival_se: standard errors of the paired difference within which two are rivals.
-    """
-
-    alpha: float = ALPHA
-    material: float = MATERIAL
-    rival_se: float = RIVAL
-
-    def __post_init__(self) -> None:
-        """Refuse what is no chance, no share, or below what the random residuals can show."""
-        least = 1 / SURROGATES
-        for name, number in vars(self).items():
-            if not isinstance(number, Real):
-                raise FitError(f"{name} = {number!r}: is no number; valid: 0.01, for one")
-        if not least <= self.alpha <= 0.5:
-            raise FitError(
-                f"alpha = {self.alpha:g}: {SURROGATES} random residuals show chances from "
-                f"{least:g}; valid: {least:g} to 0.5"
-            )
-        if not 0 <= self.material < 1:
-            raise FitError(
-                f"material = {self.material:g}: is no share of a joint's torque; valid: 0 to below "
-                "1, such as 0.003"
-            )
-        if not 0 <= self.rival_se < np.inf:
-            raise FitError(
-                f"rival_se = {self.rival_se:g}: valid: 0 or more standard errors, such as 2"
-            )
-
-    def matters(self, before: Array | float, after: Array | float, torque: Array | float) -> bool:
-        """Whether squares (d,) that fall as an effect or a law enters fall by more than the share
-        `material` of the torque's in some joint.
-        """
-        return bool(np.any(np.subtract(before, after) > self.material**2 * np.asarray(torque)))
-
-    def __str__(self) -> str:
-        return f"alpha {self.alpha:g}, material {self.material:g}, rival-se {self.rival_se:g}"
+Hint = tuple[Effect, float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The evidence for one candidate.
-
-    Attributes:
-        effect, shape: which.
-        columns: where its columns are in the regression; () of a refined shape, whose columns and
-            sensitivities C (m, u) in each part are new.
-        refit: everything refitted with it; its columns, then its shapes' sensitivities.
-        gain: share g of the left-out squares that it explains, all coordinates.
-        limit: what the gain was held against, as a share; p: chance of such a gain where nothing
-            is missing, NaN where no null distribution was made.
-        size: rms of its torque as a share of its joint's, the largest.
-        sensible: whether no value and no shape is one that such an effect cannot have.
-        credible: all of it.
-    """
+    """The evidence for one candidate."""
 
     effect: Effect
     shape: Shape
-    columns: Index
-    C: tuple[Array, ...]
-    refit: Refit
-    gain: float
-    limit: float
-    p: float
-    size: float
-    sensible: bool
-    credible: bool
+    columns: Index  # its columns in the regression; () of a refined shape, …
+    C: tuple[Array, ...]  # … whose columns and sensitivities (m, u) in each part are new
+    refit: Refit  # with its columns, then its shapes' sensitivities
+    gain: float  # share g of the left-out squares that it explains, all coordinates
+    limit: float  # share that the gain was held against
+    p: float  # chance of such a gain where nothing is missing; NaN without a null distribution
+    size: float  # rms of its torque as a share of its joint's, the largest
+    sensible: bool  # whether such an effect can have its values and its shape
+    credible: bool  # all of it
 
     @property
     def numbers(self) -> int:
         """Number of its parameters."""
         return len(self.effect.parameters)
-
-    @property
-    def mends(self) -> tuple[int, ...]:
-        """Coordinates that it mends."""
-        by = np.maximum(self.refit.by, 0.0)
-        return tuple(int(u) for u in np.flatnonzero(by >= MINE * max(by.sum(), 1e-300)))
 
     @property
     def coordinate(self) -> int:
@@ -151,27 +88,22 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """All candidates on one model, best first.
+    """All candidates on one model, best first."""
 
-    Attributes:
-        evidence: of those that are credible or come closest.
-        gains: by label, share g of the left-out squares, visible share, and which start has
-            that gain, of all.
-        chance: the largest gains of all laws where nothing is missing; with_curves: of the curves
-            as well.
-        curves: credible curves, best first.
-        hints: by joint its best curve, where the gain exceeds the quantile of the largest gain of
-            this joint's curves; with both.
-    """
-
-    contest: Contest
-    regression: PartialRegression
-    evidence: tuple[Evidence, ...]
+    contest: Contest  # with the model, and the random residuals of its null distribution
+    evidence: tuple[Evidence, ...]  # of those that are credible or come closest
+    # by label, share g of the left-out squares, visible share, and which start has that gain
     gains: Mapping[str, tuple[float, float, int]]
-    chance: Chance
-    with_curves: Chance
-    curves: tuple[tuple[Effect, float], ...]
-    hints: tuple[tuple[Effect, float, float], ...]
+    curves: tuple[tuple[Effect, float], ...]  # credible ones with their gains, best first
+    chance: Chance  # the largest gains of all laws where nothing is missing
+    with_curves: Chance  # of the curves as well
+    # by joint its best curve, its gain and the limit of this joint's curves, where that is less
+    hints: tuple[Hint, ...]
+
+    @property
+    def regression(self) -> PartialRegression:
+        """The model."""
+        return self.contest.regression
 
     def limit_of(self, candidate: CandidateColumns) -> float:
         """What the gain of a candidate is held against, as a share."""
@@ -189,24 +121,22 @@ class Ranking:
         alone = {each.effect.label for each in self.credible}
         return label not in alone, -self.gains.get(label, (0.0,))[0]
 
-    def every(self, decision: Decision) -> list[Evidence]:
+    @property
+    def every(self) -> list[Evidence]:
         """The evidence for all laws, those that were not looked at in detail last."""
         done = {each.effect.label for each in self.evidence}
         laws = [e for e in self.contest.laws if e.effect.label in {*self.gains} - done]
         starts = [[self.gains[each.effect.label][2]] for each in laws]
-        return [*self.evidence, *self.looked_at(laws, starts, decision)]
+        return [*self.evidence, *self.looked_at(laws, starts)]
 
     def looked_at(
-        self, laws: Sequence[CandidateColumns], starts: Sequence[Sequence[int]], decision: Decision
+        self, laws: Sequence[CandidateColumns], starts: Sequence[Sequence[int]]
     ) -> list[Evidence]:
         """The evidence for some laws, each from its starts, the best of them first."""
         refits = self.regression.refits(
             [law.groups[own[0]] for law, own in zip(laws, starts, strict=True)]
         )
-        return [
-            weigh(self, law, own, decision, refit)
-            for law, own, refit in zip(laws, starts, refits, strict=True)
-        ]
+        return [weigh(self, *each) for each in zip(laws, starts, refits, strict=True)]
 
     @property
     def credible(self) -> tuple[Evidence, ...]:
@@ -215,17 +145,9 @@ class Ranking:
 
 
 def rank(
-    contest: Contest,
-    regression: PartialRegression,
-    noise: NoiseDraws | None,
-    decision: Decision,
-    seed: int,
-    without: Collection[str] = (),
-    curved: bool = True,
-    chance: Chance | None = None,
-    least: float = 0.0,
-    only: Collection[str] | None = None,
-) -> Ranking:
+    contest: Contest, without: Collection[str] = (), curved: bool = True,
+    chance: Chance | None = None, least: float = 0.0, only: Collection[str] | None = None,
+) -> Ranking:  # fmt: skip
     """Weighs all candidates beside a model, `curved`: the curves as well as the laws.
 
     With the limits of a `chance` no null distribution is made. Candidates below the share `least`
@@ -238,56 +160,70 @@ def rank(
         and (curved or not each.curve)
         and (only is None or each.effect.label in only)
     ]
-    if chance is None and mine:
-        regression = judging(contest, regression, noise, seed)
-    screened = Screened.beside(regression, mine)
-    hints: tuple[tuple[Effect, float, float], ...] = ()
-    if chance is None:
-        laws = [i for i, each in enumerate(mine) if not each.curve]
-        chance = screened.chance(laws, decision.alpha)
-        with_curves = screened.chance(range(len(mine)), decision.alpha)
-        hints = tuple(screened.hints(decision.alpha))
-    else:
-        with_curves = chance
-    gain, labels = screened.gain.tolist(), [each.effect.label for each in mine]
-    starts = screened.starts
-    found = Ranking(
-        contest,
-        regression,
-        (),
-        {n: (gain[i], float(screened.visible[i]), starts[i][0]) for i, n in enumerate(labels)},
-        chance,
-        with_curves,
-        (),
-        hints,
-    )
-    order = np.argsort(-screened.gain).tolist()
-    good = {i for i in order if gain[i] > found.limit_of(mine[i])}
+    contest = judging(contest) if chance is None and mine else contest
+    regression = contest.regression
+    found = regression.gains([group for each in mine for group in each.groups])
+    shares, ends = regression.explained(found.by), np.cumsum([0, *(len(e.groups) for e in mine)])
+    starts = [np.argsort(-shares[a:b], kind="stable")[:STARTS].tolist() for a, b in pairwise(ends)]
+    gain = [float(shares[a + own[0]]) for a, own in zip(ends, starts, strict=False)]
+    visible = [float(found.visible[a:b].max()) for a, b in pairwise(ends)]
+    labels, first = [each.effect.label for each in mine], [own[0] for own in starts]
+    gains = dict(zip(labels, zip(gain, visible, first, strict=True), strict=True))
+    limits = (chance, chance, ()) if chance else _limits(contest, found, mine, gain)
+    ranking = Ranking(contest, (), gains, (), *limits)
+    order = np.argsort(-np.array(gain)).tolist()
+    good = {i for i in order if gain[i] > ranking.limit_of(mine[i])}
     curves = tuple((mine[i].effect, gain[i]) for i in order if mine[i].curve and i in good)
     laws = [i for i in order if not mine[i].curve]
     wanted = [i for k, i in enumerate(laws) if i in good or k < CLOSEST]
     evidence = list[Evidence]()
-    best = 0.0  # gain of the first candidate that is credible
-    while wanted and gain[wanted[0]] >= least * best:
-        some = wanted if best or not least else wanted[:1]
+    most = 0.0  # gain of the first candidate that is credible
+    while wanted and gain[wanted[0]] >= least * most:
+        some = wanted if most or not least else wanted[:1]
         wanted = wanted[len(some) :]
-        some = [i for i in some if gain[i] >= least * best]
-        evidence += found.looked_at([mine[i] for i in some], [starts[i] for i in some], decision)
-        best = max((each.gain for each in evidence if each.credible), default=0.0)
+        some = [i for i in some if gain[i] >= least * most]
+        evidence += ranking.looked_at([mine[i] for i in some], [starts[i] for i in some])
+        most = max((each.gain for each in evidence if each.credible), default=0.0)
     evidence.sort(key=lambda each: -each.gain)
-    return replace(found, evidence=tuple(evidence), curves=curves)
+    return replace(ranking, evidence=tuple(evidence), curves=curves)
+
+
+def _limits(
+    contest: Contest, found: Gains, mine: Sequence[CandidateColumns], gain: Sequence[float]
+) -> tuple[Chance, Chance, tuple[Hint, ...]]:
+    """Return what chance gives laws, and candidates with curves, and the hints of a ranking."""
+    alpha, regression = contest.decision.alpha, contest.regression
+    null = null_shares(regression, found)
+    place = np.array([regression.place(each.groups[0]) for each in mine], dtype=int)
+    of = np.repeat(np.arange(len(mine)), [len(each.groups) for each in mine])
+
+    def largest(some: Collection[int]) -> Chance:
+        """The largest shares of random residuals that some candidates explain, by place."""
+        at = np.isin(of, [*some])
+        most = {int(u): null[at & (place[of] == u)].max(axis=0) for u in {*place[of[at]]}}
+        residual = {u: x[:SURROGATES] for u, x in most.items()}
+        return Chance(residual, {u: x[SURROGATES:] for u, x in most.items()}, alpha)
+
+    laws = largest([i for i, each in enumerate(mine) if not each.curve])
+    by_joint: dict[str, list[int]] = {}
+    hints = list[Hint]()
+    for i, each in enumerate(mine):
+        if each.curve:
+            by_joint.setdefault(each.effect.joints[0], []).append(i)
+    for own in by_joint.values():
+        best = max(own, key=gain.__getitem__)
+        limit = max(largest(own).limit(int(place[best])), 0.0)
+        hints += [(mine[best].effect, gain[best], limit)] if gain[best] > limit else []
+    return laws, largest(range(len(mine))), tuple(hints)
 
 
 def weigh(
-    ranking: Ranking, candidate: CandidateColumns, starts: Sequence[int], decision: Decision,
-    refit: Refit,
-) -> Evidence:  # fmt: skip
+    ranking: Ranking, candidate: CandidateColumns, starts: Sequence[int], refit: Refit
+) -> Evidence:
     """Return the evidence for a candidate beside the model of a ranking.
 
-    Args:
-        starts: from which a shape is refined, the best first: the error of left-out blocks has many
-            minima along the number of waves, and the least may lie between two starts.
-        refit: with the best start.
+    Its shape is refined from `starts`, the best first, since the error has many minima along the
+    number of waves; `refit`: with the best start.
     """
     contest, regression = ranking.contest, ranking.regression
     gain = ranking.gains[candidate.effect.label][0]
@@ -300,44 +236,22 @@ def weigh(
         for each, value in zip(effect.searched, refit.theta, strict=True):
             shape[each.name] = float(np.clip(shape[each.name] + value, *bounds[each.name]))
     elif passed and any(not each.discrete for each in effect.searched):
-        ends = [refined(contest, regression, effect, candidate.shapes[i]) for i in starts]
+        ends = [refined(contest, effect, candidate.shapes[i]) for i in starts]
         found, C, refit = max(ends, key=lambda end: regression.gain(end[2]))
         shape, columns = dict(found), columns[:0]
-    torque = torque_squares(contest, regression)
-    by = np.maximum(refit.by, 0.0)
-    mends = by >= MINE * max(by.sum(), 1e-300)
-    size = float(np.sqrt(by / np.where(torque > 0, torque, np.inf))[mends].max(initial=0.0))
-    stderr = refit.stderr * np.sqrt(
-        refit.loss.sum() / max(regression.loss.sum(), 1e-300)
-    )  # by what is left with it
+    torque = np.where(contest.torque > 0, contest.torque, np.inf)
+    size = float(np.sqrt(np.maximum(refit.by, 0.0) / torque)[refit.mends].max(initial=0.0))
+    left = refit.loss.sum() / max(regression.loss.sum(), 1e-300)
+    stderr = refit.stderr * np.sqrt(left)
     plausible = contest.possible(effect, shape)
     plausible &= sensible(contest, effect, refit.theta, stderr)
     massive = not effect.loaded_link or bool(abs(refit.theta[0]) > NEGATIVE * stderr[0])
     seen = not effect.waves or contest.passed(effect.joints[0], shape[effect.waves]) > STANDS_FOR
-    credible = passed and plausible and massive and seen and size > decision.material
+    credible = passed and plausible and massive and seen and size > contest.decision.material
+    credible = credible and differs(contest, effect, refit.theta, stderr)
+    own, p = regression.gain(refit), ranking.chance.p(gain, place)
     return Evidence(
-        effect,
-        shape,
-        columns,
-        tuple(C),
-        refit,
-        regression.gain(refit),
-        limit,
-        ranking.chance.p(gain, place),
-        size,
-        plausible,
-        credible and differs(contest, effect, refit.theta, stderr),
-    )
-
-
-def torque_squares(contest: Contest, regression: PartialRegression) -> Array:
-    """(d,) weighted squares of the measured torque in the rows that decide."""
-    tau = contest.table.tau
-    return np.array(
-        [
-            float((tau[contest.use[:, u], u] ** 2).sum()) * regression.weight[u] ** 2
-            for u in range(regression.d)
-        ]
+        effect, shape, columns, tuple(C), refit, own, limit, p, size, plausible, credible
     )
 
 
@@ -355,11 +269,7 @@ def sensible(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> b
 
 
 def can_be(mechanism: Mechanism, effect: Effect, values: Array, stderr: Array) -> bool:
-    """Return whether an effect can have values (u,) of its unknowns, of a correction of its shapes.
-
-    None is larger than the kind allows, none that must not be negative is so beyond its error, and
-    no length differs from the drawing by more than a third.
-    """
+    """Return whether an effect can have values (u,); a length may be off by a third."""
     rounding = 1e-9 * float(np.abs(values).max(initial=0.0))  # of a value that no row determines
     length = np.inf
     if effect.sits == "place" and effect.joints:
@@ -374,9 +284,7 @@ def can_be(mechanism: Mechanism, effect: Effect, values: Array, stderr: Array) -
 
 
 def differs(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> bool:
-    """Return whether an effect is not in the model, or has values there from which these differ, by
-    theta (u,), beyond the errors of both.
-    """
+    """Return whether an effect is new to the model, or changes by theta (u,) beyond both errors."""
     errors, names = contest.fit.known_errors, effect.names
     if errors is None or not set(names) <= set(errors.names):
         return True
@@ -408,10 +316,9 @@ def by_chance(a: Evidence, b: Evidence, rows: Array, limit: float) -> bool:
     return 1 - float(np.exp(rows @ np.log(other / one) / rows.sum())) < limit
 
 
-def as_good(
-    best: Evidence, every: Sequence[Evidence], rows: Array, decision: Decision
-) -> list[Evidence]:
-    """Return the candidates that explain the same part as well as the best; rows (d,)."""
+def as_good(best: Evidence, every: Sequence[Evidence], contest: Contest) -> list[Evidence]:
+    """Return the candidates that explain the same part as well as the best."""
+    rival_se, rows = contest.decision.rival_se, contest.regression.rows
     return [
         each
         for each in every
@@ -419,19 +326,19 @@ def as_good(
         or (
             alike(each, best)
             and each.gain >= (1 - PARSIMONY) * best.gain
-            and (behind(each, best) < decision.rival_se or by_chance(each, best, rows, best.limit))
+            and (behind(each, best) < rival_se or by_chance(each, best, rows, best.limit))
         )
     ]
 
 
 def simplicity(each: Evidence) -> tuple[bool, bool, int, float]:
-    """Return the sort key of candidates that explain as much: a cause before what only describes a
-    curve, what many machines have before what few have, then by the number of parameters.
+    """Return the sort key of candidates that explain as much: a cause before a description, what
+    many machines have before what few have, then by the number of parameters.
     """
     return each.effect.descriptive, each.effect.rare, each.numbers, -round(each.gain, EQUAL)
 
 
-def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
+def simplest(ranking: Ranking) -> Evidence | None:
     """The credible candidate with the fewest numbers among those as good as the best; of those with
     the same columns in a loop that of a drive, whose gears and bearings carry more.
     """
@@ -442,12 +349,12 @@ def simplest(ranking: Ranking, decision: Decision) -> Evidence | None:
     ]
     if not credible:
         return None
-    equal = as_good(credible[0], credible, ranking.regression.rows, decision)
+    equal = as_good(credible[0], credible, ranking.contest)
     driven = {*ranking.contest.fit.mechanism.driven}
     return min(equal, key=lambda each: (*simplicity(each), not driven & {*each.effect.joints}))
 
 
-def rivals(best: Evidence, ranking: Ranking, decision: Decision) -> tuple[Evidence, ...]:
+def rivals(best: Evidence, ranking: Ranking) -> tuple[Evidence, ...]:
     """Credible candidates that explain the same part, as well within the error.
 
     An effect that only describes a curve names no cause: a law that is a special case of it is a
@@ -459,7 +366,7 @@ def rivals(best: Evidence, ranking: Ranking, decision: Decision) -> tuple[Eviden
         if each is not best
         and alike(each, best)
         and (
-            behind(each, best) < decision.rival_se
+            behind(each, best) < ranking.contest.decision.rival_se
             or (best.effect.descriptive and _nested(each, best))
         )
         and not (_nested(best, each) and behind(best, each) < 1.0)

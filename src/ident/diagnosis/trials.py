@@ -13,7 +13,6 @@ from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion
 
 # --- waves ---------------------------------------------------------------------------------------
-# Curves between two positions: mixtures of sines, and strokes of constant speed.
 #
 # y = c + h m(w t)        m: three sines of unrelated frequencies, or strokes with rounded ends
 
@@ -34,12 +33,9 @@ def sines(low: float, high: float, speed: float, t: np.ndarray, pitch: float = 1
 
 
 def _waves(x: np.ndarray, pitch: float) -> Series:
-    parts = [(f * pitch, a, f * pitch * x + p) for f, a, p in WAVES]
-    return (
-        sum((a * np.sin(z) for _, a, z in parts), np.zeros_like(x)),
-        sum((a * f * np.cos(z) for f, a, z in parts), np.zeros_like(x)),
-        sum((-a * f**2 * np.sin(z) for f, a, z in parts), np.zeros_like(x)),
-    )
+    f, a, p = np.array(WAVES).T[:, :, None] * [[[pitch]], [[1.0]], [[1.0]]]
+    z = f * x + p
+    return sum(a * np.sin(z)), sum(a * f * np.cos(z)), sum(-a * f**2 * np.sin(z))
 
 
 def strokes(low: float, high: float, speed: float, t: np.ndarray, pitch: float = 1.0) -> Series:
@@ -55,8 +51,6 @@ def strokes(low: float, high: float, speed: float, t: np.ndarray, pitch: float =
 
 
 # --- trials --------------------------------------------------------------------------------------
-# Motions that could be logged next: the present one wider, faster, slower, in strokes, one by one.
-# The independent joints' ranges and speeds; the curves between are those above.
 
 
 SAMPLES = 600  # work: a log, or a third of that where a trial has several
@@ -86,25 +80,15 @@ class Move:
         """Half of its range [rad | m]."""
         return 0.5 * (self.high - self.low)
 
-    def wide(self, low: float, high: float) -> Move:
-        """The same over another range."""
-        return replace(self, low=low, high=high)
-
 
 @dataclass(frozen=True)
 class Trial:
-    """A motion that could be logged.
+    """A motion that could be logged."""
 
-    Attributes:
-        kind: `same`, `faster`, `speeds`, `turn`, `limits`, `wider`, `strokes`, `alone` or `awake`.
-        moves: of every independent joint; about: the joints that move otherwise than now.
-        shares: of the speed, one log each.
-    """
-
-    kind: str
-    moves: tuple[Move, ...]
-    about: tuple[str, ...]
-    shares: tuple[float, ...] = (1.0,)
+    kind: str  # same, faster, speeds, turn, limits, wider, strokes, alone or awake
+    moves: tuple[Move, ...]  # of every independent joint
+    about: tuple[str, ...]  # the joints that move otherwise than now
+    shares: tuple[float, ...] = (1.0,)  # of the speed, one log each
 
     @property
     def changed(self) -> tuple[Move, ...]:
@@ -112,11 +96,9 @@ class Trial:
         return tuple(m for m in self.moves if m.joint.name in self.about)
 
     def reached(self, m: Move) -> Move:
-        """One of the moves with the range of its logs: of the whole one it is not known whether
-        passive joints keep their limits.
-        """
+        """One of the moves with the range of its logs: passive joints limit it, perhaps."""
         q = np.concatenate([log.columns[f"q.{m.joint.name}"] for log in self.logs])
-        return m.wide(float(q.min()), float(q.max()))
+        return replace(m, low=float(q.min()), high=float(q.max()))
 
     @property
     def logs(self) -> list[Log]:
@@ -128,11 +110,8 @@ class Trial:
     def seconds(self) -> float:
         """Duration in which the slowest joint goes to and fro often enough at each speed [s]."""
         once = max((2 * np.pi * m.half / m.speed for m in self.moves if m.speed), default=0.0)
-        return (
-            (1 if self.kind == "strokes" else CYCLES)
-            * once
-            * sum(1 / share for share in self.shares)
-        )
+        cycles = 1 if self.kind == "strokes" else CYCLES
+        return cycles * once * sum(1 / share for share in self.shares)
 
 
 def present(mechanism: Mechanism, motion: Motion) -> tuple[Move, ...]:
@@ -162,8 +141,8 @@ def trials(now: tuple[Move, ...], about: Sequence[str]) -> Iterator[Trial]:
         yield Trial("faster", quick, mine)
         yield Trial("speeds", quick, mine, (0.25, 1.0))
     for moves in (now, quick) if factor > WIDER else (now,):
-        for kind, widen in (("turn", _turn), ("limits", _limits), ("wider", _double)):
-            other = tuple(widen(m) if m.joint.name in mine else m for m in moves)
+        for kind in ("turn", "limits", "wider"):
+            other = tuple(_wider(m, kind) if m.joint.name in mine else m for m in moves)
             changed = tuple(m.joint.name for m, o in zip(now, other, strict=True) if m.low != o.low)
             if changed:
                 yield Trial(kind, other, changed)
@@ -177,31 +156,24 @@ def trials(now: tuple[Move, ...], about: Sequence[str]) -> Iterator[Trial]:
         yield Trial("awake", tuple(_awake(m) for m in now), asleep)
 
 
-def _turn(m: Move) -> Move:
-    """A full turn about the middle of the present range, or as near to that as the limits allow."""
-    middle = max(min(0.5 * (m.low + m.high), m.joint.upper - np.pi), m.joint.lower + np.pi)
-    low, high = middle - np.pi, middle + np.pi
-    free = m.joint.rotational and m.joint.upper - m.joint.lower >= 2 * np.pi - 1e-6
-    return m.wide(low, high) if free and np.pi > WIDER * m.half else m
-
-
-def _limits(m: Move) -> Move:
-    """Return the motion from one limit nearly to the other, where that is less than a turn."""
-    low, high = m.joint.lower, m.joint.upper
-    margin = MARGIN * (high - low)
-    if not np.isfinite(margin) or (m.joint.rotational and high - low >= 2 * np.pi - 1e-6):
-        return m
-    wide = 0.5 * (high - low) - margin > WIDER * m.half
-    return m.wide(low + margin, high - margin) if wide else m
-
-
-def _double(m: Move) -> Move:
-    """Twice the range, as far as the limits allow."""
-    low, high = m.low - m.half, m.high + m.half
-    margin = MARGIN * (m.joint.upper - m.joint.lower)
-    if np.isfinite(margin):
-        low, high = max(low, m.joint.lower + margin), min(high, m.joint.upper - margin)
-    return m.wide(low, high) if high - low > WIDER * (m.high - m.low) else m
+def _wider(m: Move, kind: str) -> Move:
+    """The same over a full turn about the middle of its range, or as near to that as limits allow,
+    nearly from limit to limit where that is less than a turn, or over twice its range; as it is
+    where that is hardly more.
+    """
+    lower, upper = m.joint.lower, m.joint.upper
+    margin = MARGIN * (upper - lower)
+    turns, able = m.joint.rotational and upper - lower >= 2 * np.pi - 1e-6, True
+    if kind == "turn":
+        middle = max(min(0.5 * (m.low + m.high), upper - np.pi), lower + np.pi)
+        low, high, able = middle - np.pi, middle + np.pi, turns
+    elif kind == "limits":
+        low, high, able = lower + margin, upper - margin, bool(np.isfinite(margin)) and not turns
+    else:
+        low, high = m.low - m.half, m.high + m.half
+        if np.isfinite(margin):
+            low, high = max(low, lower + margin), min(high, upper - margin)
+    return replace(m, low=low, high=high) if able and high - low > WIDER * (m.high - m.low) else m
 
 
 def _awake(m: Move) -> Move:
@@ -233,14 +205,13 @@ def _log(trial: Trial, share: float, n: int, name: str) -> Log:
 
 
 # --- allowed -------------------------------------------------------------------------------------
-# Whether a motion keeps the limits of the URDF: positions, speeds, torques.
 
 
 SLACK = 1e-6  # numerics
 
 
 def allowed(mechanism: Mechanism, now: Motion, then: Motion) -> bool:
-    """Return whether a motion keeps all limits that the present one keeps."""
+    """Return whether a motion keeps all limits of the URDF that the present one keeps."""
     for i, joint in enumerate(mechanism.joints):
         for series, low, high in (
             ("y", joint.lower, joint.upper),

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.candidates import HIDDEN, Contest, absorbed, possible
+from ident.diagnosis.candidates import HIDDEN, absorbed, possible
 from ident.diagnosis.law_search import FittedFormula, LawSearch, OnProgress
 from ident.diagnosis.laws import LossComparison
 from ident.diagnosis.search import Selection
-from ident.diagnosis.selection import Decision, Ranking, torque_squares
+from ident.diagnosis.selection import Ranking
 from ident.effects import KINDS, Effect, Signals
 from ident.fit import Fit
 from ident.information import linear
-from ident.information.chance import CERTAIN, MINE, zscore
+from ident.information.chance import CERTAIN, zscore
 from ident.information.hypotheses import Array, PartialRegression
 
 SHARE = 0.05  # shown: of a column, from which an unknown is named as one that carries it
@@ -43,22 +43,18 @@ class Invisible:
 
 
 @dataclass(frozen=True, eq=False)
-class Unsupported:
+class Unsupported(Invisible):
     """An effect in the model that should be removed or examined."""
 
-    effect: Effect
-    why: str
     absurd: bool
 
     def json(self) -> dict[str, Any]:
         """Return the entry of diagnosis.json."""
-        return {**name_of(self.effect), "why": self.why, "absurd": self.absurd}
+        return {**super().json(), "absurd": self.absurd}
 
 
 def invisible(first: Ranking) -> tuple[Invisible, ...]:
-    """Candidates of which the model leaves nothing to see, or that could not be judged, given all
-    on the model as it is.
-    """
+    """Candidates of which the model as it is leaves nothing to see, or that could not be judged."""
     contest, regression, fit = first.contest, first.contest.regression, first.contest.fit
     found: list[Invisible] = []
     squares = regression.squares @ regression.weight**2
@@ -112,44 +108,38 @@ def _why(fit: Fit, regression: PartialRegression, group: np.ndarray) -> str:
     return f"absorbed: {same} {', '.join(names[:NAMED])}{more}"
 
 
-def unsupported(fit: Fit, contest: Contest, decision: Decision) -> tuple[Unsupported, ...]:
-    """Effects of the model without which the left-out error rises by no more than chance, and
-    absurd ones.
-    """
-    found = []
-    regression = contest.regression
-    torque = max(float(torque_squares(contest, regression).sum()), 1e-300)
+def unsupported(first: Ranking) -> tuple[Unsupported, ...]:
+    """Effects of the model that lower the left-out error no more than chance, and absurd ones."""
+    contest, regression = first.contest, first.regression.bare
+    found, fit, decision = list[Unsupported](), contest.fit, contest.decision
+    torque = max(float(contest.torque.sum()), 1e-300)
     for effect, places in fit.columns.effects:
         mine = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
-        absurd = _absurd(fit, effect)
+        absurd, why = _absurd(fit, effect), ""
         if absurd:
             why = (
                 f"{', '.join(absurd)} is negative beyond its error, which no such effect can be: "
                 "something else is missing, or a sign is wrong"
             )
-            found.append(Unsupported(effect, why, True))
         elif len(mine):
             D = (regression.without(mine).losses - regression.losses).sum(axis=1)
-            size = float(np.sqrt(max(D.sum(), 0.0) / torque))
+            size, z = float(np.sqrt(max(D.sum(), 0.0) / torque)), zscore(D)
             if D.sum() <= 0:
                 why = "without it the held-out error of all joints together is no larger"
-                found.append(Unsupported(effect, why, False))
-            elif (z := zscore(D)) < decision.rival_se:
+            elif z < decision.rival_se:
                 why = "without it the held-out error is larger by no more than chance makes it "
-                found.append(Unsupported(effect, f"{why}(z = {z:.1f})", False))
+                why += f"(z = {z:.1f})"
             elif size < decision.material / 10:
                 why = f"it explains {100 * size:.2g} % of the torque only"
-                found.append(Unsupported(effect, why, False))
+        found += [Unsupported(effect, why, bool(absurd))] if why else []
     return tuple(found)
 
 
 def _absurd(fit: Fit, effect: Effect) -> list[str]:
-    """Name the parameters of an effect of the model that are negative beyond their error, and must
-    not be; errors are worked out where some value is negative.
-    """
+    """Name the parameters of an effect that are negative beyond their error, and must not be."""
     pairs = zip(effect.names, effect.parameters, strict=True)
     if not any(each.nonnegative and fit.point.values.get(name, 0.0) < 0 for name, each in pairs):
-        return []
+        return []  # errors take time
     values = next(each.parameters for each in fit.effects if each.effect.label == effect.label)
     return [
         v.name
@@ -162,9 +152,7 @@ WIDER = 2.0  # range: times the travelled range, over which laws that do as well
 DIFFERENT = 0.2  # tuned: of a torque (rms) there, from which two are two laws
 
 
-def relatives_of(
-    contest: Contest, selection: Selection, decision: Decision, on_progress: OnProgress
-) -> tuple[FittedFormula, ...]:
+def relatives_of(selection: Selection, on_progress: OnProgress) -> tuple[FittedFormula, ...]:
     """Return laws of the literature that do as well as the first name, which is one of position:
     over the travelled range the data cannot tell them from it. One of each kind, the best first;
     effects of the library are the name's rivals instead.
@@ -173,26 +161,23 @@ def relatives_of(
     if best is None or not best.effect.of_position or best.stands_in:
         return ()  # where it stands for another effect, its columns are of that one
     last, joint = selection.last, best.effect.joints[0]
-    whole = last.regression.judging([p.Y[:, :1] for p in last.regression.parts])
+    whole = last.regression.bare
     bare = whole.without(best.columns)
-    mine = replace(last.contest, regression=bare)
-    none = np.zeros(len(bare.rows))
-    search = LawSearch(
-        mine, bare, joint, "", last.limit_at(joint), none, on_progress, of_position=True
-    )
+    contest, none = selection.contest.beside(bare), np.zeros(len(bare.rows))
+    limit, rival_se = last.limit_at(joint), contest.decision.rival_se
+    search = LawSearch(contest, joint, "", limit, none, on_progress, of_position=True)
     found = sorted(search.extended(None), key=lambda each: float(each.loss.sum()))
     equal: dict[str, FittedFormula] = {}
     for each in found:
-        mends = np.flatnonzero(each.refit.by >= MINE * each.refit.by.sum())
-        compare = LossComparison([int(u) for u in mends], decision.rival_se)
         name = each.formula.terms[0].known_as
-        as_good = compare.better(each.refit.loss, whole.losses) < decision.rival_se
+        compare = LossComparison(each.refit.mends, rival_se)
+        as_good = compare.better(each.refit.loss, whole.losses) < rival_se
         if name and name not in KINDS and as_good and each.determined(bare):
             equal.setdefault(name, each)
     theta, _ = whole.solved
-    place = {int(column): i for i, column in enumerate(whole.model)}
+    order = np.argsort(whole.model)
+    own = theta[order[np.searchsorted(whole.model, best.columns, sorter=order)]]
     shape = best.evidence.shape if best.evidence is not None else {}
-    own = theta[[place[int(c)] for c in best.columns]][: len(best.effect.unknowns)]
     index = contest.table.mechanism.joint_index[joint]
     q = np.concatenate([scene.e.y[scene.e.usable, index] for scene in contest.table.scenes])
     x = np.mean(q) + WIDER * (np.linspace(q.min(), q.max(), 101) - np.mean(q))
@@ -203,7 +188,7 @@ def relatives_of(
 
 
 def _beyond(effect: Effect, shape: Mapping[str, float], theta: Array, x: Array) -> Array:
-    """Return the torque (n,) of an effect at positions x (n,), without what gravity could be."""
+    """Return the torque (n,) of an effect at positions x (n,), less what gravity can make."""
     one = np.ones((len(x), 1))
     s = Signals(x, x[:, None], one, one, np.full(1, 1e-12), shape=shape)
     f = effect.columns(s)[:, 0] @ theta[: len(effect.unknowns)]

@@ -4,7 +4,6 @@ from ident.effects.effect import Correcting, Correction, Effect, Signals, Sites,
 from ident.effects.joint import ReversalPulses
 from ident.effects.library import (
     KINDS,
-    candidates,
     create,
     kind_of,
     parse,
@@ -22,7 +21,6 @@ __all__ = [
     "Signals",
     "Sites",
     "Unknown",
-    "candidates",
     "create",
     "kind_of",
     "parse",

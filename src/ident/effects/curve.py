@@ -9,9 +9,11 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import permutations
 from typing import ClassVar
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 from ident.effects.effect import NOWHERE, UNITS, Bounds, Effect, Shape, Signals, Unknown, unit_of
 from ident.effects.joint import direction
@@ -130,8 +132,8 @@ class Curve(OfSignals):
     @property
     def pieces(self) -> int:
         """Number of its intervals."""
-        usual = FEW if self.second or self.first == "v" else PIECES
-        return int(self.setting("pieces")) or usual
+        few = self.second or self.first == "v"
+        return int(self.setting("pieces")) or (FEW if few else PIECES)
 
     @property
     def depends_on(self) -> frozenset[str]:
@@ -141,22 +143,22 @@ class Curve(OfSignals):
     @property
     def unknowns(self) -> tuple[Unknown, ...]:  # type: ignore[override]
         # a curve of speed has an odd half, which is dry friction, and an even one
-        count, dry = self.pieces + DEGREE, "dry" if self.second == "sign" else "torque"
+        odd = "dry" if self.first == "v" or self.second == "sign" else "torque"
+        halves = {"c": odd, "e": "torque"} if self.first == "v" else {"c": odd}
         powers = {self.second: -1.0} if self.second in UNITS else {}
         units = tuple(unit_of(powers, turns, turns, 1.0) for turns in (True, False))
-        odd = tuple(
-            Unknown(f"c{i}", units, "coefficient", acts="dry" if self.first == "v" else dry)
-            for i in range(count)
+        return tuple(
+            Unknown(f"{half}{i}", units, "coefficient", acts=acts)
+            for half, acts in halves.items()
+            for i in range(self.pieces + DEGREE)
         )
-        even = tuple(Unknown(f"e{i}", units, "coefficient") for i in range(count))
-        return odd + (even if self.first == "v" else ())
 
     @property
     def shapes(self) -> tuple[Unknown, ...]:  # type: ignore[override]
         """The ends of its intervals, as the data have them."""
         units = UNITS[self.first]
         if self.arity > 1:  # knots are of the second joint
-            units = (units[0 if self.second_rotational else 1],) * 2
+            units = (units[not self.second_rotational],) * 2
         return tuple(Unknown(f"x{i}", units, "knot", discrete=True) for i in range(self.pieces + 1))
 
     @property
@@ -165,19 +167,10 @@ class Curve(OfSignals):
 
     def _argument(self, s: Signals) -> np.ndarray:
         """x (n,) of the curve; of speed its size."""
-        match self.first:
-            case "t":
-                return s.t - s.t[0]
-            case "v":
-                return np.abs(s.v[:, 0])
-            case "q":
-                return s.q[:, -1]
-            case "a":
-                return s.a[:, 0]
-            case "temperature":
-                return s.extra[self.reads()[0]]
-            case _:
-                return s.load[:, 0]
+        if self.first in ("t", "temperature"):
+            return s.t - s.t[0] if self.first == "t" else s.extra[self.reads()[0]]
+        x: np.ndarray = getattr(s, self.first)[:, -1 if self.first == "q" else 0]
+        return np.abs(x) if self.first == "v" else x
 
     def torque(self, s: Signals) -> np.ndarray:
         x, v = self._argument(s), s.v[:, 0]
@@ -224,11 +217,12 @@ class PastSpeed(Effect):
     fades = True
 
     def columns(self, s: Signals) -> np.ndarray:
-        from scipy.signal import lfilter  # takes 0.2 s to import
-
+        # x_i − (1 − k) x_{i−1} = k v_i, x_0 = v_0; scipy.signal takes half a second to be imported
         v, step = s.v[:, 0], float(np.median(np.diff(s.t))) if len(s.t) > 1 else 1.0
-        shares = -np.expm1(-step / (self.setting("T") * 2.0 ** np.arange(LAGS)))
-        found = [lfilter([k], [1.0, k - 1.0], v, zi=[(1.0 - k) * v[0]])[0] for k in shares]
+        found = []
+        for k in -np.expm1(-step / (self.setting("T") * 2.0 ** np.arange(LAGS))):
+            bands = np.stack([np.ones(len(v)), np.full(len(v), k - 1.0)])
+            found.append(solve_banded((1, 0), bands, np.append(v[:1], k * v[1:])))
         return np.stack(found, axis=1)[:, None, :]
 
 
@@ -248,7 +242,4 @@ def curves(
     for name in joints:
         every = (Curve((name,), signal=signal) for signal in (*UNITS, *PRODUCTS))
         yield from (curve for curve in every if {*columns}.issuperset(curve.reads()))
-    for name in moving:
-        for other in moving:
-            if other != name:
-                yield Curve((name, other), signal=OF_TWO)
+    yield from (Curve(pair, signal=OF_TWO) for pair in permutations(moving, 2))

@@ -59,13 +59,7 @@ def scaled(powers: Powers, by: float) -> Powers:
 
 
 def unit_of(powers: Powers, turns: bool, second: bool, force: float = 0.0) -> str:
-    """Return the unit of a power of force times powers of signals.
-
-    Args:
-        powers: of the signals.
-        turns, second: whether the joint turns, and the other one.
-        force: power of the joint's torque or force.
-    """
+    """Return the unit of powers of the joint's force and of signals, of joints that turn or not."""
     own = "N m" if turns else "N"
     found = {own: force}
     for signal, power in powers.items():
@@ -95,12 +89,9 @@ class Signals:
     v: np.ndarray
     a: np.ndarray
     still: np.ndarray  # (joints,) speed [rad/s | m/s] below which a joint counts as standing still
-    # the log's other columns on the same clock, each (n,)
-    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
-    # values of the effect's shape parameters
-    shape: Mapping[str, float] = field(default_factory=dict)
-    # present values of all effects' parameters, by full name
-    present: Mapping[str, float] = field(default_factory=dict)
+    extra: Mapping[str, np.ndarray] = field(default_factory=dict)  # the log's other columns (n,)
+    shape: Mapping[str, float] = field(default_factory=dict)  # values of the shape parameters
+    present: Mapping[str, float] = field(default_factory=dict)  # all effects' values, by name
     # gives (torque, load), both (n, joints) [N m | N]: the torque that the present model predicts
     # for each joint, and the part of it that the links need, without effects at that joint. In a
     # closure's own joint both are the size of the closure's force
@@ -130,8 +121,7 @@ class Unknown:
     units: tuple[str, ...]  # (rotational, linear)
     meaning: str
     nonnegative: bool = False  # whether a negative value makes no physical sense
-    # of a shape parameter, whether it takes a few values only and has no slope
-    discrete: bool = False
+    discrete: bool = False  # of a shape: it takes a few values only, without slope
     largest: float = np.inf  # size above which a value is not plausible
     # how the part E_i c_i of an unknown enters a simulation: `torque` (any smooth function of the
     # state), `linear` (linear in q and v), `inertia` (c times the acceleration, summed over the
@@ -139,8 +129,7 @@ class Unknown:
     # that no state changes), `state` (c times a state z with ż = `state_rate`), `body` (one of a
     # link's ten parameters)
     acts: str = "torque"
-    # of a shape parameter, (lowest, highest) where the signals do not decide it
-    range: tuple[float, float] | None = None
+    range: tuple[float, float] | None = None  # of a shape that signals do not decide
     negative: str = ""  # what a negative value means, in words, where its name says the opposite
 
 
@@ -150,10 +139,8 @@ class Sites:
 
     joint: tuple[str, ...] = ()  # all coordinates, closures' own as well
     driven: tuple[str, ...] = ()  # joints with a drive
-    # pairs of these whose motors may have a common shaft: one after the other, or on one body
-    geared: tuple[tuple[str, str], ...] = ()
-    # joints whose load the model predicts: driven ones and closures' own
-    loaded: tuple[str, ...] = ()
+    geared: tuple[tuple[str, str], ...] = ()  # pairs whose motors may have a common shaft
+    loaded: tuple[str, ...] = ()  # whose load the model predicts, closures' own among them
     logged: tuple[str, ...] = ()  # joints whose position is logged
     link: tuple[str, ...] = ()  # moving links
     closure: tuple[str, ...] = ()  # closures of every kind
@@ -166,15 +153,11 @@ class Sites:
 class Correction:
     """Changes of the data or the geometry by an effect, instead of a torque."""
 
-    # by joint, true minus logged coordinate, (n,) or a number
-    dq: Mapping[str, np.ndarray | float] = field(default_factory=dict)
-    # by joint, the time by which its torque channel is late [s]
-    delay: Mapping[str, float] = field(default_factory=dict)
+    dq: Mapping[str, np.ndarray | float] = field(default_factory=dict)  # by joint, true − logged
+    delay: Mapping[str, float] = field(default_factory=dict)  # by joint, of its torque [s]
     tilt: tuple[float, float] = (0.0, 0.0)  # rotation of the base about x and y [rad]
-    # by place, a displacement [m] along its axis
-    moved: Mapping[str, float] = field(default_factory=dict)
-    # by closure, its compliance C in Φ = C λ [m/N]
-    gap: Mapping[str, float] = field(default_factory=dict)
+    moved: Mapping[str, float] = field(default_factory=dict)  # by place, displacement [m]
+    gap: Mapping[str, float] = field(default_factory=dict)  # by closure, C in Φ = C λ [m/N]
 
 
 NOWHERE = "nowhere"  # `Effect.tried` of a kind that a diagnosis does not try by itself
@@ -237,8 +220,7 @@ class Effect(ABC):
     waves: ClassVar[str] = ""  # of position: the shape parameter that is their number a radian
     companions: ClassVar[tuple[str, ...]] = ()  # kinds that act and change with it at a joint
     fault: ClassVar[str] = ""  # the wrong torque channel, by the code of its finding, that it is
-    # words for it in MuJoCo models and SDF, beside a joint
-    model_words: ClassVar[tuple[str, ...]] = ()
+    model_words: ClassVar[tuple[str, ...]] = ()  # for it in MuJoCo models and SDF
     watched: ClassVar[str] = "never"  # by a monitor: `always`, on `request`, `never`
 
     file: ClassVar[Path | None] = None  # of a user's own kind: the Python file that defines it
@@ -352,11 +334,7 @@ class Effect(ABC):
         return [*together, *combinations(places, cls.arity)]
 
     def placed(self, rotational: Sequence[bool]) -> Effect:
-        """Return the effect with the units of its joints' types.
-
-        Args:
-            rotational: of each joint, whether it turns.
-        """
+        """Return the effect with the units of joints of which each is `rotational` or not."""
         return replace(self, rotational=rotational[0])
 
     def reads(self) -> tuple[str, ...]:
@@ -401,9 +379,7 @@ class Effect(ABC):
 
     @property
     def freed(self) -> Effect:
-        """The effect with its unknowns open and its shapes as they are; a correction, which has no
-        unknowns, with its shapes open.
-        """
+        """The effect with its unknowns open, or the shapes of a correction, which has none."""
         open_ = {each.name for each in self.unknowns or self.shapes}
         return replace(self, values={n: x for n, x in self.values.items() if n not in open_})
 
@@ -447,9 +423,7 @@ class Effect(ABC):
         return Correction()
 
     def state_rate(self, z: np.ndarray, v: np.ndarray, shape: Shape) -> np.ndarray:
-        """ż of the state z by which unknowns that act by `state` are multiplied, at rates v and a
-        shape.
-        """
+        """ż of the state z that multiplies unknowns that act by `state`, of rates v and a shape."""
         raise NotImplementedError(
             f"effect '{self.kind}' has an unknown that acts by `state`: define its `state_rate`"
         )

@@ -38,6 +38,11 @@ FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "sign", "tanh")
 OTHER = re.compile(r"\b([qv])_o\b")  # a signal of the second joint, before its name is known
 WAVES = 1.25  # work: [1/travel] between the wave numbers at which a search begins
 SMOOTH = 1e-3  # range: [rad/s | N m | 1] within which the sign of no joint's speed is smooth
+SMOOTH_SIGN = f'''
+
+def sign(x):
+    """Return a sign that is smooth around zero."""
+    return ca.tanh(x / {SMOOTH:g})'''
 SIGN = re.compile(r"sign\((v|v_o)\)")  # of a joint's own speed
 SIGNALS = frozenset({*UNITS, "q_o", "v_o"})
 DESCRIPTION = "a description, not yet a cause"
@@ -193,26 +198,20 @@ class Formula(OfSignals):
 
     @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:  # type: ignore[override]
-        many = len(self.columns_text) > 1
-        found: list[Unknown] = []
-        for term in self.renamed:
-            for powers in term.powers:
-                inverse, second = scaled(powers, -1), self.second_rotational
-                units = tuple(unit_of(inverse, own, second, 1.0) for own in (True, False))
-                name = f"k{len(found) + 1}" if many else "k"
-                found.append(Unknown(name, units, "coefficient"))
+        found, second = [], self.second_rotational
+        every = [scaled(powers, -1) for term in self.renamed for powers in term.powers]
+        for i, inverse in enumerate(every, 1):
+            units = tuple(unit_of(inverse, own, second, 1.0) for own in (True, False))
+            found.append(Unknown(f"k{i}" if len(every) > 1 else "k", units, "coefficient"))
         return tuple(found)
 
     @cached_property
     def shapes(self) -> tuple[Unknown, ...]:  # type: ignore[override]
-        return tuple(
-            Unknown(
-                each.name,
-                (each.unit(True, self.second_rotational), each.unit(False, self.second_rotational)),
-                "constant",
-            )
-            for each in self.scales
-        )
+        units = [
+            [x.unit(own, self.second_rotational) for own in (True, False)] for x in self.scales
+        ]
+        both = zip(self.scales, units, strict=True)
+        return tuple(Unknown(each.name, tuple(own), "constant") for each, own in both)
 
     @property
     def scales(self) -> tuple[Scale, ...]:
@@ -249,8 +248,11 @@ class Formula(OfSignals):
     @property
     def text(self) -> str:
         """The formula in Python, with its constants' names: `k*sin(q + b)`."""
-        parts = zip(self.unknowns, self.columns_text, strict=True)
-        products = (_product(unknown.name, text) for unknown, text in parts)
+        products = [
+            # k for a text of 1, k/x for one of 1/x
+            f"{k.name}{text[1:]}" if re.match(r"1(/|$)", text) else f"{k.name}*{factor(text)}"
+            for k, text in zip(self.unknowns, self.columns_text, strict=True)
+        ]
         return self.written(" + ".join(products))
 
     # --- evaluation -----------------------------------------------------------------------------
@@ -305,12 +307,7 @@ class Formula(OfSignals):
         return f"{self.name}_{plain(self.joints[0])}.py"
 
     def source_file(self, found: Found) -> tuple[str, bytes] | None:
-        """Return name and content of its effect file, for `--with FILE:law:joint`; None of one
-        whose constants were not found yet.
-
-        Args:
-            found: values and standard errors, for its docstring; a search begins there.
-        """
+        """Return name and content of its effect file; None if its constants were not found yet."""
         if len(self.found) < len(self.shapes):
             return None
         at = ("[0]", "[1]") if len(self.joints) > 1 else ("", "")
@@ -319,47 +316,39 @@ class Formula(OfSignals):
         signals = {f"{x}{o}": f"s.{x}{at[bool(o)]}" for x in UNITS for o in ("", "_o")}
         signals |= {"t": "s.t", "load": f"s.lam{at[0]}"}
         signals |= {f"sign_v{o}": f"s.direction{at[bool(o)]}" for o in ("", "_o")}
-        lines = [
-            f"    {self.written(name)} = {signals[name]}"
-            for name in (*sorted(self.depends_on), "sign_v", "sign_v_o")
-            if name in words
-        ]
         units = dict(zip((u.name for u in self.parameters), self.units, strict=True))
         given = ""
         for name, (start, low, high) in self.found.items():
             start = found.get(name, (start, None))[0]
             low, high = min(low, start), max(high, start)
             given += f', {name}: "{units[name]}" = ({start:.6g}, {low:.6g}, {high:.6g})'
-        columns = [
-            f'        "{u.name} [{units[u.name]}]": {self.written(text)},'
-            for u, text in zip(self.unknowns, texts, strict=True)
-        ]
-        head = [f'"""A law found in the data of {plain(self.joints[0])}: {DESCRIPTION}."""', ""]
-        head += ["import casadi as ca"]
-        if functions := [word for word in FUNCTIONS if word in words and word != "sign"]:
-            head.append(f"from casadi import {', '.join(functions)}")
-        if "sign" in words:
-            head += ["", "", "def sign(x):", '    """Return a sign that is smooth around zero."""',
-                     f"    return ca.tanh(x / {SMOOTH:g})"]  # fmt: skip
+        functions = [word for word in FUNCTIONS if word in words and word != "sign"]
         values = [f"    {n} = {rounded(*found[n])} {units[n]}" for n in units if n in found]
-        doc = "\n".join([f'    """{self.text}', *(["", *values, "    "] if values else [])]) + '"""'
-        content = "\n".join([
-            *head, "", "", f"def {self.name}(s{given}):", doc, *lines, "    return {", *columns,
-            "    }", "",
-        ])  # fmt: skip
-        return self.file_name, content.encode()
+        parts = [
+            f'"""A law found in the data of {plain(self.joints[0])}: {DESCRIPTION}."""\n',
+            "import casadi as ca",
+            *([f"from casadi import {', '.join(functions)}"] if functions else []),
+            *([SMOOTH_SIGN] if "sign" in words else []),
+            f"\n\ndef {self.name}(s{given}):",
+            "\n".join([f'    """{self.text}', *(["", *values, "    "] if values else [])]) + '"""',
+            *(
+                f"    {self.written(name)} = {signals[name]}"
+                for name in (*sorted(self.depends_on), "sign_v", "sign_v_o")
+                if name in words
+            ),
+            "    return {",
+            *(
+                f'        "{u.name} [{units[u.name]}]": {self.written(text)},'
+                for u, text in zip(self.unknowns, texts, strict=True)
+            ),
+            "    }\n",
+        ]
+        return self.file_name, "\n".join(parts).encode()
 
 
 def plain(text: str) -> str:
     """Return a name that is safe as a file's name and within a text of Python."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", text).replace("..", "_")
-
-
-def _product(name: str, text: str) -> str:
-    """Return `name*text`, `name` for a text of 1, `name/x` for one of 1/x."""
-    if text == "1" or text.startswith("1/"):
-        return f"{name}{text[1:]}"
-    return f"{name}*{factor(text)}"
 
 
 def factor(text: str) -> str:

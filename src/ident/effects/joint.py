@@ -25,12 +25,6 @@ def direction(v: np.ndarray, still: np.ndarray) -> np.ndarray:
     return np.asarray(x * (2.25 - 1.25 * x**2))
 
 
-def speeds(s: Signals) -> tuple[float, float]:
-    """Speeds that shape parameters can be: from twice standstill to the top speed."""
-    top = float(np.abs(s.v).max(initial=0.0)) or 1.0
-    return min(max(2 * float(s.still[0]), 0.005 * top), 0.5 * top), top
-
-
 class Viscous(Effect):
     """Friction torque in proportion to speed."""
 
@@ -120,12 +114,15 @@ class OverSpeed(Effect):
     slow = True
 
     def bounds(self, s: Signals) -> Bounds:
-        return {self.shapes[0].name: speeds(s)}
+        # from twice standstill to the top speed
+        top = float(np.abs(s.v).max(initial=0.0)) or 1.0
+        least = min(max(2 * float(s.still[0]), 0.005 * top), 0.5 * top)
+        return {self.shapes[0].name: (least, top)}
 
     def starts(self, s: Signals) -> list[Shape]:
         # six speeds in equal ratios
-        low, high = speeds(s)
-        return [{self.shapes[0].name: float(x)} for x in np.geomspace(2 * low, 0.7 * high, 6)]
+        ((name, (low, high)),) = self.bounds(s).items()
+        return [{name: float(x)} for x in np.geomspace(2 * low, 0.7 * high, 6)]
 
 
 class Stribeck(Dry, OverSpeed):

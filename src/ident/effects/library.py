@@ -24,7 +24,7 @@ import numpy as np
 
 from ident.effects import drive, joint
 from ident.effects.curve import Curve, OnFirst
-from ident.effects.effect import Effect, Shape, Signals, Sites, Unknown
+from ident.effects.effect import Effect, Shape, Signals, Unknown
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import function_of
 from ident.text import listed, places
@@ -74,55 +74,30 @@ def create(
     return kind_of(kind)(tuple(joints), dict(values or {}), rotational, signal)
 
 
-def parse(text: str) -> tuple[str, tuple[str, ...], str]:
-    """Return (kind, joints, signal) of `kind:joint[,joint][:signal]`, or of `kind` alone."""
-    kind, colon, rest = text.partition(":")
-    joints, _, signal = rest.partition(":")
+def parse(text: str) -> tuple[str, tuple[str, ...], str, dict[str, float]]:
+    """Return kind, joints, signal, values of `kind[:joint[,joint]][:signal][:name=value,…]`."""
+    kind, *rest = text.split(":")
     kind_of(kind, f"effect '{text}': ")
-    names = tuple(part.strip() for part in joints.split(",")) if colon else ()
-    if colon and not all(names):
-        raise MechanismError(f"effect '{text}': a joint's name is missing; write {kind}:joint")
-    return kind, names, signal.strip()
-
-
-def with_values(text: str) -> tuple[str, dict[str, float]]:
-    """Return what precedes the values of `kind:joint:name=value,name=value`, and the values."""
-    bare, _, last = text.rpartition(":")
-    values = {}
-    for part in last.split(",") if bare and "=" in last else ():
+    stated = rest.pop() if rest and "=" in rest[-1] else ""
+    bare, values = text.removesuffix(stated), {}
+    for part in stated.split(",") if stated else ():
         name, _, number = part.partition("=")
         try:
             values[name.strip()] = float(number)
         except ValueError:
             raise MechanismError(
-                f"effect '{text}': '{part}' is no value; write {bare}:{name or 'name'}=1"
+                f"effect '{text}': '{part}' is no value; write {bare}{name or 'name'}=1"
             ) from None
-    return (bare if values else text), values
-
-
-def candidates(
-    sites: Sites, present: Sequence[Effect] = (), columns: Collection[str] = ()
-) -> list[Effect]:
-    """Return every effect of the library that `present` lacks and the `columns` of logs allow."""
-    labels = {effect.label for effect in present}
-    every = (kind(joints) for kind in KINDS.values() for joints in kind.candidates(sites))
-    return [
-        each
-        for each in every
-        if each.label not in labels
-        and labels.issuperset(each.required)
-        and {*columns}.issuperset(each.reads())
-    ]
+    joints = tuple(part.strip() for part in rest[0].split(",")) if rest else ()
+    if not all(joints):
+        raise MechanismError(f"effect '{text}': a joint's name is missing; write {kind}:joint")
+    return kind, joints, ":".join(rest[1:]).strip(), values
 
 
 def separating(kinds: Collection[str]) -> list[str]:
     """Return the experiments that separate kinds which no motion separates, without repetition."""
-    texts = [
-        text
-        for kind in KINDS.values() if kind.kind in kinds
-        for rival, text in kind.separated_by.items() if rival in kinds
-    ]  # fmt: skip
-    return list(dict.fromkeys(texts))
+    pairs = (each for name in KINDS if name in kinds for each in KINDS[name].separated_by.items())
+    return list(dict.fromkeys(text for rival, text in pairs if rival in kinds))
 
 
 # --- in plain words -------------------------------------------------------------------------------
@@ -152,18 +127,16 @@ def _of_one_kind(group: Sequence[Effect], word: str) -> str:
     first = group[0]
     signals = listed(dict.fromkeys(each.signal for each in group if each.signal))
     of = f" of {signals}" if any(each.signal for each in group) else ""
-    sites = [_together(each.joints) for each in group]
+    sites = [
+        " with ".join(each.joints) if len(each.joints) < 3 else f"{places(each.joints)} together"
+        for each in group
+    ]
     own = places(sites) if word == "and" else listed(sites, word)  # of rivals the best first
     if len(group) == 1:
         own = places(first.joints)
     where = f" {PREPOSITIONS.get(first.site, 'in')} {own}" if first.joints else ""
     code = "" if first.kind.replace("_", " ") in plain(first) else f" ({first.kind})"
     return f"{plain(first)}{of}{where}{code}"
-
-
-def _together(joints: Sequence[str]) -> str:
-    """Return the joints of one effect beside those of others."""
-    return " with ".join(joints) if len(joints) < 3 else f"{places(joints)} together"
 
 
 # --- of a user ------------------------------------------------------------------------------------

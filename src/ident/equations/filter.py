@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ident.information.linear import Array, Index
 from ident.information.time_bases import Basis
 
 RIPPLE = 60.0  # level: dB in the stop band
@@ -40,9 +41,8 @@ class Decimator:
         half = int(np.ceil((RIPPLE - 8) / (2.285 * 2 * np.pi * cutoff / rate) / 2))
         beta = 0.1102 * (RIPPLE - 8.7)
         # scipy.signal has this too, but needs half a second to be imported
-        taps = np.sinc(2 * cutoff / rate * np.arange(-half, half + 1)) * np.kaiser(
-            2 * half + 1, beta
-        )
+        window = np.kaiser(2 * half + 1, beta)
+        taps = np.sinc(2 * cutoff / rate * np.arange(-half, half + 1)) * window
         taps /= taps.sum()
         return cls(taps, max(1, int(rate / (OVERSAMPLING * cutoff) + ROUNDING)))
 
@@ -88,9 +88,7 @@ class Decimator:
 
 
 def products(taps: np.ndarray, at: np.ndarray) -> list[Product]:
-    """The products that filter a series at samples `at` (N,): rows within the length of the filter
-    are one.
-    """
+    """The products that filter a series at samples `at` (N,); near rows share one."""
     padded, found = np.concatenate([[0.0], taps, [0.0]]), list[Product]()
     first, near, weights = 0, np.zeros(0, int), np.zeros((0, 0))
     while first < len(at):
@@ -111,17 +109,11 @@ def multiplied(found: Sequence[Product], x: np.ndarray) -> np.ndarray:
 
 
 def filtered_windows(
-    decimator: Decimator,
-    basis: Basis,
-    t: np.ndarray,
-    first: np.ndarray,
-    values: np.ndarray,
-    sample: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Filtered Σ_w values[:, w] c[first + w], linear in coefficients c of a time basis.
-
-    From windows (N, w, …) of the basis functions that differ from zero at the times t (N,) [s]
-    follow (first (n,), wider windows (n, w', …)) at some samples (n,).
+    decimator: Decimator, basis: Basis, t: Array, first: Index, values: Array, sample: Index
+) -> tuple[Index, Array]:
+    """Filtered Σ_w values[:, w] c[first + w], linear in coefficients c of a time basis: from
+    windows (N, w, …) of functions at the times t (N,) [s], (first (n,), wider windows (n, w', …))
+    at some samples (n,).
     """
     half, w = decimator.half, values.shape[1]
     if decimator.taps is None:

@@ -176,10 +176,7 @@ class EliminatedRun:
 
 @dataclass(frozen=True, eq=False)
 class LinearRun:
-    """The likelihood of one run of samples, linear about its present motion.
-
-    It has n torque rows of d coordinates, with w functions in reach of each.
-    """
+    """The likelihood of a run of n torque rows, linear about its motion; w functions a row."""
 
     experiment: int  # its number
     segment: slice  # its samples
@@ -232,10 +229,8 @@ def linear_runs(
     point: Point,
     like: Sequence[LinearRun] = (),
 ) -> list[LinearRun]:
-    """The runs that have rows of an experiment (number, state) with a smooth motion.
-
-    `fine` are the splines with what channels say of them. Rows inform or not as they do in `like`,
-    about an earlier motion.
+    """The runs that have rows of an experiment (number, state), on splines with what channels say
+    of them (`fine`). Rows inform or not as they do in `like`, about an earlier motion.
     """
     number, e = experiment
     cutoff = rows_cutoff(fine, e.rate)

@@ -21,14 +21,15 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ident.effects import Correction, Effect
-from ident.equations.filter import STANDING, STICKING, Decimator, filtered_windows
-from ident.equations.terms import Samples, Terms, effect_terms, unbalanced, with_bodies
+from ident.effects import Effect
+from ident.equations.filter import CHUNK, STANDING, STICKING, Decimator, filtered_windows
+from ident.equations.terms import RIGID, Samples, Terms, effect_terms, unbalanced, with_bodies
 from ident.equations.unknowns import Columns, Point
-from ident.errors import FitError, MotionError
+from ident.errors import MotionError
 from ident.information.chance import MINE
 from ident.information.time_bases import Basis, Chunk
 from ident.mechanism.mechanism import Mechanism
@@ -38,7 +39,6 @@ from ident.motion.state import State
 
 WIDER = 3.0  # numerics: times the rows' cut-off: passes all that the rows' filter passes
 STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smooth in their shapes
-CORRECTED_TOGETHER = 4096  # work: samples whose residual is made at once
 
 
 def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -> Samples:
@@ -53,9 +53,32 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         if not any(shape.values()) and not effect.margin:
             continue
         what = effect.correction(replace(base.signals(effect.joints), shape=shape))
-        mechanism, e = _corrected(mechanism, e, what, base, cutoff, effect.margin)
-    same = e is base.e and mechanism is base.mechanism
-    return base if same else Samples(mechanism, e, slice(None), base.point)
+        mechanism = mechanism.corrected(what)
+        if what.moved:
+            e = e.at(mechanism, e.known(mechanism))
+        for name, d in what.delay.items():
+            tau, channel = e.tau.copy(), mechanism.driven.index(name)
+            tau[:, channel] = late(e.t, e.tau[:, channel], -d)  # read at t + d, without the ends
+            inside = (e.t >= e.t[0] + effect.margin) & (e.t <= e.t[-1] - effect.margin)
+            e = replace(e, tau=tau, usable=e.usable & inside)
+        if what.dq:
+            known = e.known(mechanism)
+            for name, dq in what.dq.items():
+                if name in e.logged:  # the closures place the others
+                    known[:, :, e.logged.index(name)] += _rates(e, dq, cutoff)
+            e = e.at(mechanism, known)
+        for name, C in what.gap.items():  # q + K⁺ [C λ; 0], exact to first order in C
+            mine = mechanism.kinematics.forces_of(name)
+            gap = C * base.multipliers()[:, mine]
+            step = np.einsum("nij,nj->ni", e.pinv[:, :, mine], gap)
+            rates = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
+            q = integrate(mechanism.model, e.q, rates[0])
+            e = e.at(mechanism, motion=(q, e.v + rates[1], e.a + rates[2]))
+    if e is base.e and mechanism is base.mechanism:
+        return base
+    as_before = e.q is base.e.q and mechanism.model is base.mechanism.model
+    memo: dict[object, Any] = {RIGID: base.memo.setdefault(RIGID, {})} if as_before else {}
+    return Samples(mechanism, e, slice(None), base.point, memo)
 
 
 def beside(
@@ -71,41 +94,11 @@ def beside(
 
 def residual(at: Samples) -> np.ndarray:
     """r = b − A x (n, d) of a whole state, in the independent coordinates."""
-    key = ("residual",)
-    if key not in at.memo:
-        parts = (
-            slice(start, start + CORRECTED_TOGETHER)
-            for start in range(0, len(at.e), CORRECTED_TOGETHER)
-        )
-        at.memo[key] = np.concatenate([unbalanced(at.reduced(part)) for part in parts])
-    return at.memo[key]
-
-
-def _corrected(
-    mechanism: Mechanism,
-    e: State,
-    what: Correction,
-    whole: Samples,
-    cutoff: float | None,
-    margin: float,
-) -> tuple[Mechanism, State]:
-    mechanism = mechanism.corrected(what)
-    if what.moved:
-        e = e.at(mechanism, e.known(mechanism))
-    for name, d in what.delay.items():
-        tau, channel = e.tau.copy(), mechanism.driven.index(name)
-        tau[:, channel] = late(e.t, e.tau[:, channel], -d)  # read at t + d, without the ends
-        inside = (e.t >= e.t[0] + margin) & (e.t <= e.t[-1] - margin)
-        e = replace(e, tau=tau, usable=e.usable & inside)
-    if what.dq:
-        known = e.known(mechanism)
-        for name, dq in what.dq.items():
-            if name in e.logged:  # the closures place the others
-                known[:, :, e.logged.index(name)] += _rates(e, dq, cutoff)
-        e = e.at(mechanism, known)
-    for name, C in what.gap.items():
-        e = _opened(mechanism, e, name, C, whole, cutoff)
-    return mechanism, e
+    if "residual" not in at.memo:
+        starts = range(0, len(at.e), CHUNK)
+        parts = (at.reduced(slice(start, start + CHUNK)) for start in starts)
+        at.memo["residual"] = np.concatenate([*map(unbalanced, parts)])
+    return at.memo["residual"]
 
 
 def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
@@ -130,18 +123,6 @@ def _rates(e: State, dq: np.ndarray | float, cutoff: float | None) -> np.ndarray
         x = np.convolve(np.pad(x, decimator.half, mode="edge"), decimator.taps, mode="valid")
     rate = np.gradient(x, 1 / e.rate)
     return np.stack([x, rate, np.gradient(rate, 1 / e.rate)])
-
-
-def _opened(
-    mechanism: Mechanism, e: State, name: str, C: float, whole: Samples, cutoff: float | None
-) -> State:
-    """q + K⁺ [C λ; 0], with the rates that come with it; exact to first order in C."""
-    mine = mechanism.kinematics.forces_of(name)
-    gap = C * whole.multipliers()[:, mine]
-    step = np.einsum("nij,nj->ni", e.pinv[:, :, mine], gap)
-    rates = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
-    q = integrate(mechanism.model, e.q, rates[0])
-    return e.at(mechanism, motion=(q, e.v + rates[1], e.a + rates[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,12 +172,14 @@ class Scene:
 
     def effects(self, s: Samples) -> Terms:
         """The equations of some samples without Γ, with the sensitivities S of corrections."""
-        found = []
-        r = unbalanced(s) if self.beside else np.empty(0)
+        found, r = effect_terms(s, self.columns), unbalanced(s) if self.beside else np.empty(0)
+        before = len(self.columns.rigid)
         for place, value, h, moved in self.beside:
             there = replace(s, mechanism=moved.mechanism, e=moved.e, memo=moved.memo)
-            found.append((place, value, (r - unbalanced(there)) / h))
-        return effect_terms(s, self.columns, found)
+            S = (r - unbalanced(there)) / h
+            found.A[:, :, place - before] = S
+            found.b[:] += S * value
+        return found
 
     def terms(self, part: slice | np.ndarray, *, full: bool = False) -> Terms:
         """A x = b of some samples, in the independent coordinates or, `full`, in all."""
@@ -224,10 +207,7 @@ ROUNDING = 1e-9  # numerics: of a joint's largest transmission: below, it does n
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of consecutive samples.
-
-    With n samples, d independent coordinates and k unknowns:
-    """
+    """Rows of n consecutive samples, d independent coordinates and k unknowns."""
 
     t: np.ndarray  # (n,) [s]
     sample: np.ndarray  # (n,) index into the state
@@ -302,15 +282,16 @@ def rows(
     """All rows of a state in pieces, filtered at `cutoff` [Hz] and decimated.
 
     A row informs if less than the share `sticking` of it comes from samples that do not; `farthest`
-    is `largest_transmission` of the whole log, if the state is a part of one. Filtered columns of Γ
-    are stored with the state, unless it is seen once (`keep`): they hang on no parameter, effect or
-    torque.
+    is `largest_transmission` of the whole log. Filtered columns of Γ, which hang on no parameter,
+    effect or torque, are stored with the state, unless it is seen once (`keep`).
     """
     e, model = scene.e, scene.mechanism.model
     farthest = largest_transmission(e) if farthest is None else farthest
     key = "Γ", cutoff, e.loop is not None
     stored = e.store.get(key, model)
-    spans = _spans(scene.mechanism, e)
+    # for each independent coordinate the stretch of Γ's columns that can differ from zero
+    every = [slice(0, len(scene.mechanism.prior))] * e.leverage.shape[2]
+    spans = row_spans(model) if e.loop is None else every
     supports = row_supports(scene.mechanism, scene.columns, e)
     before = len(scene.columns.rigid)
     of_effects = [mine[mine >= before] - before for mine in supports]
@@ -353,13 +334,6 @@ def rows(
         )
 
 
-def _spans(mechanism: Mechanism, e: State) -> list[slice]:
-    """For each independent coordinate the stretch of Γ's columns that can differ from zero."""
-    if e.loop is not None:
-        return [slice(0, len(mechanism.prior))] * e.leverage.shape[2]
-    return row_spans(mechanism.model)
-
-
 def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.ndarray]:
     """For each independent coordinate the unknowns that can appear in its rows."""
     k = len(columns)
@@ -377,20 +351,6 @@ def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.nd
 
 
 ABSENT = 1e-9  # numerics: of a unit torque: below, it is not in a row
-FINEST = 20.0  # work: knots a sample; more say nothing, and fill the memory
-
-
-def basis_of(mechanism: Mechanism, segment: slice, e: State) -> Basis:
-    """The time basis of the multipliers over a run of usable samples."""
-    settings = mechanism.multipliers
-    if settings.spacing * FINEST < 1 / e.rate:
-        raise FitError(
-            f"{e.name}: knots every {settings.spacing:g} s for samples every {1 / e.rate:.3g} s; "
-            "give a spacing of a few samples, or basis free"
-        )
-    return Basis.spanning(
-        float(e.t[segment.start]), float(e.t[segment.stop - 1]), settings.spacing, settings.degree
-    )
 
 
 def stack(scene: Scene, cutoff: float | None, segment: slice, basis: Basis) -> Iterator[Chunk]:

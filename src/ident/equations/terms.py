@@ -19,6 +19,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +49,7 @@ class Samples:
     e: State
     part: slice | np.ndarray
     point: Point
-    memo: dict[object, np.ndarray] = field(default_factory=dict)
+    memo: dict[object, Any] = field(default_factory=dict)
     independent: bool = False
 
     def __len__(self) -> int:
@@ -84,10 +86,14 @@ class Samples:
         return self.reduce(kept[0][part])
 
     def rigid(self, pi: np.ndarray) -> np.ndarray:
-        """Γ π (n, r) of dynamic parameters π (10 · bodies,)."""
-        e, part = self.e, self.part
-        model = self.mechanism.model
-        return self.reduce(rigid_forces(model, e.q[part], e.v[part], e.a[part], pi))
+        """Γ π (n, r) of dynamic parameters π (10 · bodies,); those of a stretch are made once."""
+        e, part, model = self.e, self.part, self.mechanism.model
+        if not isinstance(part, slice):
+            return self.reduce(rigid_forces(model, e.q[part], e.v[part], e.a[part], pi))
+        made, key = self.memo.setdefault(RIGID, {}), (part.start, part.stop, pi.tobytes())
+        if key not in made:
+            made[key] = rigid_forces(model, e.q[part], e.v[part], e.a[part], pi)
+        return self.reduce(made[key])
 
     @cached_property
     def wrench(self) -> np.ndarray | None:
@@ -122,9 +128,7 @@ class Samples:
         return self._signals[joints]
 
     def columns(self, effect: Effect, shape: Mapping[str, float]) -> np.ndarray:
-        """E (n, arity, unknowns) of an effect at a shape; those of a part of what depends on the
-        past are of the whole, which is stored for the other parts.
-        """
+        """E (n, arity, unknowns) of an effect at a shape, of the whole if it hangs on the past."""
         whole = isinstance(self.part, slice) and self.part == slice(None)
         if whole or not effect.memory:
             return effect.columns(replace(self.signals(effect.joints), shape=shape))
@@ -137,11 +141,9 @@ class Samples:
     def add_effect(
         self, out: np.ndarray, effect: Effect, c: np.ndarray, shape: Mapping[str, float]
     ) -> None:
-        """Adds the forces E c (n, r) of one effect to `out`, in these coordinates.
-
-        The only place where an effect becomes forces: torques E (n, joints, unknowns) of its
-        joints, each spread by its W; a load of a link has the link's columns of Γ. For several
-        combinations c (unknowns, k) of its unknowns they are (n, r, k).
+        """Adds the forces E c (n, r) of one effect to `out`, in these coordinates: torques E
+        (n, joints, unknowns) of its joints, each spread by its W; a load of a link has the link's
+        columns of Γ. For several combinations c (unknowns, k) they are (n, r, k).
         """
         if effect.loaded_link:
             link = self.mechanism.bodies.columns(effect.loaded_link)
@@ -162,20 +164,15 @@ class Samples:
         self, out: np.ndarray, effect: Effect, c: np.ndarray, shape: Mapping[str, float], name: str
     ) -> None:
         """Adds ∂(E(s) c)/∂s (n, r) of one shape parameter, by central differences."""
-        h = self.step(effect, shape, name)
-        for sign in (1, -1):
-            beside = {**shape, name: shape[name] + sign * h}
-            self.add_effect(out, effect, sign * c / (2 * h), beside)
-
-    def step(self, effect: Effect, shape: Mapping[str, float], name: str) -> float:
-        """h of a shape's central difference, from its range over the whole state."""
         key = ("range", effect.label, name)
         if key not in self.memo:
             whole = self.generalised(slice(None)).signals(effect.joints)
             low, high = effect.bounds(replace(whole, shape=shape)).get(name, (0.0, 1.0))
             self.memo[key] = np.array(high - low)
-        h = min(STEP * float(self.memo[key]), 1e-2 * abs(shape[name]) or np.inf)
-        return max(h, 1e-9)
+        h = max(min(STEP * float(self.memo[key]), 1e-2 * abs(shape[name]) or np.inf), 1e-9)
+        for sign in (1, -1):
+            beside = {**shape, name: shape[name] + sign * h}
+            self.add_effect(out, effect, sign * c / (2 * h), beside)
 
     def generalised(self, part: slice | np.ndarray) -> Samples:
         """Other samples of the same state, in generalised coordinates."""
@@ -188,16 +185,12 @@ class Samples:
 
     @cached_property
     def informative(self) -> list[tuple[str, np.ndarray]]:
-        """By effect and joint where some sample does not inform: the name and (n,), false where dry
-        friction at standstill leaves the torque of that joint open.
-        """
+        """By effect and joint: name and (n,), false where dry friction at standstill is open."""
         found = []
-        for effect in self.mechanism.effects:
-            if effect.local:
-                both = zip(
-                    effect.joints, effect.informed(self.signals(effect.joints)).T, strict=True
-                )
-                found += [(name, informed) for name, informed in both if not informed.all()]
+        for effect in filter(attrgetter("local"), self.mechanism.effects):
+            informed = effect.informed(self.signals(effect.joints)).T
+            both = zip(effect.joints, informed, strict=True)
+            found += [(name, each) for name, each in both if not each.all()]
         return found
 
     def lever(self, name: str) -> tuple[slice, np.ndarray]:
@@ -288,10 +281,9 @@ def joint_loads(
     known: np.ndarray,
     tau: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (torque, load), both (n, joints) [N m | N], as `Samples.predicted`.
-
-    From forces of bodies and of effects, and those `known` of surplus drives (n, nv), the torques
-    of all drives (n, driven), and K⁺ (n, nv, m + d), None for a tree.
+    """Return (torque, load), both (n, joints) [N m | N], as `Samples.predicted`: from forces of
+    bodies and of effects, and those `known` of surplus drives (n, nv), the torques of all drives
+    (n, driven), and K⁺ (n, nv, m + d), None for a tree.
     """
     torque, load = np.zeros((2, len(rigid), len(joints)))
     for i, name in enumerate(joints):
@@ -321,13 +313,8 @@ class Terms:
     tau: np.ndarray  # (n, r) [N m | N], the measured torques alone
 
 
-def effect_terms(
-    s: Samples, columns: Columns, sensitivities: Sequence[tuple[int, float, np.ndarray]] = ()
-) -> Terms:
-    """The equations without Γ: A (n, r, k − rigid) holds the columns of effects only.
-
-    `sensitivities` are those of corrections' shapes: place in x, value s₀, S (n, r).
-    """
+def effect_terms(s: Samples, columns: Columns) -> Terms:
+    """The equations without Γ: A (n, r, k − rigid) holds the columns of effects only."""
     tau = s.measured(s.mechanism.driven)
     b = tau.copy() if s.wrench is None else tau + s.wrench
     n, r = s.shape
@@ -349,9 +336,6 @@ def effect_terms(
             if at >= 0:  # ∂(E c)/∂s
                 s.add_sensitivity(A[:, :, at - before], effect, c, shape, name)
                 b += A[:, :, at - before] * shape[name]
-    for place, value, S in sensitivities:
-        A[:, :, place - before] = S
-        b += S * value
     return Terms(A, b, tau)
 
 

@@ -46,8 +46,8 @@ class Columns:
         unknown = set(mechanism.unknown)
         order = mechanism.bodies.reading_order()
         rigid = np.array([i for i in order if names[i] in unknown], dtype=int)
-        known = np.array([i for i in range(len(names)) if names[i] not in unknown], dtype=int)
-        known = known[mechanism.prior[known] != 0.0] if len(known) else known
+        given = np.flatnonzero(mechanism.prior)
+        known = np.array([i for i in given if names[i] not in unknown], dtype=int)
         all_names = [names[i] for i in rigid]
         units = [unit_of(name) for name in all_names]
         prior = list(mechanism.prior[rigid])
@@ -66,16 +66,9 @@ class Columns:
             if effect.loaded_link:
                 link = np.arange(len(names))[mechanism.bodies.columns(effect.loaded_link)]
                 loads.append((link, effects[-1][1]))
-        return cls(
-            names=tuple(all_names),
-            units=tuple(units),
-            prior=np.array(prior),
-            rigid=rigid,
-            known=known,
-            known_values=mechanism.prior[known],
-            effects=tuple(effects),
-            loads=tuple(loads),
-        )
+        what = tuple(all_names), tuple(units), np.array(prior)
+        values = mechanism.prior[known]
+        return cls(*what, rigid, known, values, tuple(effects), tuple(loads))
 
     def __len__(self) -> int:
         return len(self.names)
@@ -96,9 +89,7 @@ class Columns:
 
     @cached_property
     def terms(self) -> np.ndarray:
-        """(k,) number of the term of the equation in which each unknown is: masses and first
-        moments of all bodies 0, inertias 1, each effect one of its own.
-        """
+        """(k,) number of its term: masses and first moments 0, inertias 1, effects from 2 on."""
         found = np.zeros(len(self), dtype=int)
         found[: len(self.rigid)] = self.rigid % COUNT >= INERTIAS
         for number, (_, places) in enumerate(self.effects, 2):
@@ -108,11 +99,9 @@ class Columns:
     @cached_property
     def shapes(self) -> np.ndarray:
         """Places (…,) in x of shape parameters, whose columns are sensitivities."""
-        found = [
-            places[len(effect.unknowns) :][places[len(effect.unknowns) :] >= 0]
-            for effect, places in self.effects
-        ]
-        return np.concatenate([np.empty(0, dtype=int), *found])
+        found = (places[len(effect.unknowns) :] for effect, places in self.effects)
+        every = np.concatenate([np.empty(0, dtype=int), *found])
+        return every[every >= 0]
 
     @cached_property
     def with_known_shapes(self) -> Columns:
@@ -124,9 +113,7 @@ class Columns:
         return replace(self, effects=effects)
 
     def prior_at(self, values: Mapping[str, float]) -> np.ndarray:
-        """(k,) the prior, with shapes at their present values: that is where they stay if no data
-        move them.
-        """
+        """(k,) the prior, with shapes at their present values, where they stay without data."""
         prior = self.prior.copy()
         for i in self.shapes:
             prior[i] = values.get(self.names[i], 0.0)

@@ -94,16 +94,15 @@ class DesignProblem:
         family = Family(mechanism, columns, point, series, rest, series.basis(t))
         z = exact.z(family.rows(rest.at_samples(slice(0, 1))).e)
         if (at := exact.broken(z)) is not None:
-            (joint, kind, unit), lower, upper = exact.quantities[at], exact.low[at], exact.high[at]
-            if kind == "position":
-                why = f"at home {joint} is at {z[0, at]:.4g} {unit}, its range is {lower:.4g} "
-                why += f"to {upper:.4g}; widen it, or"
-            else:
-                why = f"to stand still at home asks {z[0, at]:.4g} {unit} of {joint}, and its "
-                why += f"limit is {upper:.4g} {unit} (the reserve of {100 * limits.reserve:.3g} % "
-                why += "taken off); raise its limit of torque, lower the reserve, or"
+            joint, kind, unit = exact.quantities[at]
+            what, reserve = joint, ""
+            if kind != "position":
+                what = f"the {kind} of {joint}"
+                reserve = f" (less the reserve of {100 * limits.reserve:.3g} %)"
             raise MotionError(
-                f"{mechanism.name}: the limits leave no motion: {why} give another [joints] start"
+                f"{mechanism.name}: the limits leave no motion: at home {what} is at "
+                f"{z[0, at]:.4g} {unit}, its range is {exact.low[at]:.4g} to {exact.high[at]:.4g}"
+                f"{reserve}; widen it, or give another [joints] start"
             )
         self.family, self.exact = family, exact  # of motions; their limits
         self.box = box = exact.tightened(names, series.between(n), MARGIN)  # for samples

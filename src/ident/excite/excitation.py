@@ -259,7 +259,7 @@ def with_rivals(mechanism: Mechanism, pair: tuple[str, str]) -> Mechanism:
         raise MechanismError(f"separate {' '.join(pair)}: two different effects are expected")
     for label in pair:
         if not any(effect.label == label and not effect.known for effect in mechanism.effects):
-            kind, joints, _ = parse(label)
+            kind, joints, *_ = parse(label)
             if not joints and KINDS[kind].sits != "mechanism":
                 raise MechanismError(f"separate {label}: of which joint? write {label}:JOINT")
             mechanism = mechanism.with_effect(label)

@@ -126,16 +126,12 @@ class LimitBox:
             if moved and j.rotational and high - low > TURN:
                 low, high = start[j.name] - np.pi, start[j.name] + np.pi
                 notes.append(f"{j.name} may turn on and on: moved by up to half a turn either way")
-            if moved and not np.isfinite(high - low):
+            if moved and not 0 < high - low < np.inf:
+                what = "slides without limits"
+                if not high > low:
+                    what = f"has both limits at {low:g} {j.unit} in its <limit>"
                 how = f"--range {j.name}=LOWER:UPPER"
-                raise MechanismError(f"joint '{j.name}' slides without limits; say how far: {how}")
-            if moved and not high > low:
-                how = f"--range {j.name}=LOWER:UPPER"
-                raise MechanismError(
-                    f"joint '{j.name}' has both limits at {low:g} {j.unit}"
-                    + ", as exporters write that know none" * (not low)
-                    + f"; say how far it may move: {how}, or correct its <limit>"
-                )
+                raise MechanismError(f"joint '{j.name}' {what}; say how far it may move: {how}")
             if moved and not np.isfinite(speed):
                 speed = (high - low) / CROSSING
                 notes.append(f"{j.name} has no limit of speed: {speed:.3g} {j.unit}/s is taken")

@@ -17,7 +17,6 @@ Source: Nocedal, Wright, Numerical Optimization, 2nd ed. 2006, chapter 19 and pr
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from itertools import chain, islice
 from time import monotonic
 
@@ -178,9 +177,9 @@ def ascent(
         rows = problem.family.motion(x, near.rows.e)
         return None if rows is None else problem.candidate(x, rows, criterion)
 
-    walls = Walls(*(np.tile(x[some], n) for x in (box.low, box.high)))
+    low, high = (np.tile(x[some], n) for x in (box.low, box.high))
     first = centred / len(problem.names)
-    return climb(start, at, lambda c: problem.slopes(c, criterion), walls, first)
+    return climb(start, at, lambda c: problem.slopes(c, criterion), low, high, first)
 
 
 # --- interior points ------------------------------------------------------------------------------
@@ -197,28 +196,12 @@ Near = Callable[[np.ndarray, ExcitingMotion], ExcitingMotion | None]
 """The point at x, from one near it; None where there is none."""
 
 
-@dataclass(frozen=True, eq=False)
-class Walls:
-    """Both limits (m,) of z; infinite where there are none."""
-
-    low: np.ndarray
-    high: np.ndarray
-
-    def room(self, z: np.ndarray) -> np.ndarray:
-        """Return s (2, m) of z; infinite where there is no limit."""
-        return np.stack([z.reshape(-1) - self.low, self.high - z.reshape(-1)])
-
-    def barrier(self, s: np.ndarray) -> float:
-        """Return −Σ log s of finite s (2, m); infinite outside."""
-        inside = s[np.isfinite(s)]
-        return -float(np.log(inside).sum()) if inside.min(initial=1.0) > 0 else np.inf
-
-
 def climb(
     start: ExcitingMotion,
     at: Near,
     slopes: Callable[[ExcitingMotion], tuple[np.ndarray, np.ndarray]],
-    walls: Walls,
+    low: np.ndarray,
+    high: np.ndarray,
     first: float,
 ) -> Iterator[ExcitingMotion]:
     """Yield the point after each step; all are inside the limits, the last is a local optimum.
@@ -227,13 +210,21 @@ def climb(
         start: a point inside.
         at: returns the point at x from one near it; None where there is none.
         slopes: returns ∂J/∂x (k,) and ∂z/∂x (m, k) of a point.
-        walls: limits of z.
+        low, high: (m,) limits of z; infinite where there are none.
         first: μ of the first problem. A small one is faster at first, and ends at worse optima,
             since the points soon lie close to some limits.
     """
     from scipy.optimize import BFGS  # takes 0.2 s to import
 
-    c, s, mu = start, walls.room(start.z), first
+    def room(c: ExcitingMotion) -> np.ndarray:
+        """Return s (2, m); infinite where there is no limit."""
+        return np.stack([c.z.reshape(-1) - low, high - c.z.reshape(-1)])
+
+    def phi(c: ExcitingMotion) -> float:
+        s = room(c)[np.isfinite(room(c))]
+        return -c.J - mu * float(np.log(s).sum()) if s.min(initial=1.0) > 0 else np.inf
+
+    c, s, mu = start, room(start), first
     (g, Z), k = slopes(c), start.x.size
     multipliers, B = mu / s, BFGS("damp_update", CURVED)
     B.initialize(k, "hess")
@@ -243,16 +234,19 @@ def climb(
         H[np.diag_indices(k)] += DAMPING * np.trace(H) / k
         step = cho_solve(cho_factor(H), -slope)
         ds = Z @ step * np.array([[1.0], [-1.0]])
-        falls = -slope @ step >= SOLVED * mu
-        found = _shortened(c, s, step, ds, float(slope @ step), mu, at, walls) if falls else None
-        if found is None:
+        fall = -float(slope @ step)
+        longest = min(1.0, WALL / float((-ds / s).max(initial=WALL)))
+        for share in longest * 0.5 ** np.arange(HALVINGS if fall >= SOLVED * mu else 0):
+            there = at(c.x + (share * step).reshape(c.x.shape), c)
+            if there is not None and phi(there) <= phi(c) - ARMIJO * share * fall:
+                break
+        else:
             if mu <= LAST:
                 return
             mu = max(SMALLER * mu, LAST)
             continue
-        share, there = found
         multipliers = multipliers + share * (mu / s - multipliers - multipliers * ds / s)
-        s = walls.room(there.z)
+        s = room(there)
         multipliers = np.clip(multipliers, mu / s / APART, mu / s * APART)
         g_there, Z_there = slopes(there)
         d = (there.x - c.x).reshape(-1)
@@ -261,20 +255,3 @@ def climb(
             B.update(d, y)
         c, g, Z = there, g_there, Z_there
         yield c
-
-
-def _shortened(
-    c: ExcitingMotion, s: np.ndarray, step: np.ndarray, ds: np.ndarray, slope: float, mu: float,
-    at: Near, walls: Walls,
-) -> tuple[float, ExcitingMotion] | None:  # fmt: skip
-    """Return the share of a step that lowers φ enough, and the point there; None without one."""
-    share = min(1.0, WALL / float((-ds / s).max(initial=WALL)))
-    before = -c.J + mu * walls.barrier(s)
-    for _ in range(HALVINGS):
-        there = at(c.x + (share * step).reshape(c.x.shape), c)
-        if there is not None:
-            after = -there.J + mu * walls.barrier(walls.room(there.z))
-            if after <= before + ARMIJO * share * slope:
-                return share, there
-        share *= 0.5
-    return None

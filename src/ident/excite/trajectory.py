@@ -258,12 +258,8 @@ class Family:
         joints = self.mechanism.joint_index
         middle = box.middle[[joints[name] for name in self.rest.independent]]
         low, high = (y - series.home).min(axis=0), (y - series.home).max(axis=0)
-        of_speed, of_acceleration = (
-            series.speed / abs(v).max(0),
-            series.acceleration / abs(a).max(0),
-        )
-        size = np.minimum(2 * series.half / (high - low), np.minimum(of_speed, of_acceleration))
-        size *= INSIDE
+        of_rates = np.minimum(series.speed / abs(v).max(0), series.acceleration / abs(a).max(0))
+        size = INSIDE * np.minimum(2 * series.half / (high - low), of_rates)
         x *= size[:, None]
         free = INSIDE * series.half - 0.5 * size * (high - low)
         x[:, 0] = (middle - series.home - 0.5 * size * (high + low) + shift * free) / series.half

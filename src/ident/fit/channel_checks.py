@@ -21,9 +21,9 @@ from ident.information.linear import Array
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion, State
-from ident.motion.noise import grain, noise_level, noise_share
 from ident.motion.recipe import CLEAN, ROWS_OVER_MOTION
 from ident.motion.signals import CLIPPED, LARGEST, NIL, REGULAR, absurd_samples, at_limit, runs
+from ident.motion.spline import grain, noise_level, noise_share
 from ident.text import significant, some, two_digits
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
@@ -57,22 +57,14 @@ class LoggedChannel:
     """One column of one log: samples t, x (n,) as logged, and the motion that was made of it."""
 
     name: str
+    kind: str  # `q`, `v` or `tau`
+    joint: Joint
     t: Array
     x: Array
     log: Log
     state: State
     mechanism: Mechanism
     motion: Motion
-
-    @property
-    def kind(self) -> str:
-        """`q`, `v` or `tau`."""
-        return self.name.split(".", 1)[0]
-
-    @cached_property
-    def joint(self) -> Joint:
-        """Joint of the channel."""
-        return self.mechanism.joint(self.name.split(".", 1)[1])
 
     @cached_property
     def moving(self) -> Array:
@@ -105,17 +97,12 @@ class LoggedChannel:
 
 def constant(c: LoggedChannel) -> Judgement:
     """A torque that never changes while the joint moves."""
-    if np.ptp(c.x) > 0 or not c.moving.any():
-        return None
-    if not c.x.any() and len(c.mechanism.driven) > len(c.motion.independent):
-        return None  # a drive that the others can do without may be off
-    return (
-        0.0,
-        0.0,
-        f"always {significant(c.x[0] + 0.0, 4)} while the joint moves: no measurement",
-        f"map the right column in [log]{c.left_out}, or put '{c.joint.name}' among the passive "
-        "joints",
-    )
+    # a drive that the others can do without may be off
+    off = not c.x.any() and len(c.mechanism.driven) > len(c.motion.independent)
+    text = f"always {significant(c.x[0] + 0.0, 4)} while the joint moves: no measurement"
+    passive = f"put '{c.joint.name}' among the passive joints"
+    remedy = f"map the right column in [log]{c.left_out}, or {passive}"
+    return None if np.ptp(c.x) > 0 or not c.moving.any() or off else (0.0, 0.0, text, remedy)
 
 
 def zero(c: LoggedChannel) -> Judgement:
@@ -281,19 +268,20 @@ CHECKS = {
 
 def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
     """Report what is wrong with the channels of a motion's logs, where these are at hand."""
-    states = {  # the motion of a long log is that of stretches, and its samples are the first's
-        log.name: next(
-            (e for e in motion.experiments if f"{e.name}, ".startswith(f"{log.name}, ")), None
-        )
-        for log in motion.logs
-    }
     for log in motion.logs:
+        # the motion of a long log is that of stretches, and its samples are the first's
+        stretches = (e for e in motion.experiments if f"{e.name}, ".startswith(f"{log.name}, "))
+        state = next(stretches, None)
         same: dict[tuple[str, str], list[tuple[str, float, float, str]]] = {}  # by check and text
         for name in log.columns:
             kind, _, joint = name.partition(".")
-            if kind == "q" and joint in mechanism.locked:
-                yield from _moving_lock(log, name, mechanism.locked[joint])
-            if joint not in mechanism.joint_index or (state := states[log.name]) is None:
+            if kind == "q" and (at := mechanism.locked.get(joint)) is not None:
+                off = float(np.nanmax(np.abs(log.columns[name] - at), initial=0.0))
+                text = f"{log.name}: {name} is up to {off:.3g} off {at:.4g}, at which it is locked"
+                if off >= LOCKED:
+                    remedy = "give its position, or do not lock it"
+                    yield Finding("locked", text, remedy, (name,), off, LOCKED)
+            if joint not in mechanism.joint_index or state is None:
                 continue
             if kind == "tau" and joint not in mechanism.measured:
                 continue
@@ -301,13 +289,14 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             measured = np.abs(x) < LARGEST
             measured[absurd_samples(x)] = False  # the motion names them and leaves them out
             t, x = t[measured], x[measured]
-            channel = LoggedChannel(name, t, x, log, state, mechanism, motion)
+            own = name, kind, mechanism.joint(joint), t, x
+            channel = LoggedChannel(*own, log, state, mechanism, motion)
             for check in CHECKS.get(kind, ()) if len(x) > SHORTEST else ():
                 if (judgement := check(channel)) is not None:
                     number, threshold, meaning, remedy = judgement
                     mine = same.setdefault((check.__name__, meaning), [])
                     mine.append((name, number, threshold, remedy))
-        if (state := states[log.name]) is not None:
+        if state is not None:
             yield from contradicted(log, state, mechanism)
         for (code, meaning), found in same.items():
             names, (_, number, threshold, remedy) = tuple(name for name, *_ in found), found[0]
@@ -326,8 +315,9 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
 
 def contradicted(log: Log, state: State, mechanism: Mechanism) -> Iterator[Finding]:
     """Report positions of a loop that the closures and the other positions contradict."""
-    found: dict[str, tuple[float, str]] = {}
+    found: dict[str, str] = {}
     known = state.logged if len(state.logged) > mechanism.degrees_of_freedom else ()
+    largest = 0.0
     for joint in map(mechanism.joint, known):
         column = f"q.{joint.name}"
         smoothed = next((x for x in state.channels if x.column == column and x.spacing), None)
@@ -336,28 +326,20 @@ def contradicted(log: Log, state: State, mechanism: Mechanism) -> Iterator[Findi
         spread = float(np.nanstd(log.columns[column]))
         spread = min(spread, 1.0) if joint.rotational else spread  # of a radian, where it turns
         if (share := smoothed.residual / max(spread, 1e-300)) > SMALL:
-            times = two_digits(smoothed.residual / smoothed.noise)
-            off = f"{column} by {significant(smoothed.residual)} {joint.unit} rms, {times} times"
-            found[column] = share, f"{off} its noise"
+            times, largest = two_digits(smoothed.residual / smoothed.noise), max(largest, share)
+            size = f"{significant(smoothed.residual)} {joint.unit}"
+            found[column] = f"{column} by {size} rms, {times} times its noise"
     if found:
         text = (
             f"{log.name}: these positions and the closures contradict each other: "
-            f"{some([text for _, text in found.values()], NAMED)}"
+            f"{some([*found.values()], NAMED)}"
         )
         remedy = (
             "check their zeros, signs and units and the closures' frames; if a length is wrong, "
             "a diagnosis can find which from a log without the columns that the motion does not "
             "need"
         )
-        largest = max(share for share, _ in found.values())
         yield Finding("contradicted", text, remedy, tuple(found), largest, SMALL)
-
-
-def _moving_lock(log: Log, name: str, at: float) -> Iterator[Finding]:
-    off = float(np.nanmax(np.abs(log.columns[name] - at), initial=0.0))
-    if off >= LOCKED:
-        text = f"{log.name}: {name} is up to {off:.3g} off {at:.4g}, at which the joint is locked"
-        yield Finding("locked", text, "give its position, or do not lock it", (name,), off, LOCKED)
 
 
 def copies(a: Log, b: Log, harm: str, remedy: str) -> list[Finding]:

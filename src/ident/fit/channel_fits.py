@@ -18,7 +18,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from scipy.linalg import lapack
 
 from ident.effects import Effect
@@ -28,7 +27,6 @@ from ident.information.chance import BEYOND, LEAVES, LOUD
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import regressor
-from ident.motion.state import State
 
 FAR = 7  # work: shifts round the log by so many parts of it: torques of another time
 IN_MEMORY = 30_000_000  # work: numbers of all Gram matrices, a quarter of a gigabyte
@@ -70,9 +68,8 @@ class ChannelEquations:
         cls, estimate: Estimate, table: Table, use: np.ndarray, effects: Sequence[Effect],
         shifts: bool = False, blocks: Array | None = None,
     ) -> ChannelEquations:  # fmt: skip
-        """Reduce the rows `use` (N, d) of a table; what an estimate holds stays at its value.
-
-        With further linear effects; `blocks` (N,) number stretches of time, by default the table's.
+        """Reduce the rows `use` (N, d) of a table, with further linear effects and what an estimate
+        holds at its value; `blocks` (N,) number stretches of time, by default the table's.
         """
         driven, names = table.mechanism.driven, table.motion.independent
         own = tuple(map(driven.index, names)) if sorted(driven) == sorted(names) else ()
@@ -213,9 +210,7 @@ class ChannelEquations:
         return start
 
     def score(self, cause: Fault, now: Array) -> float:
-        """Log density of the logged torques, if the cause is all that is wrong in its joints and
-        the noise of the others is that of `now` (d,).
-        """
+        """Log density of torques if the cause is all that is wrong; noise of others: `now`."""
         error = self.errors(cause, np.where(self.rows_of(cause), SMALL, now))
         return -0.5 * float(self.rows.sum(axis=0) @ np.log(error + SMALL**2))
 
@@ -278,9 +273,7 @@ def columns_of(
 
 
 def _steps(table: Table) -> tuple[Array, int]:
-    """Shifts of the torques [samples], the first 0, and how many can be a delay, not longer than a
-    block of time; the others turn the log round.
-    """
+    """Shifts of the torques [samples], the first 0, and how many can be a delay; others are far."""
     e = table.scenes[0].e
     most = min(LONGEST * e.rate, 0.05 * len(e))
     some = {max(1, round(i * most / NODES)) for i in range(1, NODES + 1)}
@@ -314,18 +307,6 @@ def _spread_torques(table: Table, driven: tuple[str, ...]) -> Array:
     return np.concatenate(found)
 
 
-def _inertia(model: pin.Model, e: State, d: int) -> Array:
-    """Mean (d, 10 · bodies) of Zᵀ Γ(q, 0, Z e_u) over postures of a log."""
-    some = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
-    none, means = np.zeros_like(some.v), []
-    rest = regressor(model, some.q, none, none)
-    for u in range(d):
-        Z = some.pinv[:, :, u - d]
-        gamma = regressor(model, some.q, none, Z) - rest
-        means.append(np.einsum("nik,ni->k", gamma, Z) / len(some))
-    return np.array(means)
-
-
 def limits_of_machines(
     estimate: Estimate, table: Table, effects: Sequence[Effect], k: int
 ) -> tuple[Array, Array]:
@@ -337,12 +318,16 @@ def limits_of_machines(
     """
     mechanism, columns, independent = table.mechanism, table.columns, table.motion.independent
     d, held, x = len(independent), estimate.held, estimate.solution.x
-    inertia = np.zeros((d, len(columns)))
-    offset = np.zeros(d)
-    for u, gamma in enumerate(_inertia(mechanism.model, table.motion.experiments[0], d)):
+    inertia, offset = np.zeros((d, len(columns))), np.zeros(d)
+    known = np.setdiff1d(np.arange(len(mechanism.prior)), columns.rigid)
+    e, model = table.motion.experiments[0], mechanism.model
+    some = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
+    none = np.zeros_like(some.v)
+    rest = regressor(model, some.q, none, none)
+    for u in range(d):
+        Z = some.pinv[:, :, u - d]
+        gamma = np.einsum("nik,ni->k", regressor(model, some.q, none, Z) - rest, Z) / len(some)
         inertia[u, : len(columns.rigid)] = gamma[columns.rigid]
-        known = np.ones(len(gamma), dtype=bool)
-        known[columns.rigid] = False
         offset[u] = gamma[known] @ mechanism.prior[known] + inertia[u, held] @ x[held]
     places = {name: i for i, name in enumerate(np.array(columns.names)[~held])}
     extra = [name for each in effects for name in each.names]

@@ -38,19 +38,9 @@ from ident.errors import FitError, one_of
 from ident.fit.findings import IMPOSSIBLE_BODY, Finding, bodies_with_unknowns
 from ident.fit.problem import Problem, body_scales
 from ident.fit.shapes import shape_bounds
+from ident.information import cone
 from ident.information.blocks import Squares
 from ident.information.chance import MATTERS, held_out, rise
-from ident.information.cone import (
-    SLACK,
-    Limit,
-    NearestPoint,
-    conflict,
-    holds,
-    nearest_within,
-    restricted,
-    smat,
-    svec,
-)
 from ident.information.estimate import MATERIAL, Estimate
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
@@ -80,28 +70,18 @@ CENTROID = {centroidal: about for about, centroidal in CENTROIDAL.items()}
 
 @dataclass(frozen=True, repr=False)
 class Binding(Displayed):
-    """Where a consistent fit touches its limits, and what that costs.
+    """Where a consistent fit touches its limits, and what that costs."""
 
-    Attributes:
-        asked: bounds and total mass that were asked for.
-        at_bound: parameters that are at a bound, by name.
-        active: all limits that hold the fit back, as a person reads them.
-        repaired: links whose prior is no possible body; impossible: links that are known, and
-            that of none: nothing that is identified repairs them.
-        eigenvalues: by link with unknowns, the smallest one of its pseudo-inertia in units of the
-            prior's ball, computed from the result.
-        rise: of the error over that of the fit without limits, as a share: root of the mean over
-            joints of the squared ratio; held_out_rise: the same of held-out errors.
-    """
-
-    asked: Consistency
-    at_bound: frozenset[str]
-    active: tuple[str, ...]
-    repaired: tuple[str, ...]
-    impossible: tuple[str, ...]
+    asked: Consistency  #: bounds and total mass
+    at_bound: frozenset[str]  #: names of parameters
+    active: tuple[str, ...]  #: all limits that hold the fit back, as a person reads them
+    repaired: tuple[str, ...]  #: links whose prior is no possible body
+    impossible: tuple[str, ...]  #: links that are known, and that of no possible body
+    #: by link with unknowns, the smallest one of its pseudo-inertia in units of the prior's ball
     eigenvalues: Mapping[str, float]
+    #: √ of the mean over joints of (error / error without limits)², less 1
     rise: float
-    held_out_rise: float | None = None
+    held_out_rise: float | None = None  #: the same of held-out errors
 
     @property
     def findings(self) -> list[Finding]:
@@ -179,8 +159,27 @@ def nearest_possible(
         lambda other: program.solve(other).x,
     )  # fmt: skip
     worse = None if outside is None or before is None else rise(outside, before)
-    rises = rise(problem.information.squares(point.x), unlimited), worse
-    binding = _binding(problem, asked, program.limits, point, rises)
+    mechanism, unknown = problem.mechanism, bodies_with_unknowns(problem.mechanism)
+    pi = problem.columns.dynamic_parameters(mechanism, point.x)
+    after, priors = (smallest_eigenvalues(mechanism, each) for each in (pi, mechanism.prior))
+    if broken := [link for link in unknown if not after[link] >= cone.SLACK["psd"] - 1e-9]:
+        raise FitError(f"no consistent fit was found: {', '.join(broken)} is no possible body")
+    both = zip(program.limits, point.push, strict=True)
+    pushing = [limit for limit, push in both if push > PUSHED]
+    edge = dict.fromkeys(limit.of for limit in pushing if limit.kind == "psd")
+    bounds = [limit for limit in pushing if limit.kind != "psd"]
+    possible = [f"possible bodies ({', '.join(edge)})"] if edge else []
+    impossible = [link for link, value in priors.items() if value < IMPOSSIBLE]
+    binding = Binding(
+        asked=asked,
+        at_bound=frozenset(limit.of for limit in bounds if limit.of),
+        active=(*possible, *(limit.name for limit in bounds)),
+        repaired=tuple(link for link in impossible if link in unknown),
+        impossible=tuple(link for link in impossible if link not in unknown),
+        eigenvalues={link: after[link] for link in unknown},
+        rise=rise(problem.information.squares(point.x), unlimited),
+        held_out_rise=worse,
+    )
     return problem, found.at(point.x), found, outside, binding
 
 
@@ -203,7 +202,7 @@ class Program:
     """The conic problem without its data. Made once, solved for the fit and every fold."""
 
     columns: Columns
-    limits: Sequence[Limit]  # what must hold
+    limits: Sequence[cone.Limit]  # what must hold
     anchor: np.ndarray  # (k,) the nearest to the prior within the limits
     W: np.ndarray  # (rows, k) the metric; ‖W (x − a)‖ is the distance from the anchor
     # rows at standstill, and least error of each coordinate [N m | N]
@@ -211,16 +210,12 @@ class Program:
 
     @classmethod
     def of(cls, problem: Problem, asked: Consistency) -> Program:
-        """Return the limits of a mechanism, and the prior within them.
-
-        Raises:
-            FitError: for limits that contradict each other, naming a smallest set of them.
-        """
+        """Return the limits of a mechanism, and the prior within them."""
         mechanism, columns, prior = problem.mechanism, problem.columns, problem.prior
         scale = problem.plausible
         scale = np.where(scale < UNFELT, scale, 1.0)  # of a column of zeros any size will do
-        limits = limits_of(mechanism, columns, asked, scale, shape_bounds(problem))
-        if against := conflict(limits, scale):
+        limits = limits_of(problem, asked, scale)
+        if against := cone.conflict(limits, scale):
             names = "; ".join(limit.name for limit in against)
             raise FitError(
                 f"these limits contradict each other: {names}; each can hold without one of the "
@@ -230,21 +225,23 @@ class Program:
                 "size; make more of it unknown, or correct what the URDF says"
             )
         anchor = prior
-        if not holds(limits, prior):
+        if not cone.holds(limits, prior):
             W = _metric(mechanism, columns, scale, 1.0, None)
-            anchor = nearest_within(W, W @ prior, limits, W, None).x
+            anchor = cone.nearest_within(W, W @ prior, limits, W, None).x
         W = _metric(mechanism, columns, scale, BALL, anchor)
         least = MATERIAL * problem.torque + 1e-300
         rest = list(zip(problem.information.at_rest, least, strict=True))
         return cls(columns, limits, anchor, W, rest)
 
-    def solve(self, found: Estimate) -> NearestPoint:
-        """Return the nearest x within the limits, and by how much each of them pushes.
-
-        Raises:
-            FitError: if no x is found that holds when checked without the solver.
-        """
-        data, base, rigid = _data(found), found.base, len(self.columns.rigid)
+    def solve(self, found: Estimate) -> cone.NearestPoint:
+        """Return the nearest x within the limits, and by how much each of them pushes."""
+        base, held, rigid = found.base, np.flatnonzero(found.held), len(self.columns.rigid)
+        B = np.zeros((base.rank + len(held), len(found.x)))  # x ↦ (β, held unknowns)
+        B[np.arange(base.rank), base.independent] = 1.0
+        B[: base.rank, base.dependent] += base.K
+        B[np.arange(base.rank, len(B)), held] = 1.0
+        own = found.triangle.restricted(np.concatenate([base.independent, held]).astype(int))
+        data = own.R @ B / _noise(found)  # A in units of the rows' noise
         stiff = np.ones(len(found.x))  # for effects that are in no base parameter
         stiff[base.dependent[base.dependent >= rigid]] = 1 / EFFECT
         W = self.W * stiff
@@ -262,26 +259,15 @@ class Program:
             if limit.kind == "psd":
                 free |= limit.G.any(axis=0)
         fixed = np.where(free, 0.0, self.anchor)
-        limits = restricted(self.limits, fixed, free)
+        limits = cone.restricted(self.limits, fixed, free)
         whole = np.vstack(A)
-        part = nearest_within(
+        part = cone.nearest_within(
             whole[:, free], np.concatenate(b) - whole @ fixed, limits, W[:, free],
             self.anchor[free],
         )  # fmt: skip
         x = self.anchor.copy()
         x[free] = part.x
         return replace(part, x=x)
-
-
-def _data(found: Estimate) -> np.ndarray:
-    """Return A (rows, k) in units of the rows' noise."""
-    base, held = found.base, np.flatnonzero(found.held)
-    B = np.zeros((base.rank + len(held), len(found.x)))  # x ↦ (β, held unknowns)
-    B[np.arange(base.rank), base.independent] = 1.0
-    B[: base.rank, base.dependent] += base.K
-    B[np.arange(base.rank, len(B)), held] = 1.0
-    own = found.triangle.restricted(np.concatenate([base.independent, held]).astype(int))
-    return np.asarray(own.R @ B / _noise(found))
 
 
 def _noise(found: Estimate) -> float:
@@ -303,58 +289,22 @@ def _metric(
         mine = mechanism.bodies.columns(link)
         if not D[mine].any():
             continue
-        S = ball * np.eye(4) + (0.0 if pi is None else smat(P @ pi[mine]))
+        S = ball * np.eye(4) + (0.0 if pi is None else cone.smat(P @ pi[mine]))
         eigenvalues, V = np.linalg.eigh(S)
         root = V @ np.diag(eigenvalues**-0.5) @ V.T
-        block = np.stack([svec(root @ smat(column) @ root) for column in P.T], axis=1)
+        block = np.stack([cone.svec(root @ cone.smat(column) @ root) for column in P.T], axis=1)
         rows.append(block @ D[mine])
     effects = np.arange(len(columns.rigid), len(columns))
     rows.append(np.eye(len(columns))[effects] / scale[effects, None])
     return np.vstack(rows)
 
 
-def _binding(
-    problem: Problem,
-    asked: Consistency,
-    limits: Sequence[Limit],
-    point: NearestPoint,
-    rises: tuple[float, float | None],
-) -> Binding:
-    """Return the effect of the limits, with the eigenvalues of all bodies computed anew.
-
-    Raises:
-        FitError: if a body that could move is no possible one after all.
-    """
-    mechanism = problem.mechanism
-    pi = problem.columns.dynamic_parameters(mechanism, point.x)
-    unknown = bodies_with_unknowns(mechanism)
-    after, before = (smallest_eigenvalues(mechanism, each) for each in (pi, mechanism.prior))
-    if broken := [link for link in unknown if not after[link] >= SLACK["psd"] - 1e-9]:
-        raise FitError(f"no consistent fit was found: {', '.join(broken)} is no possible body")
-    pushing = [limit for limit, push in zip(limits, point.push, strict=True) if push > PUSHED]
-    edge = tuple(dict.fromkeys(limit.of for limit in pushing if limit.kind == "psd"))
-    bounds = [limit for limit in pushing if limit.kind != "psd"]
-    possible = [f"possible bodies ({', '.join(edge)})"] if edge else []
-    impossible = [link for link, value in before.items() if value < IMPOSSIBLE]
-    return Binding(
-        asked=asked,
-        at_bound=frozenset(limit.of for limit in bounds if limit.of),
-        active=(*possible, *(limit.name for limit in bounds)),
-        repaired=tuple(link for link in impossible if link in unknown),
-        impossible=tuple(link for link in impossible if link not in unknown),
-        eigenvalues={link: after[link] for link in unknown},
-        rise=rises[0],
-        held_out_rise=rises[1],
-    )
-
-
 # --- limits -----------------------------------------------------------------------------------
 
 
 def in_balls(mechanism: Mechanism) -> list[np.ndarray]:
-    """Return (10, 10) of every body: `svec` of F⁻¹ P F⁻ᵀ of each dynamic parameter, a column each.
-
-    Where the URDF gives no mass or no size, those of a mean link stand in.
+    """Return (10, 10) of every body: `svec` of F⁻¹ P F⁻ᵀ of each dynamic parameter, a column each;
+    where the URDF gives no mass or no size, those of a mean link stand in.
     """
     found = []
     priors = mechanism.prior.reshape(-1, COUNT)
@@ -369,7 +319,7 @@ def in_balls(mechanism: Mechanism) -> list[np.ndarray]:
         F[:3, :3] /= r
         F[:3, 3] = -c / r
         F /= np.sqrt(m)
-        columns = [svec(F @ pseudo_inertia(one) @ F.T) for one in np.eye(COUNT)]
+        columns = [cone.svec(F @ pseudo_inertia(one) @ F.T) for one in np.eye(COUNT)]
         found.append(np.stack(columns, axis=1))
     return found
 
@@ -384,27 +334,14 @@ def of_bodies(mechanism: Mechanism, columns: Columns) -> np.ndarray:
 def smallest_eigenvalues(mechanism: Mechanism, pi: np.ndarray) -> dict[str, float]:
     """Return that of F⁻¹ P F⁻ᵀ by link: below zero for an impossible body."""
     bodies = zip(mechanism.bodies.links, in_balls(mechanism), pi.reshape(-1, COUNT), strict=True)
-    return {link: float(np.linalg.eigvalsh(smat(S @ body))[0]) for link, S, body in bodies}
+    return {link: float(np.linalg.eigvalsh(cone.smat(S @ body))[0]) for link, S, body in bodies}
 
 
-def limits_of(
-    mechanism: Mechanism,
-    columns: Columns,
-    asked: Consistency,
-    scale: np.ndarray,
-    shapes: Mapping[int, tuple[float, float]],
-) -> list[Limit]:
-    """Return limits: possible bodies, effects that cannot be negative, shapes, bounds, total mass.
-
-    Args:
-        mechanism, columns: whose unknowns.
-        asked: bounds and total mass.
-        scale: (k,) size of every unknown, that is plausible.
-        shapes: by place in x, the range in which a shape's column means something.
-
-    Raises:
-        FitError: for a bound on what is no unknown, or is no linear function of the unknowns.
+def limits_of(problem: Problem, asked: Consistency, scale: np.ndarray) -> list[cone.Limit]:
+    """Return limits: possible bodies, effects that cannot be negative, shapes within the range in
+    which their columns mean something, bounds, total mass; `scale` (k,): plausible sizes.
     """
+    mechanism, columns, shapes = problem.mechanism, problem.columns, shape_bounds(problem)
     intervals = [  # low ≤ x_at + constant ≤ high
         (name, at, 0.0, (0.0, np.inf), "")
         for effect, places in columns.effects
@@ -421,17 +358,28 @@ def limits_of(
         row[0, at] = 1.0 / scale[at]
         low, high = (np.array([(bound - constant) / scale[at]]) for bound in bounds)
         if bounds[0] == bounds[1]:
-            limits.append(Limit(f"{name} = {bounds[0]:.6g}{unit}", "zero", row, -low, name))
+            limits.append(cone.Limit(f"{name} = {bounds[0]:.6g}{unit}", "zero", row, -low, name))
             continue
         for sign, bound, G, h in (("≥", bounds[0], row, -low), ("≤", bounds[1], -row, high)):
             if np.isfinite(bound):
-                limits.append(Limit(f"{name} {sign} {bound:.6g}{unit}", "nonnegative", G, h, name))
-    if asked.total_mass is not None:
-        limits.append(_total(mechanism, columns, asked.total_mass))
+                limits.append(
+                    cone.Limit(f"{name} {sign} {bound:.6g}{unit}", "nonnegative", G, h, name)
+                )
+    if mass := asked.total_mass:
+        masses = np.tile(np.eye(COUNT)[0], len(mechanism.bodies.links))
+        row = masses @ of_bodies(mechanism, columns) / mass
+        known = float(masses @ columns.dynamic_parameters(mechanism, np.zeros(len(columns))))
+        if not row.any():
+            raise FitError(
+                f"total mass {mass:g} kg: no body's mass is unknown, they add up to {known:.6g} "
+                "kg; leave it out, or make a link's m unknown"
+            )
+        whole = np.array([known / mass - 1.0])
+        limits.append(cone.Limit(f"total mass = {mass:g} kg", "zero", row[None], whole))
     return limits
 
 
-def _bodies(mechanism: Mechanism, columns: Columns) -> list[Limit]:
+def _bodies(mechanism: Mechanism, columns: Columns) -> list[cone.Limit]:
     """Return P ⪰ MARGIN · B of every body with unknowns, and of every body with its payload."""
     D = of_bodies(mechanism, columns)
     known = columns.dynamic_parameters(mechanism, np.zeros(len(columns)))
@@ -440,12 +388,14 @@ def _bodies(mechanism: Mechanism, columns: Columns) -> list[Limit]:
         for effect, places in columns.effects
         if effect.loaded_link
     }
-    found, edge = [], MARGIN * svec(np.eye(4))
+    found, edge = [], MARGIN * cone.svec(np.eye(4))
     for link, S in zip(mechanism.bodies.links, in_balls(mechanism), strict=True):
         mine = mechanism.bodies.columns(link)
         G, pi = D[mine].copy(), known[mine].copy()
         if G.any():
-            found.append(Limit(f"{link} is a possible body", "psd", S @ G, S @ pi - edge, link))
+            found.append(
+                cone.Limit(f"{link} is a possible body", "psd", S @ G, S @ pi - edge, link)
+            )
         if link in payloads:
             effect, places = payloads[link]
             for j, (at, parameter) in enumerate(zip(places, effect.parameters, strict=True)):
@@ -454,20 +404,8 @@ def _bodies(mechanism: Mechanism, columns: Columns) -> list[Limit]:
                 else:
                     pi[j] += effect.values[parameter.name]
             name = f"{link} with its payload is a possible body"
-            found.append(Limit(name, "psd", S @ G, S @ pi - edge, link))
+            found.append(cone.Limit(name, "psd", S @ G, S @ pi - edge, link))
     return found
-
-
-def _total(mechanism: Mechanism, columns: Columns, mass: float) -> Limit:
-    masses = np.tile(np.eye(COUNT)[0], len(mechanism.bodies.links))
-    row = masses @ of_bodies(mechanism, columns) / mass
-    known = float(masses @ columns.dynamic_parameters(mechanism, np.zeros(len(columns))))
-    if not row.any():
-        raise FitError(
-            f"total mass {mass:g} kg: no body's mass is unknown, they add up to {known:.6g} kg; "
-            "leave it out, or make a link's m unknown"
-        )
-    return Limit(f"total mass = {mass:g} kg", "zero", row[None], np.array([known / mass - 1.0]))
 
 
 def _linear(mechanism: Mechanism, columns: Columns, name: str) -> tuple[int, float]:

@@ -15,21 +15,15 @@ import numpy as np
 
 from ident.display import Displayed
 from ident.equations.motion_noise import noise_floor
+from ident.fit import small_errors
 from ident.fit.channel_checks import log_findings
 from ident.fit.channel_fits import DOUBT, HALF, SMALL, columns_of
 from ident.fit.disagreements import differing_logs
 from ident.fit.fault_search import FaultSearch
-from ident.fit.faults import exact_factor, log_entry
+from ident.fit.faults import exact_factor, fault_finding, log_entry
 from ident.fit.findings import FEW, Finding
 from ident.fit.problem import Problem, Table
 from ident.fit.residual_maps import ALIKE
-from ident.fit.small_errors import (
-    WORSE,
-    common_delay,
-    delay_shows,
-    misfit_at_reversals,
-    moved_by_reversals,
-)
 from ident.information.chance import BEYOND, LEAVES, MINE
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
@@ -63,9 +57,7 @@ class Health(Displayed):
 
     @property
     def faults(self) -> tuple[Finding, ...]:
-        """The findings that explain the log, so that no effect need be missing; of factors of a
-        torque those that no effect has.
-        """
+        """The findings that explain the log; of factors of a torque those that no effect has."""
         return tuple(
             each
             for each in self.findings
@@ -90,10 +82,13 @@ class DataChecks(FaultSearch):
 
     def health(self) -> Health:
         """Judge the data, gravest first."""
-        held = "; standard errors hold what it does to parameters"
         faults, noise = self.faults
-        named = [each.finding(self.mechanism) for each in faults]
-        found = [replace(each, meaning=each.meaning + held) for each in named]
+        found = []
+        for each in faults:
+            fall = each.was, each.error
+            named = fault_finding(self.mechanism, each.fault, *fall, each.rivals)
+            held = f"{named.meaning}; standard errors hold what it does to parameters"
+            found.append(replace(named, meaning=held))
         channels = [*filter(self._matters, log_findings(self.mechanism, self.problem.motion))]
         if self.mechanism.driven:
             if all(each.code == "delay" and len(each.where) == 1 for each in found):
@@ -102,28 +97,27 @@ class DataChecks(FaultSearch):
             if {each.code for each in found} <= {"scale"} and any(x.code == "units" for x in sizes):
                 found = sizes
             dead = any(each.code in DEAD for each in channels)
-            logs = () if found or dead else differing_logs(self.problem, lambda: self.reference)
-            found = found or [*logs] or [*self._strangers(noise)] or sizes
+            several = len(self.problem.motion.logs) > 1 and not (found or dead)
+            logs = differing_logs(self.problem, lambda: self.reference) if several else ()
+            found = found or [*logs] or self._strangers(noise) or sizes
         return Health((*found, *channels))
 
     def _matters(self, finding: Finding) -> bool:
         """Whether the steps of a torque, if the finding is of these, have a part in the squared
-        error that all linear effects of the library leave: of a model that lacks most they never
-        have one.
+        error that is left, or in that which all linear effects of the library leave.
         """
-        kind, _, joint = finding.where[0].partition(".") if finding.where else ("", "", "")
-        if finding.code != "steps" or kind != "tau" or finding.number is None:
+        joint = finding.where[0].removeprefix("tau.") if finding.where else ""
+        if finding.code != "steps" or joint not in self.errors or finding.number is None:
             return True
-        if joint not in self.errors or finding.number**2 > MINE * self.errors[joint] ** 2:
-            return True
-        least = float(self.reference[list(self.errors).index(joint)])
-        return finding.number**2 > MINE * least**2
+        least = np.sqrt(MINE) * self.errors[joint]
+        if finding.number <= least:
+            least = np.sqrt(MINE) * float(self.reference[list(self.errors).index(joint)])
+        return finding.number > least
 
     @property
     def moved(self) -> Array:
         """By how much the unknowns (k,) would change without the faults that are named, or without
-        rows at reversals that fit worse: the bias that they may have made, which the scatter of
-        residuals does not show.
+        rows at reversals that fit worse: a bias that the scatter of residuals does not show.
         """
         if not (found := self.faults[0]):
             return self.moved_at_reversals
@@ -136,17 +130,17 @@ class DataChecks(FaultSearch):
     @property
     def moved_at_reversals(self) -> Array:
         """The same without rows at reversals alone."""
-        return moved_by_reversals(self.table, self.away, self.estimate, self.misfit)
+        return small_errors.moved_by_reversals(self.table, self.away, self.estimate, self.misfit)
 
     @cached_property
     def misfit(self) -> Array:
         """(d,) squared residual of a row at reversals over that of a row elsewhere, or 0."""
-        return misfit_at_reversals(self.table, self.away, self.estimate.x)
+        return small_errors.misfit_at_reversals(self.table, self.away, self.estimate.x)
 
     def reversals(self) -> Iterator[Finding]:
         """Report joints whose dry friction is not its sign at reversals."""
         names = zip(self.problem.motion.independent, self.misfit, strict=True)
-        worse = tuple(name for name, times in names if times > WORSE)
+        worse = tuple(name for name, times in names if times > small_errors.WORSE)
         if worse and not self.faults[0]:
             most = two_digits(np.sqrt(self.misfit.max()))
             text = (
@@ -157,16 +151,18 @@ class DataChecks(FaultSearch):
                 "standard errors hold what these rows do to parameters; a diagnosis names friction "
                 "that builds up over much speed"
             )
-            yield Finding("reversals", text, remedy, worse, float(self.misfit.max()), WORSE)
+            yield Finding(
+                "reversals", text, remedy, worse, float(self.misfit.max()), small_errors.WORSE
+            )
 
     def _late(self) -> Iterator[Finding]:
         """Report a delay of some milliseconds that all torques have in common, unless the effects
         that a diagnosis found explain more, or another cause leaves most of the error of a bad fit.
         """
         good = max(self.errors.values(), default=0.0) < DOUBT
-        if good and not delay_shows(self.estimate, self.table, self.use):
+        if good and not small_errors.delay_shows(self.estimate, self.table, self.use):
             return
-        late = common_delay(self.estimate, self.table, self.use, self.common)
+        late = small_errors.common_delay(self.estimate, self.table, self.use, self.common)
         if late is None or (not good and late.after > HALF * late.before):
             return
         if 2 * np.log(late.after) < np.log(self._unexplained).mean():
@@ -181,46 +177,41 @@ class DataChecks(FaultSearch):
             where = tuple(f"tau.{name}" for name in names)
             yield Finding("delay", text, remedy, where, 1e3 * late.delay)
 
-    def _strangers(self, noise: Array) -> Iterator[Finding]:
-        names = noise.any() and [f"tau.{name}" for name in self.equations.strangers(noise)]
-        if names and self.reference.max() > LEAVES:
-            text = (
-                f"{', '.join(names)}: explained no better by this motion than at another time of "
-                "the log: they are of another run, of another joint, or no measurement"
-            )
-            yield Finding("another run", text, "check columns and files", tuple(names))
+    def _strangers(self, noise: Array) -> list[Finding]:
+        names = [f"tau.{name}" for name in self.equations.strangers(noise)] if noise.any() else []
+        text = (
+            f"{', '.join(names)}: explained no better by this motion than at another time of the "
+            "log: they are of another run, of another joint, or no measurement"
+        )
+        found = Finding("another run", text, "check columns and files", tuple(names))
+        return [found] if names and self.reference.max() > LEAVES else []
 
     def poor(self) -> Iterator[Finding]:
-        """Report torques of which the model leaves so much that its numbers mean little: LEAVES, or
-        DOUBT where noise of the sensors would leave far less.
-        """
+        """Report torques of which more than LEAVES is left, or DOUBT where sensors make less."""
         problem, x, names = self.problem, self.estimate.x, self.problem.motion.independent
         errors = np.array([self.errors[name] for name in names])
         if errors.max(initial=0.0) < DOUBT or not self.use.any():
             return
-        left = [t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in problem.information.totals]
+        rms = [t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in problem.information.totals]
         states, cutoff = problem.motion.experiments, problem.motion.band.cutoff
         floor = noise_floor(problem.mechanism, states, problem.point_at(x), cutoff)
-        beyond = np.array(left) / np.maximum(floor, 1e-150)  # over what noise of the sensors makes
+        beyond = np.array(rms) / np.maximum(floor, 1e-150)  # over what noise of the sensors makes
         bad = (errors > LEAVES) | ((errors > DOUBT) & (beyond > BEYOND))
         if not bad.any():
             return
         where = tuple(f"tau.{name}" for name, x in zip(names, bad, strict=True) if x)
         worst, most = errors[bad].max(), np.argsort(-errors[bad])
-        text = "the model leaves " + some(
-            [f"{percent(errors[bad][i])} of {where[i]}" for i in most], 2
-        )
-        if worst < LEAVES:
-            text += ", far more than noise of the sensors makes"
+        left = some([f"{percent(errors[bad][i])} of {where[i]}" for i in most], 2)
+        least = ", far more than noise of the sensors makes" if worst < LEAVES else ""
         if self.faults[0]:
-            text += ": what is named above explains it"
+            why = ": what is named above explains it"
         else:
-            text += (
+            why = (
                 f" (with all linear effects {percent(self.reference[bad][most[0]])}): an effect is "
                 "missing, or data, a length or a known body is wrong"
             )
-            text += "; parameters are not to be trusted" if worst > LEAVES else ""
-        remedy = "ident diagnose shows where it fails"
+            why += "; parameters are not to be trusted" if worst > LEAVES else ""
+        text, remedy = f"the model leaves {left}{least}{why}", "ident diagnose shows where it fails"
         yield Finding("poor fit", text, remedy, where, None, LEAVES if worst > LEAVES else DOUBT)
 
     def _magnitudes(self) -> Iterator[Finding]:
@@ -286,9 +277,7 @@ class DataChecks(FaultSearch):
             yield from (self._magnitude("magnitude", each, TIMES) for each in alone)
 
     def _turned(self, turned: Mapping[str, float]) -> Finding:
-        """Return a finding on torques that are those of the URDF's bodies with the other sign, by
-        channel with the correlation.
-        """
+        """Return a finding on torques with the other sign, by channel with the correlation."""
         worst = max(turned.values())
         text = (
             f"{listed(turned)}: the bodies that were identified need a torque of another shape "
@@ -305,25 +294,19 @@ class DataChecks(FaultSearch):
         return Finding("unlike", text, remedy, tuple(turned), worst, -LIKE)
 
     def _scaled_alike(self, gains: Mapping[str, float]) -> tuple[float, float] | None:
-        """Return the errors before and after each torque is divided by its gain, by joint, if that
-        explains the log.
-        """
+        """Return the errors without and with torques over their gains, if that explains them."""
         equations = self.equations
         factors = {equations.driven.index(name): 1 / x for name, x in gains.items()}
         scaled = equations.as_logged.with_("scale", gain=factors)
-        before, after = (
-            float(np.exp(np.log(equations.noise(each)[equations.rows_of(scaled)]).mean()))
-            for each in (equations.as_logged, scaled)
-        )
+        mine, both = equations.rows_of(scaled), (equations.as_logged, scaled)
+        before, after = (float(np.exp(np.log(equations.noise(x)[mine]).mean())) for x in both)
         return None if before < DOUBT or after > HALF * before else (before, after)
 
     def _magnitude(
         self, code: str, gains: Mapping[str, float], least: float,
         fall: tuple[float, float] | None = None,
     ) -> Finding:  # fmt: skip
-        """Return a finding on torques that are `gains` times, by joint, what the URDF needs: with
-        the fall of the error a fault, without it a hint.
-        """
+        """Return a finding on gains by joint: a fault with the fall of the error, else a hint."""
         where, sizes = tuple(f"tau.{name}" for name in gains), [*gains.values()]
         several = len(where) == len(self.mechanism.driven) > 2
         ends = dict.fromkeys(two_digits(x) for x in (min(sizes), max(sizes)))

@@ -57,13 +57,9 @@ class Disagreement:
 
 @dataclass(frozen=True, eq=False)
 class OwnFits:
-    """Logs in fits of their own, beside the fit of all of them.
+    """Logs in fits of their own, beside the fit of all of them."""
 
-    Attributes:
-        problem: the equations of all logs.
-    """
-
-    problem: Problem
+    problem: Problem  # the equations of all logs
 
     @cached_property
     def by_log(self) -> dict[int, Information]:
@@ -74,8 +70,7 @@ class OwnFits:
     @cached_property
     def joint(self) -> Estimate:
         """The estimate from all logs."""
-        r = self.problem
-        return estimate(r.information.totals, r.prior, r.torque, r.plausible)
+        return self.problem.estimate(free=True)
 
     @cached_property
     def own(self) -> dict[int, np.ndarray]:
@@ -98,22 +93,15 @@ class OwnFits:
         return found
 
     @cached_property
-    def squares(self) -> tuple[np.ndarray, np.ndarray]:
-        """(d,) squared error by coordinate in fits of each log, and the equations."""
+    def weighed(self) -> Estimate:
+        """The estimate from all logs, with what fits of each leave as the noise."""
         whole = self.problem.information
         error, rows = np.zeros((2, whole.d))
         for log, mine in self.by_log.items():
             error += [each.residual_norm(self.own[log]) ** 2 for each in mine.totals]
             rows += [each.rows for each in mine.totals]
-        return error, rows
-
-    @cached_property
-    def weighed(self) -> Estimate:
-        """The estimate from all logs, with what fits of each leave as the noise."""
-        error, rows = self.squares
         sigma = np.sqrt(error / np.maximum(rows, 1))
-        sigma = np.maximum(sigma, LEAST_NOISE[1] * self.joint.sigma)
-        return self._estimate(self.problem.information, sigma)
+        return self._estimate(whole, np.maximum(sigma, LEAST_NOISE[1] * self.joint.sigma))
 
     def _estimate(self, some: Information, sigma: np.ndarray) -> Estimate:
         r, held = self.problem, self.joint.held
@@ -232,14 +220,11 @@ def _inverse(H: np.ndarray) -> np.ndarray:
 def differing_logs(problem: Problem, reference: Callable[[], np.ndarray]) -> Iterator[Finding]:
     """Report logs that disagree, where fits of each predict stretches of it that were left out with
     less than half of the error of a joint that one fit of all of them leaves, and no effect that
-    acts in all logs explains as much: something was changed between them.
-
-    Args:
-        problem: the equations of all logs.
-        reference: gives (d,) relative errors with all linear effects of the library.
+    acts in all logs explains as much: something was changed between them. `reference` gives (d,)
+    relative errors with all linear effects of the library.
     """
     motion, whole, fits = problem.motion, problem.information, OwnFits(problem)
-    if not 1 < len(motion.logs) == len(motion.experiments) == len(whole.logs):
+    if not len(motion.logs) == len(motion.experiments) == len(whole.logs):
         return  # stretches of a long log are no logs, and those of a gathered fit have a table
     together = held_out(whole, whole, fits.joint, problem.prior)
     apart = fits.held_out

@@ -20,17 +20,7 @@ import numpy as np
 from ident.effects import Effect
 from ident.errors import IdentError
 from ident.fit.channel_fits import DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
-from ident.fit.faults import (
-    CLOCKS,
-    FACTORS,
-    Fault,
-    Moved,
-    fault_finding,
-    motion_faults,
-    scale_of_torque,
-    torque_faults,
-)
-from ident.fit.findings import Finding
+from ident.fit.faults import CLOCKS, Fault, Moved, motion_faults, scale_of_torque, torque_faults
 from ident.fit.problem import Problem, Table
 from ident.fit.small_errors import away_from_reversals
 from ident.information.chance import LEAVES, LOUD, RIVAL, credible_t, zscore
@@ -46,6 +36,8 @@ AS_WELL = 1.5
 CLOSEST = 6  # work: hypotheses that are looked at in detail
 FEW = 300  # work: samples that tell a right motion from a wrong one
 CALM = 0.5  # level: of a fall of errors, which a delay must bring away from reversals, too
+# work: between two of these the best factor of a torque is sought
+FACTORS = np.geomspace(1e-4, 1e4, 17)
 NUMBERED = ("scale", "delay", "time")  # faults of which a number is sought, not one of several
 
 
@@ -58,6 +50,11 @@ class FaultTrial:
     before: Array  # relative errors (d,) without it
     was: float = 1.0  # of a credible one, the error of its joints without it
     rivals: tuple[Fault, ...] = ()  # and faults that do nearly as well
+
+    @classmethod
+    def of_log(cls, equations: ChannelEquations) -> FaultTrial:
+        """Return the log as it is."""
+        return cls(equations.as_logged, equations, np.ones(len(equations.total)))
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -84,10 +81,6 @@ class FaultTrial:
         """Log density (blocks, d) of the torques of each block, fitted to the others."""
         return self.equations.left_out(self.fault, self.noise)
 
-    def finding(self, mechanism: Mechanism) -> Finding:
-        """Return the fault in words."""
-        return fault_finding(mechanism, self.fault, self.was, self.error, self.rivals)
-
 
 @dataclass(frozen=True, eq=False)
 class FaultSearch:
@@ -108,20 +101,12 @@ class FaultSearch:
 
     @cached_property
     def effects(self) -> list[Effect]:
-        """The library's linear effects at every drive that the model lacks, or has with known
-        values, which may have changed.
-        """
-        driven = set(self.mechanism.driven)
+        """The library's linear effects at every drive that the model lacks, or of known values."""
+        drives = {(name,) for name in self.mechanism.driven}
         changed = [each.freed for each in self.mechanism.effects if each.known]
-        return [
-            each
-            for each in (*self.mechanism.candidates(), *changed)
-            if each.local
-            and each.linear
-            and not each.shapes
-            and len(each.joints) == 1
-            and set(each.joints) <= driven
-        ]
+        every = (*self.mechanism.candidates(), *changed)
+        linear = [each for each in every if each.local and each.linear and not each.shapes]
+        return [each for each in linear if each.joints in drives]
 
     @cached_property
     def common(self) -> list[Effect]:
@@ -153,16 +138,12 @@ class FaultSearch:
     def reference(self) -> Array:
         """Relative errors (d,) of the log as it is with all linear effects of the library."""
         reference = self.every.noise(self.every.as_logged)
-        if self.explained is None:
-            return reference
         found = np.sqrt(self._unexplained + SMALL**2)
         return found if np.log(found).sum() < np.log(reference).sum() else reference
 
     @property
     def _unexplained(self) -> Array:
-        """Squares (d,) over those of the torque that the effects of a diagnosis leave; infinite
-        without a diagnosis.
-        """
+        """Squares (d,) over the torque's that a diagnosis' effects leave; infinite without one."""
         if self.explained is None:
             return np.full(len(self.errors), np.inf)
         return self.explained.sum(axis=0) / self.equations.torque
@@ -182,7 +163,7 @@ class FaultSearch:
         good = max(self.errors.values(), default=0.0) < SMALL and self.possible
         if good or not self.use.any():
             return [], np.zeros(len(self.errors))
-        logged = self._logged(self.equations)
+        logged = FaultTrial.of_log(self.equations)
         found = self._torques(logged)
         last = found[-1] if found else logged
         if found and not (self._explains(last, self.every) and self._away_too(last.fault)):
@@ -190,21 +171,28 @@ class FaultSearch:
         moved = self._motion(last.noise)
         return [moved] if moved else found, last.noise
 
-    def _logged(self, equations: ChannelEquations) -> FaultTrial:
-        return FaultTrial(equations.as_logged, equations, np.ones(len(equations.total)))
-
     def _torques(self, now: FaultTrial) -> list[FaultTrial]:
         """Return the faults of torques, each beside those before it."""
         equations, found = self.equations, list[FaultTrial]()
         measured = [equations.driven.index(name) for name in self.mechanism.measured]
+        lags = equations.lags[: equations.near]
         while len(found) < len(equations.driven):
-            poor, lags = now.noise > POOR, equations.lags[: equations.near]
 
             def trial(fault: Fault, before: Array = now.noise) -> FaultTrial:
                 return FaultTrial(fault, equations, before)
 
-            faults = [*torque_faults(now.fault, lags, measured), *self._scaled(now, trial)]
-            faults = [each for each in faults if poor[equations.rows_of(each)].any()]
+            poor, faults = now.noise > POOR, list[Fault]()
+            for each in torque_faults(now.fault, lags, measured):
+                if poor[equations.rows_of(each)].any():
+                    faults.append(each)
+            for j in range(len(equations.driven)):  # the factor of each that explains most
+                scaled = scale_of_torque(now.fault, j, 1.0)
+                if poor[equations.rows_of(scaled)].any():
+                    scores = [trial(scale_of_torque(now.fault, j, f)).score for f in FACTORS]
+                    i = int(np.clip(np.argmax(scores), 1, len(FACTORS) - 2))
+                    scaled = refined(scaled, FACTORS[i - 1 : i + 2 : 2], trial)
+                    if max(scaled.number[0], 1 / scaled.number[0]) > LEAST_FACTOR:
+                        faults.append(scaled)
             base = now.left
             if self.explained is not None:
                 rival = equations.density(self.explained / equations.torque)
@@ -215,21 +203,9 @@ class FaultSearch:
             now = best
         return found
 
-    def _scaled(self, now: FaultTrial, trial: Callable[[Fault], FaultTrial]) -> Iterator[Fault]:
-        """Yield, of each poor joint, the factor of its torque that explains the log best."""
-        for j in range(len(now.equations.driven)):
-            scaled = scale_of_torque(now.fault, j, 1.0)
-            if (now.noise > POOR)[now.equations.rows_of(scaled)].any():
-                scores = [trial(scale_of_torque(now.fault, j, f)).score for f in FACTORS]
-                i = int(np.clip(np.argmax(scores), 1, len(FACTORS) - 2))
-                best = refined(scaled, FACTORS[i - 1 : i + 2 : 2], trial)
-                if max(best.number[0], 1 / best.number[0]) > LEAST_FACTOR:
-                    yield best
-
     def _motion(self, noise: Array) -> FaultTrial | None:
         """Return the fault of the motion that explains the log by far best, if any does better than
-        what wrong torques leave, the relative errors `noise` (d,). Where those are small, or what a
-        diagnosis found leaves little, none does.
+        what wrong torques leave, the relative errors `noise` (d,), or a diagnosis.
         """
         if min(noise.max(), np.sqrt(self._unexplained.max())) < DOUBT:
             return None
@@ -258,7 +234,7 @@ class FaultSearch:
             return ChannelEquations.of(self.estimate, table, use, self.common, blocks=blocks)
 
         every = ChannelEquations.of(self.estimate, logged, logged.informed, self.effects)
-        now = self._logged(self._with_common(every))
+        now = FaultTrial.of_log(self._with_common(every))
         names = zip(motion.independent, noise, strict=True)
         faults = motion_faults(now.fault, mechanism, thin, {name for name, x in names if x > DOUBT})
 
@@ -272,12 +248,8 @@ class FaultSearch:
     def _best(
         self, faults: Sequence[Fault], trial: Callable[[Fault], FaultTrial], base: Array, was: Array
     ) -> FaultTrial | None:
-        """Return the best of some faults, if it is credible.
-
-        Args:
-            trial: makes the trial of a fault.
-            base: (blocks, d) log density of blocks that are left out, without a fault.
-            was: (d,) relative errors without a fault.
+        """Return the best of some faults, if it is credible; `base` (blocks, d) and `was` (d,): log
+        density of blocks that are left out, and relative errors, without a fault.
         """
 
         def tried() -> Iterator[FaultTrial]:

@@ -4,7 +4,7 @@ sign, factor, exchange, delay of torques      τ_j → g τ_i(t + l)      `torqu
 sign, axis, scale, exchange of positions      q_j → −q_j, …           `_positions`
 positions counted from another link           q_j → q_j − q_i − …     `_positions`
 scale of time                                 v, a → v/s, a/s²        `scale_of_time`
-direction of gravity                          g → g'                  `_gravities`
+direction of gravity                          g → g'                  `motion_faults`
 sign of wrenches, or none of them             f_e → −f_e, 0           `motion_faults`
 """
 
@@ -20,8 +20,8 @@ from ident.effects import KINDS
 from ident.fit.findings import Finding
 from ident.information.linear import Array
 from ident.log import Column
+from ident.mechanism.description import is_rotational, joint_axis
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.tree import is_rotational, joint_axis
 from ident.motion import State
 from ident.text import listed, percent, places
 
@@ -29,7 +29,6 @@ PARALLEL = 0.999  # numerics: cosine of two axes that are one, up to rounding in
 DEGREES = 10.0  # range: smallest range of a position that may be in degrees
 EARTH = 9.81  # range: m/s²
 CLOCKS = (1 / 60, 0.1, 0.3, 0.7, 0.9, 1.1, 1.5, 3.0, 10.0, 60.0)  # work: true over logged time
-FACTORS = np.geomspace(1e-4, 1e4, 17)  # between two of which the best factor of a torque is sought
 UNITS = {  # by which factors units of torque differ, or their inverses
     1e3: "mN m for N m",
     100.0: "N cm for N m",
@@ -101,11 +100,11 @@ def torque_faults(now: Fault, lags: Array, J: Sequence[int]) -> Iterator[Fault]:
             both = now.driven[j], now.driven[i]
             yield now.with_("swapped", 1.0, joints=both, take={i: now.take[j], j: now.take[i]})
             yield now.with_("sign", -1.0, gain={i: -now.gain[i], j: -now.gain[j]})
-    for shift, lag in enumerate(lags):
-        if shift and now.take == tuple(range(len(now.take))):
-            for some in (*((j,) for j in J), tuple(J) if len(J) > 1 else ()):
-                if some:
-                    yield now.with_("delay", float(lag), shift=dict.fromkeys(some, shift))
+    sets = [(j,) for j in J] + ([tuple(J)] if len(J) > 1 else [])
+    if now.take == tuple(range(len(now.take))):
+        for shift, lag in [*enumerate(lags)][1:]:
+            for some in sets:
+                yield now.with_("delay", float(lag), shift=dict.fromkeys(some, shift))
 
 
 def scale_of_torque(now: Fault, j: int, factor: float) -> Fault:
@@ -115,9 +114,7 @@ def scale_of_torque(now: Fault, j: int, factor: float) -> Fault:
 
 
 def exact_factor(factor: float) -> float:
-    """Return the factor of a unit that a large factor is near, which masses that are unlike the
-    URDF's spoil; else the factor itself, which may be a gear ratio.
-    """
+    """Return the factor of a unit that a large factor is near, else the factor itself."""
     for unit in (x**sign for x in UNITS for sign in (1, -1) if x > LARGE_UNIT):
         if abs(np.log(abs(factor) / unit)) < UNIT:
             return float(np.copysign(unit, factor))
@@ -131,8 +128,17 @@ def motion_faults(
     none: Fault, mechanism: Mechanism, states: Sequence[State], poor: Collection[str]
 ) -> list[Fault]:
     """Return what may be wrong with the motion; positions only where some torques are `poor`."""
-    clocks = (scale_of_time(none, s) for s in CLOCKS)
-    found = [*_gravities(none, mechanism), *clocks]
+    found, given = list[Fault](), np.asarray(mechanism.model.gravity.linear)
+    for g in (*EARTH * np.eye(3), *-EARTH * np.eye(3), np.zeros(3)):
+
+        def turned(mechanism: Mechanism, e: State, g: Array = g) -> tuple[Mechanism, State]:
+            model = mechanism.model.copy()
+            model.gravity.linear = g
+            return mechanism.alike(model=model), e
+
+        if np.linalg.norm(g - given) >= 0.05 * EARTH:
+            found.append(none.with_("gravity", *map(float, g), state=turned))
+    found += (scale_of_time(none, s) for s in CLOCKS)
     found += _positions(none, mechanism, states, poor) if poor else ()
     for factor in (-1.0, 0.0) if any(e.wrench is not None for e in states) else ():
 
@@ -152,20 +158,6 @@ def scale_of_time(none: Fault, s: float) -> Fault:
         )
 
     return replace(none.with_("time", s, state=state), at=lambda x: scale_of_time(none, x))
-
-
-def _gravities(none: Fault, mechanism: Mechanism) -> Iterator[Fault]:
-    given = np.asarray(mechanism.model.gravity.linear)
-    for g in (*EARTH * np.eye(3), *-EARTH * np.eye(3), np.zeros(3)):
-        if np.linalg.norm(g - given) < 0.05 * EARTH:
-            continue
-
-        def state(mechanism: Mechanism, e: State, g: Array = g) -> tuple[Mechanism, State]:
-            model = mechanism.model.copy()
-            model.gravity.linear = g
-            return mechanism.with_model(model), e
-
-        yield none.with_("gravity", *map(float, g), state=state)
 
 
 def _positions(
@@ -357,8 +349,9 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
             f" {'-' if x < 0 else '+'} q.{name}"
             for x, name in zip(fault.number, joints, strict=False)
         )[3:],
-        "vector": _vector(fault.number), "gravity": _vector(mechanism.model.gravity.linear),
     }  # fmt: skip
+    for name, vector in (("vector", fault.number), ("gravity", mechanism.model.gravity.linear)):
+        fields[name] = "[" + ", ".join(f"{x + 0.0:.4g}" for x in vector) + "]"
     factor = exact_factor(number) if number else number
     for kind in ("q", "tau"):
         channels, sources = ([f"{kind}.{name}" for name in names] for names in (own, joints))
@@ -372,14 +365,8 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
     return fields
 
 
-def _vector(x: Sequence[float]) -> str:
-    return "[" + ", ".join(f"{each + 0.0:.4g}" for each in x) + "]"
-
-
 def log_entry(mechanism: Mechanism, channel: str, factor: float, column: str = "") -> str:
-    """Return the line of `[log]` that multiplies a channel by a factor, or takes another column
-    with the scale and the offset that it has.
-    """
+    """Return the line of `[log]` that multiplies a channel, or takes another column for it."""
     source = mechanism.columns.get(channel, Column(channel))
     same = column and (source.scale, source.offset) == (1.0, 0.0)
     scaled = "" if same else f", {_conversion(source, factor)}"
@@ -387,10 +374,8 @@ def log_entry(mechanism: Mechanism, channel: str, factor: float, column: str = "
 
 
 def _conversion(source: Column, factor: float) -> str:
-    scale, offset = factor * source.scale, factor * source.offset
-    if not offset:
-        return f"scale = {scale:.8g}"
-    return f"scale = {scale:.8g}, offset = {offset:.8g}"  # a small difference of large numbers
+    offset = f", offset = {factor * source.offset:.8g}" if factor * source.offset else ""
+    return f"scale = {factor * source.scale:.8g}{offset}"  # a small difference of large numbers
 
 
 def log_entries(mechanism: Mechanism, channels: Sequence[str], factor: float) -> str:

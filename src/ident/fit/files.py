@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -28,7 +27,6 @@ from ident.mechanism.description import read_description
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Covariance, fixed_parameters, pseudo_inertia
 from ident.mechanism.urdf import with_inertials
-from ident.mechanism.write import folder_files
 from ident.motion import Motion
 
 SCHEMA = "ident.fit/1"
@@ -49,8 +47,7 @@ def write_fit(
         folder: made if it is missing.
         reactions: known ones, which the report draws beside the multipliers.
         multipliers: pieces of multipliers.csv, where the fit's motion is an excerpt.
-        more: further files by name.
-        sections: after the errors in the report.
+        more: further files by name; sections: after the errors in the report.
 
     Returns:
         The files written, all of them or none.
@@ -72,30 +69,21 @@ def write_fit(
 
 
 def identified_files(fit: Fit, urdf: bytes) -> dict[str, bytes]:
-    """Return the files of the folder identified/, in which everything is known at its value.
+    """Return the files of identified/, in which everything is known at its value; with the URDF."""
+    from ident.mechanism.write import folder_files  # TOML Kit takes 0.02 s to import
 
-    `urdf` is that with the identified inertias.
-    """
     known = [
         (effect, {u.name: float(v) for u, v in zip(effect.parameters, values, strict=True)})
         for effect, values in fit.effect_solution
     ]
-    inside = folder_files(fit.mechanism, urdf, known, [], fit.found, covariance_of(fit))
-    return {f"identified/{name}": x for name, x in inside.items()}
-
-
-def covariance_of(fit: Fit) -> Covariance | None:
-    """Return the errors of a fit's values and of those that it knows from an earlier fit.
-
-    A base parameter's error is that of its independent parameter; regrouped ones stay where they
-    are.
-    """
+    # a base parameter's error is that of its independent parameter; regrouped ones stay
     names = tuple(fit.columns.names[i] for i in fit.estimate.base.independent)
-    known = fit.known_errors
-    if not names or not np.isfinite(fit.covariance).all():
-        return known
-    own = Covariance(names, fit.covariance)
-    return own if known is None else own + known
+    errors = fit.known_errors
+    if names and np.isfinite(fit.covariance).all():
+        own = Covariance(names, fit.covariance)
+        errors = own if errors is None else own + errors
+    inside = folder_files(fit.mechanism, urdf, known, [], fit.found, errors)
+    return {f"identified/{name}": x for name, x in inside.items()}
 
 
 def own_files(fit: Fit) -> dict[str, tuple[str, bytes]]:
@@ -110,11 +98,7 @@ def own_files(fit: Fit) -> dict[str, tuple[str, bytes]]:
 
 
 def write_urdf(fit: Fit, path: str | Path) -> Path:
-    """Write identified.urdf alone.
-
-    Raises:
-        FitError: if a body's identified inertia cannot be stated in a URDF.
-    """
+    """Write identified.urdf alone; FitError if an inertia cannot be stated in a URDF."""
     path = Path(path)
     if path.suffix.lower() not in (".urdf", ".xml"):
         raise FitError(f"{path}: give a name that ends in .urdf")
@@ -122,9 +106,8 @@ def write_urdf(fit: Fit, path: str | Path) -> Path:
 
 
 def multipliers_csv(fit: Fit) -> bytes:
-    """Return `t` and one column a multiplier, empty where it is not determined.
-
-    Several logs stand one below the other with a column `log`. A tree has no multipliers and rows.
+    """Return `t` and one column a multiplier, empty where it is not determined, no rows of a tree;
+    several logs stand one below the other with a column `log`.
     """
     names = fit.mechanism.kinematics.multipliers
     if not names:
@@ -141,13 +124,11 @@ def multipliers_rows(
     names: Sequence[str], t: np.ndarray, values: np.ndarray, log: str | None, header: bool
 ) -> bytes:
     """Return rows of multipliers.csv: t (n,) [s] and values (n, m); `log`: name, of several."""
-    columns: dict[str, np.ndarray | list[str]] = {"t": t}
-    columns |= {name: values[:, i] for i, name in enumerate(names)}
+    columns: dict[str, Any] = {"t": t, **dict(zip(names, values.T, strict=True))}
     if log is not None:
         columns["log"] = [log] * len(t)
-    stream = io.BytesIO()
-    pl.DataFrame(columns).fill_nan(None).write_csv(stream, include_header=header)
-    return stream.getvalue()
+    rows = pl.DataFrame(columns).fill_nan(None)
+    return rows.write_csv(include_header=header).encode()
 
 
 def fit_json(fit: Fit) -> dict[str, Any]:
@@ -235,9 +216,7 @@ def _error_sets(fit: Fit, standstill: bool = False) -> dict[str, Any]:
 
 def _errors(errors: Mapping[str, Error], standstill: bool = False) -> dict[str, Any]:
     own = {joint: e.with_standstill if standstill else e for joint, e in errors.items()}
-    return {
-        joint: {n: getattr(e, n) for n in ("rms", "relative", "unit")} for joint, e in own.items()
-    }
+    return {j: {n: getattr(e, n) for n in ("rms", "relative", "unit")} for j, e in own.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,10 +298,8 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
             f"{', '.join(theirs) or 'none'}; {mechanism.name} has {', '.join(ours) or 'none'}"
         )
     values = {str(entry["name"]): entry["value"] for entry in data["parameters"]}
-    labels = [
-        ":".join(filter(None, (e["kind"], e["joint"], e.get("signal", ""))))
-        for e in data["effects"]
-    ]
+    parts = [(e["kind"], e["joint"], e.get("signal", "")) for e in data["effects"]]
+    labels = [":".join(filter(None, each)) for each in parts]
     grown = mechanism
     for effect in reversed(mechanism.effects):  # the fit's model did not have it
         grown = grown if effect.label in labels else grown.without(effect.label)
@@ -351,19 +328,19 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
     cutoff = filtered["cutoff"] if (filtered := data.get("filter")) else "auto"
     errors = data.get("error") or {}
     whole = _sets(errors.get("with_standstill") or {})
-    return Saved(
-        str(path), grown, point, cutoff if cutoff in (None, "auto") else float(cutoff), {
-            title: {
-                joint: _error(e, whole.get(title, {}).get(joint))
-                for joint, e in joints.items() if e["rms"] is not None
-            }
-            for title, joints in _sets(errors).items() if joints
-        },
-        tuple(
-            BaseValue(str(e["name"]), float(e["value"]), float(e["stderr"]), str(e["unit"]))
-            for e in data.get("base_parameters") or () if e["stderr"] is not None
-        ),
+    read: dict[str, dict[str, Error]] = {}
+    for title, joints in _sets(errors).items():
+        for joint, e in (joints or {}).items():
+            if e["rms"] is not None:
+                every = whole.get(title, {}).get(joint) or {"rms": None, "relative": None}
+                sizes = float(e["rms"]), e["relative"], str(e["unit"])
+                read.setdefault(title, {})[joint] = Error(*sizes, every["rms"], every["relative"])
+    base = tuple(
+        BaseValue(str(e["name"]), float(e["value"]), float(e["stderr"]), str(e["unit"]))
+        for e in data.get("base_parameters") or () if e["stderr"] is not None
     )  # fmt: skip
+    cutoff = cutoff if cutoff in (None, "auto") else float(cutoff)
+    return Saved(str(path), grown, point, cutoff, read, base)
 
 
 def unfiltered_errors(folder: Path) -> dict[str, float]:
@@ -379,11 +356,6 @@ def _sets(errors: Mapping[str, Any]) -> dict[str, Any]:
     """Return errors by set, as `Fit.errors` names them, then joint."""
     own = {"train": errors.get("train"), "held out": errors.get("held_out")}
     return {**own, **(errors.get("validation") or {})}
-
-
-def _error(e: Mapping[str, Any], whole: Mapping[str, Any] | None) -> Error:
-    every = (whole["rms"], whole["relative"]) if whole else (None, None)
-    return Error(float(e["rms"]), e["relative"], str(e["unit"]), *every)
 
 
 def _own_kind(path: Path, label: str, entry: dict[str, Any], allow_code: bool) -> type[Effect]:
@@ -403,12 +375,9 @@ def _own_kind(path: Path, label: str, entry: dict[str, Any], allow_code: bool) -
 def identified_urdf(fit: Fit) -> bytes:
     """Return the URDF's text with new `<inertial>` numbers for the links of identified bodies.
 
-    All else is the user's: comments, meshes, transmissions, indentation.
+    All else is as the user wrote it; FitError if a body has first moments and no mass.
     A body is its own link and those fixed to it; these keep their inertias, and the body's own link
     carries the rest. Pinocchio gives the same torques for it as the fit does.
-
-    Raises:
-        FitError: if a body has first moments and no mass, which a URDF cannot state.
     """
     mechanism = fit.mechanism
     pi = _with_masses(fit)
@@ -417,35 +386,26 @@ def identified_urdf(fit: Fit) -> bytes:
     for link in bodies_with_unknowns(mechanism):
         body = pi[mechanism.bodies.columns(link)]
         joint = mechanism.bodies.links.index(link) + 1
-        fixed = fixed_parameters(mechanism.model, joint)
-        if not fixed.any() or _carries(body, fixed):
-            own = body - fixed
-        else:  # nothing is left for the link itself: it takes the whole body
-            own = body
+        own = body - (fixed := fixed_parameters(mechanism.model, joint))
+        rest, whole = (np.linalg.eigvalsh(pseudo_inertia(each))[0] for each in (own, body))
+        # without its fixed links it must have mass, and be possible if the body is
+        if fixed.any() and not (own[0] > 0 and (rest > 0 or whole <= 0)):
+            own = body  # nothing is left for the link itself: it takes the whole body
             links = (f for f in mechanism.model.frames if f.type == pin.FrameType.BODY)
             inertials |= dict.fromkeys(f.name for f in links if f.parentJoint == joint)
         inertials[link] = own
     return with_inertials(text, where, inertials)
 
 
-def _carries(body: np.ndarray, fixed: np.ndarray) -> bool:
-    """Return whether a body without its fixed links has mass, and is possible if the body is."""
-    own = body - fixed
-    least = [float(np.linalg.eigvalsh(pseudo_inertia(pi))[0]) for pi in (own, body)]
-    return bool(own[0] > 0 and (least[0] > 0 or least[1] <= 0))
-
-
 def _with_masses(fit: Fit) -> np.ndarray:
-    """Return dynamic parameters in which no body with first moments is massless.
-
-    A mass that the data do not determine may be shifted along the directions that no torque feels.
+    """Return dynamic parameters in which no body with first moments is massless: a mass that the
+    data do not determine may be shifted along the directions that no torque feels.
     """
     x, base, columns = fit.estimate.x.copy(), fit.estimate.base, fit.columns
-    if fit.binding is not None:  # possible bodies have masses, however small
-        return columns.dynamic_parameters(fit.mechanism, x)
-    for link in fit.mechanism.bodies.links:
+    # possible bodies have masses, however small
+    for link in () if fit.binding else fit.mechanism.bodies.links:
         body = columns.dynamic_parameters(fit.mechanism, x)[fit.mechanism.bodies.columns(link)]
-        if abs(body[0]) > LEAST_MASS or not np.any(np.abs(body[1:]) > 0):
+        if abs(body[0]) > LEAST_MASS or not body[1:].any():
             continue
         at = columns.index.get(f"{link}.m", -1)
         if at not in base.dependent:

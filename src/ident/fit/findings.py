@@ -47,25 +47,20 @@ IMPOSSIBLE_BODY = "impossible body"  # code of a finding
 # shown: shares by which the error of a joint that is named must fall, and the mean of all joints
 BETTER, EVERYWHERE = 0.1, 0.02
 POSSIBLE = -1e-6  # numerics: of a body's largest eigenvalue: what rounding may leave below zero
+Errors = Mapping[str, Error]  # by joint
+Effects = Sequence[EffectValues]
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a person should know.
+    """One thing that a person should know."""
 
-    Attributes:
-        code: of its kind, such as `negative`.
-        meaning: a sentence; remedy: what to do about it.
-        where: joints, bodies, parameters or logs that it is about.
-        number, threshold: what was measured and from which value on it is mentioned, if it is that.
-    """
-
-    code: str
-    meaning: str
-    remedy: str = ""
-    where: tuple[str, ...] = ()
-    number: float | None = None
-    threshold: float | None = None
+    code: str  #: of its kind, such as `negative`
+    meaning: str  #: a sentence
+    remedy: str = ""  #: what to do about it
+    where: tuple[str, ...] = ()  #: joints, bodies, parameters or logs that it is about
+    number: float | None = None  #: what was measured, if it is that, …
+    threshold: float | None = None  #: … and from which value on it is mentioned
 
     def __str__(self) -> str:
         return f"{self.meaning}; {self.remedy}" if self.remedy else self.meaning
@@ -77,19 +72,10 @@ def note(text: str) -> Finding:
 
 
 def findings_of(
-    problem: Problem,
-    estimate: Estimate,
-    errors: Mapping[str, Error],
-    effects: Sequence[EffectValues],
-    more: Iterable[Finding] = (),
+    problem: Problem, estimate: Estimate, errors: Errors, effects: Effects, more: Iterable[Finding]
 ) -> tuple[Finding, ...]:
-    """Return the findings of a fit, in the order in which a person should read them.
-
-    Args:
-        problem: the equations; estimate: their solution.
-        errors: in the data that were fitted, by joint.
-        effects: with their values.
-        more: findings of the way in which the estimate was made.
+    """Return the findings of a fit, in the order in which a person should read them; `errors` by
+    joint are those of the data that were fitted, `more` is of the way of the estimate.
     """
     pi = problem.point_at(estimate.x).pi
     # unknowns of one term may cancel, as moments of two parallel links do; gravity and inertia do
@@ -112,15 +98,18 @@ def findings_of(
 def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
     """Report equations that are few, poor, at standstill, or without unknowns; the data's notes."""
     rows, rank = estimate.triangle.rows, estimate.base.rank
-    if rank and rows < FEW * rank:
-        text = f"only {rows} equations for {rank} parameters: these values and errors mean nothing"
-        remedy = f"{_longer(problem, rows, rank)}, or make less unknown ([parameters] unknown)"
-        yield Finding("few equations", text, remedy, (), rows / rank, FEW)
-    elif rank and rows < SHORT * rank:
-        text = (
-            f"a short log: {rows} equations for {rank} parameters, so values and errors are rough"
-        )
-        yield Finding("short log", text, _longer(problem, rows, rank), (), rows / rank, SHORT)
+    if rank and rows < SHORT * rank:
+        seconds = sum(float(e.t[-1] - e.t[0]) for e in problem.motion.experiments)
+        wanted = two_digits(seconds * USUAL * rank / max(rows, 1))
+        remedy = f"log about {wanted} s of varied motion instead of {two_digits(seconds)} s"
+        text = f"{rows} equations for {rank} parameters"
+        if rows < FEW * rank:
+            text = f"only {text}: these values and errors mean nothing"
+            remedy += ", or make less unknown ([parameters] unknown)"
+            yield Finding("few equations", text, remedy, (), rows / rank, FEW)
+        else:
+            text = f"a short log: {text}, so values and errors are rough"
+            yield Finding("short log", text, remedy, (), rows / rank, SHORT)
     yield from map(note, (*problem.mechanism.notes, *problem.motion.notes))
     off = problem.mechanism.unmeasured_rows
     blocks = [block for block in problem.information if block.coordinate not in off]
@@ -140,14 +129,6 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         text = f"condition number {size}: this motion excites some base parameters poorly"
         remedy = "see their standard errors, and move more joints, faster or farther"
         yield Finding("excitation", text, remedy, (), condition, POOR)
-
-
-def _longer(problem: Problem, rows: int, rank: int) -> str:
-    seconds = sum(float(e.t[-1] - e.t[0]) for e in problem.motion.experiments)
-    if not seconds or not rows:
-        return "give a longer log"
-    wanted = two_digits(seconds * USUAL * rank / rows)
-    return f"log about {wanted} s of varied motion instead of {two_digits(seconds)} s"
 
 
 def _held(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
@@ -171,13 +152,10 @@ def _absorbed(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
     names: dict[str, list[str]] = {}
     for name, carrier in absorbed_by(columns, estimate.base).items():
         if columns.index[name] >= len(columns.rigid) and name not in held:
-            why = (
-                f"same columns as {carrier}"
-                if carrier
-                else "it has no effect on any torque in this motion"
-            )
-            names.setdefault(why, []).append(name)
-    for why, own in names.items():
+            names.setdefault(carrier, []).append(name)
+    for carrier, own in names.items():
+        alone = "it has no effect on any torque in this motion"
+        why = f"same columns as {carrier}" if carrier else alone
         text = f"{some(own, 6)} cannot be identified: {why}"
         yield Finding("absorbed", text, where=tuple(own))
 
@@ -198,8 +176,6 @@ def _short_runs(motion: Motion) -> Iterator[Finding]:
 def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
     mechanism = problem.mechanism
     names = mechanism.kinematics.multipliers
-    if not names:
-        return
     determined = identifiable_multipliers(mechanism, problem.motion)
     open_ = tuple(name for name, good in zip(names, determined, strict=True) if not good)
     if open_:
@@ -209,8 +185,7 @@ def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         )
         yield Finding("redundant", text, where=open_)
     resting = resting_on_priors(problem, estimate)
-    resting = {name: on for name, on in resting.items() if name not in open_}
-    if resting:
+    if resting := {name: on for name, on in resting.items() if name not in open_}:
         on = tuple(dict.fromkeys(name for names in resting.values() for name in names))
         text = (
             f"multipliers {', '.join(resting)} rest on the priors of {some(on, 6)}"
@@ -242,26 +217,21 @@ def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
     return [Finding("basis", text, "standard errors do not hold this bias")] if moved else []
 
 
-def _swinging(
-    problem: Problem, estimate: Estimate, errors: Mapping[str, Error]
-) -> Iterator[Finding]:
-    """Report driven joints whose torque is the small remainder of large terms that cancel, and is
-    not explained; the unknowns of the estimate are apart by term.
-    """
+def _swinging(problem: Problem, estimate: Estimate, errors: Errors) -> Iterator[Finding]:
+    """Report driven joints whose torque is a small, unexplained remainder of terms that cancel."""
     shares: dict[str, float] = {}
     sizes = term_sizes(problem.information.totals, estimate.x)
     for (joint, error), size in zip(errors.items(), sizes, strict=True):
-        if not (error.relative and size > 0) or joint not in problem.mechanism.driven:
-            continue
-        share = error.rms / error.relative / float(size)
-        if share < FREELY < error.relative:
-            shares[joint] = share
+        if error.relative and size > 0 and joint in problem.mechanism.driven:
+            share = error.rms / error.relative / float(size)
+            if share < FREELY < error.relative:
+                shares[joint] = share
     if shares:
         where, joints = tuple(f"tau.{joint}" for joint in shares), ", ".join(shares)
+        each = ", ".join(f"tau.{joint} is {100 * share:.2g} %" for joint, share in shares.items())
         text = (
-            ", ".join(f"tau.{joint} is {100 * share:.2g} %" for joint, share in shares.items())
-            + " of the inertia, gravity and coupling terms that cancel in it: unit or scale is "
-            "wrong, or the motor does next to nothing, and a relative error there says little"
+            f"{each} of the inertia, gravity and coupling terms that cancel in it: unit or scale "
+            "is wrong, or the motor does next to nothing, and a relative error there says little"
         )
         remedy = (
             f"check {', '.join(where)} in [log] (N m, not mN m, A or %); if right, put {joints} "
@@ -272,10 +242,7 @@ def _swinging(
 
 
 def _implausible(
-    mechanism: Mechanism,
-    errors: Mapping[str, Error],
-    effects: Sequence[EffectValues],
-    pi: np.ndarray,
+    mechanism: Mechanism, errors: Errors, effects: Effects, pi: np.ndarray
 ) -> Iterator[Finding]:
     negative = tuple(
         value.name
@@ -291,10 +258,8 @@ def _implausible(
         yield Finding(NEGATIVE_VALUE, text, where=negative)
     yield from _driving(effects, errors)
     bodies = {link: pi[mechanism.bodies.columns(link)] for link in mechanism.bodies.links}
-    massless = tuple(
-        link for link, body in bodies.items() if abs(body[0]) <= LEAST_MASS and np.any(body[1:])
-    )
-    if massless:
+    light = [link for link, body in bodies.items() if abs(body[0]) <= LEAST_MASS]
+    if massless := tuple(link for link in light if np.any(bodies[link][1:])):
         text = (
             f"{', '.join(massless)} has moments but a mass that no torque determines: "
             "identified.urdf gives it 1 kg, shifted along what has no effect on torques"
@@ -315,13 +280,13 @@ def _implausible(
         yield Finding(IMPOSSIBLE_BODY, text, remedy, tuple(impossible))
 
 
-def _driving(effects: Sequence[EffectValues], errors: Mapping[str, Error]) -> Iterator[Finding]:
+def _driving(effects: Effects, errors: Errors) -> Iterator[Finding]:
     """Report joints that dry friction drives instead of braking them, with much of their torque."""
     for each in effects:
-        effect, value = each.effect, each.parameters[0]
-        if not effect.unknowns or effect.unknowns[0].acts != "level":
+        value = each.parameters[0]
+        if not each.effect.unknowns or each.effect.unknowns[0].acts != "level":
             continue
-        joint = effect.joints[0]
+        joint = each.effect.joints[0]
         error = errors.get(joint)
         if error is None or not error.relative or not value.stderr:
             continue
@@ -335,27 +300,15 @@ def _driving(effects: Sequence[EffectValues], errors: Mapping[str, Error]) -> It
             yield Finding(DRIVING, text, remedy, (f"tau.{joint}",), share, LEAVES)
 
 
-def predicts_better(
-    log: str, before: Mapping[str, Error], after: Mapping[str, Error]
-) -> list[Finding]:
-    """Say where possible bodies predict a validation log better, if they do over all joints.
-
-    Args:
-        log: its name.
-        before, after: its errors by joint, with the bodies of the fit and with possible ones.
-    """
-    ratio = {
-        name: after[name].rms / error.rms
-        for name, error in before.items()
-        if error.rms > 0 and error.relative is not None and after[name].relative is not None
-    }
+def predicts_better(log: str, before: Errors, after: Errors) -> list[Finding]:
+    """Say where possible bodies predict a validation log better, if they do over all joints."""
+    known = [name for name, error in before.items() if error.rms > 0 and error.relative]
+    ratio = {name: after[name].rms / before[name].rms for name in known}
     joints = sorted((name for name in ratio if ratio[name] < 1 - BETTER), key=ratio.__getitem__)
     if not joints or np.mean(np.log(np.maximum(list(ratio.values()), 1e-12))) > -EVERYWHERE:
         return []
-    falls = [
-        f"{name} from {percent(before[name].relative)} to {percent(after[name].relative)}"
-        for name in joints
-    ]
+    both = {name: [percent(x[name].relative) for x in (before, after)] for name in joints}
+    falls = [f"{name} from {first} to {last}" for name, (first, last) in both.items()]
     text = f"with bodies that are possible, {log} is predicted better: {some(falls, 3)}"
     return [Finding("possible bodies", text, "identify with --consistent", tuple(joints))]
 
@@ -377,10 +330,18 @@ def excitation(mechanism: Mechanism) -> Motion:
         independent_joints(mechanism, [*reversed(mechanism.driven), *mechanism.joint_index]),
     ]
     why: MotionError | None = None
+    t = np.linspace(0.0, 10.0, 801)
     for names in dict.fromkeys(choices):
-        for amplitude in (0.8, 0.3, 0.1, 0.03, 0.003):
+        rng = np.random.default_rng(1)
+        w = 2 * np.pi * rng.uniform(0.5, 1.5, (len(names), 3))
+        phase = rng.uniform(0, 2 * np.pi, (len(names), 3))
+        angle = w * t[:, None, None] + phase  # (n, d, 3)
+        series = (np.sin(angle) - np.sin(phase), w * np.cos(angle), -(w**2) * np.sin(angle))
+        shape = np.stack([x.mean(axis=2) for x in series])
+        for amplitude in (0.8, 0.3, 0.1, 0.03, 0.003):  # [rad | m]
             try:
-                t, known = _sines(mechanism, names, amplitude)
+                known, solver = amplitude * shape, LoopSolver(mechanism, names)
+                known[0] += solver.coordinates(mechanism.assembled[None]).value[0]
                 return prescribed(mechanism, "a made-up motion", t, names, known)
             except MotionError as error:
                 why = error
@@ -390,31 +351,9 @@ def excitation(mechanism: Mechanism) -> Motion:
     )
 
 
-def _sines(
-    mechanism: Mechanism, names: tuple[str, ...], amplitude: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (n,) [s] and coordinates, rates, accelerations (3, n, d) of these joints,
-    which move by about the amplitude [rad | m] around the start.
-    """
-    t = np.linspace(0.0, 10.0, 801)
-    rng = np.random.default_rng(1)
-    frequency = rng.uniform(0.5, 1.5, (len(names), 3))
-    phase = rng.uniform(0, 2 * np.pi, (len(names), 3))
-    start = LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
-    w = 2 * np.pi * frequency
-    angle = w * t[:, None, None] + phase  # (n, d, 3)
-    series = (np.sin(angle) - np.sin(phase), w * np.cos(angle), -(w**2) * np.sin(angle))
-    known = amplitude / 3 * np.stack([x.sum(axis=2) for x in series])
-    known[0] += start
-    return t, known
-
-
 def unexcited(problem: Problem, found: Estimate) -> Finding | None:
     """Return which unknowns another motion would determine, and the joints that hardly move; None
-    where there are none.
-
-    Raises:
-        MotionError: if no motion can be made up for the mechanism.
+    where there are none. MotionError if no motion can be made up for the mechanism.
     """
     mechanism, motion, columns = problem.mechanism, problem.motion, problem.columns
     other = excitation(mechanism)
@@ -425,12 +364,10 @@ def unexcited(problem: Problem, found: Estimate) -> Finding | None:
     if not lost:
         return None
     still = []
+    travel = np.ptp(np.concatenate([e.y[e.usable] for e in motion.experiments]), axis=0)
     for unit in ("rad", "m"):
-        joints = [joint for j in motion.independent if (joint := mechanism.joint(j)).unit == unit]
-        y = np.concatenate([e.y[e.usable] for e in motion.experiments])
-        far = {
-            joint.name: float(np.ptp(y[:, mechanism.joint_index[joint.name]])) for joint in joints
-        }
+        names = [name for name in motion.independent if mechanism.joint(name).unit == unit]
+        far = {name: float(travel[mechanism.joint_index[name]]) for name in names}
         farthest = max(far.values(), default=0.0)
         still += [f"{name} by {x:.2g} {unit}" for name, x in far.items() if x < LITTLE * farthest]
     why = f" (it moves {some(still, 3)} only)" if still else ""

@@ -18,7 +18,7 @@ from ident.fit.consistency import nearest_possible, possible_bodies
 from ident.fit.files import Saved
 from ident.fit.findings import Finding, basis_bias, findings_of, predicts_better
 from ident.fit.likelihood import Likelihood, weighed
-from ident.fit.prediction import Prediction, predict
+from ident.fit.prediction import Prediction
 from ident.fit.problem import Problem, information_of
 from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
 from ident.fit.result import Fit
@@ -86,12 +86,10 @@ def identify(
     texts = "its errors are no validation", "validate on another log"
     same = [each for a in motion.logs for b in validate.logs for each in copies(a, b, *texts)]
     if validate.band.cutoff != motion.band.cutoff:
-        bands = tuple(f"{m.band.cutoff or np.inf:.3g} Hz" for m in (validate, motion))
-        text = (
-            "the validation logs are filtered at {}, the fit's at {}: their errors are no measure"
-        )
+        theirs, ours = (f"{m.band.cutoff or np.inf:.3g} Hz" for m in (validate, motion))
+        text = f"the validation logs are filtered at {theirs}, the fit's at {ours}"
         remedy = "complete them with cutoff=motion.band.cutoff"
-        same.append(Finding("another cut-off", text.format(*bands), remedy))
+        same.append(Finding("another cut-off", f"{text}: their errors are no measure", remedy))
     errors, floors = dict[str, dict[str, Error]](), dict[str, dict[str, float]]()
     joints = validate.independent
     units = [mechanism.joint(name).force_unit for name in joints]
@@ -124,18 +122,8 @@ def fit_of(
     likelihood: Likelihood | None = None,
     on_progress: Progress = quiet,
 ) -> Fit:
-    """Return the fit of an estimate: within limits if asked for, with standard errors and errors.
-
-    Args:
-        problem: the equations; effects that are not linear are taken at its point.
-        estimate: their solution.
-        consistent: as in `identify`.
-        findings: of the way in which the estimate was made, mentioned after those of the data.
-        likelihood: how torques and motion were weighed together.
-        on_progress: called with (what is being done, share done).
-
-    Raises:
-        FitError: if limits contradict each other.
+    """Return the fit of an estimate: within limits if asked for, with standard errors and errors;
+    `findings` are of the way in which the estimate was made, `consistent` as in `identify`.
     """
     findings = [*basis_bias(problem, estimate), *findings]
     free, binding, limits = estimate, None, problem.mechanism.consistency
@@ -159,16 +147,8 @@ def fit_of(
     left_out = {} if outside is None else outside.errors(names, units)
     values = ParameterValues(problem.columns, estimate, cov)
     effects = values.effects(problem.point_at(estimate.x))
-    return Fit(
-        problem=problem,
-        estimate=estimate,
-        scatter=cov,
-        train=train,
-        held_out=left_out,
-        findings=findings_of(problem, estimate, train, effects, findings),
-        binding=binding,
-        likelihood=likelihood,
-    )
+    every = findings_of(problem, estimate, train, effects, findings)
+    return Fit(problem, estimate, cov, train, left_out, {}, every, binding, likelihood)
 
 
 # --- models on the same motion --------------------------------------------------------------------
@@ -200,12 +180,7 @@ class Comparison(Charted, Written):
     @cached_property
     def predictions(self) -> dict[str, list[Prediction]]:
         """Predictions of each model, one an experiment, at full rate and unfiltered."""
-        return {
-            name: r.model.predictions
-            if isinstance(r.model, Fit) and r.motion is r.model.motion
-            else predict(r.model.mechanism, r.motion, r.model.point)
-            for name, r in self.residuals.items()
-        }
+        return {name: [*residual.predictions] for name, residual in self.residuals.items()}
 
     @property
     def units(self) -> tuple[str, ...]:

@@ -47,23 +47,14 @@ Runs = Sequence[EliminatedRun]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Likelihood(Displayed):
-    """How torques and motion were weighed together.
+    """How torques and motion were weighed together."""
 
-    Attributes:
-        share: (d,) of each coordinate's squared residual in least squares, what noise of the motion
-            can make.
-        sigma: (d,) noise of the torque rows [N m | N].
-        steps: Gauss-Newton steps that were made; settled: whether the last one changed nothing.
-        raised: sigma over the noise of the torque sensors: 1 where noise explains the residual.
-        make_motion: returns the motion that torques and measured channels agree on best.
-    """
-
-    share: np.ndarray
-    sigma: np.ndarray
-    steps: int
-    settled: bool
-    raised: float
-    make_motion: Callable[[], Motion]
+    share: np.ndarray  #: (d,) of each squared residual, what noise of the motion can make
+    sigma: np.ndarray  #: (d,) noise of the torque rows [N m | N]
+    steps: int  #: Gauss-Newton steps that were made
+    settled: bool  #: whether the last one changed nothing
+    raised: float  #: sigma over noise of the torque sensors, 1 where that explains the residual
+    make_motion: Callable[[], Motion]  #: that torques and measured channels agree on best
 
     @cached_property
     def motion(self) -> Motion:
@@ -101,10 +92,8 @@ class Likelihood(Displayed):
         return found
 
     def covariance(self, cov: np.ndarray, now: Estimate) -> np.ndarray:
-        """Return that of the base parameters (n_ind, n_ind), from the blocks' `cov`.
-
-        Rows are whitened by noise that explains them, so (RᵀR)⁻¹ is a second witness, which does
-        not hang on the few blocks of time that hold most of the information: the mean of both.
+        """Return that of the base parameters (n_ind, n_ind): the mean of the blocks' `cov` and, as
+        noise explains the rows, (RᵀR)⁻¹, which does not hang on the few blocks that tell most.
         """
         if self.raised > LOUD:
             return cov
@@ -112,11 +101,7 @@ class Likelihood(Displayed):
 
 
 def check_refinable(problem: Problem) -> None:
-    """Refuse a refined fit where there is no likelihood.
-
-    Raises:
-        FitError: with the reason and the remedy.
-    """
+    """Refuse a refined fit where there is no likelihood, with the reason and the remedy."""
     if problem.bands:
         raise FitError(
             'a refined fit needs free multipliers, given: a time basis; write basis = "free" in '
@@ -139,21 +124,17 @@ def share_of_motion(problem: Problem, found: Estimate) -> np.ndarray:
         return np.zeros(problem.information.d)
     point, cutoff = problem.point_at(found.x), problem.motion.band.cutoff
     noise = [motion_noise(problem.mechanism, e, point, cutoff) for e in experiments]
-    squares = problem.information.squares(found.x)
-    left = squares.error / np.maximum(squares.rows, 1)
+    error, _, rows = problem.information.squares(found.x).judged
+    left = error / np.maximum(rows, 1)
     return np.asarray(np.mean(noise, axis=0) / np.where(left > 0, left, np.inf))
 
 
 def weighed(
     problem: Problem, found: Estimate, estimator: str, on_progress: Progress = quiet
 ) -> tuple[Problem, Estimate, Likelihood | None, list[Finding]]:
-    """Weigh torques and motion together where that is asked for, or where the noise matters.
-
-    Args:
-        problem: the equations; found: their least squares.
-        estimator: `likelihood`: steps until nothing changes; `auto`: one step where noise of the
-            motion matters; `least-squares`: none.
-        on_progress: called with (what is being done, share done).
+    """Weigh torques and motion together where that is asked for, or where the noise matters: with
+    `likelihood` in steps until nothing changes, with `auto` in one where noise of the motion
+    matters. `found` is the least-squares estimate.
     """
     if estimator == "likelihood":
         check_refinable(problem)
@@ -184,10 +165,9 @@ def weighed(
 def refined(
     problem: Problem, found: Estimate, share: np.ndarray, on_progress: Progress = quiet
 ) -> Weighed:
-    """Make Gauss-Newton steps from a least-squares estimate, until parameters are at rest.
-
-    The steps begin at the problem's motion; unknowns that `found` holds at the prior, and how it
-    regroups, stay. The problem that is returned has rows whitened by noise of torques and motion.
+    """Make Gauss-Newton steps from a least-squares estimate and the problem's motion, until
+    parameters are at rest; what `found` holds at the prior, and how it regroups, stays. The problem
+    that is returned has rows whitened by noise of torques and motion.
     """
     here = part(on_progress, 0.0, 1 / STEPS)
     at = Linearization.at(problem, found.x, problem.motion.experiments, here)

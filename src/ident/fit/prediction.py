@@ -15,7 +15,7 @@ Of the multipliers of a fit it is said which are determined, and which rest on p
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
@@ -32,28 +32,21 @@ from ident.information.blocks import Squares
 from ident.information.estimate import MATERIAL, Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import rigid_forces
-from ident.motion import Motion, State
+from ident.motion import Motion
 
 CHUNK = 2048  # work: samples whose regressor is in memory at once
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueParts:
-    """Measured torques of one experiment, and the parts of the predicted ones.
+    """Measured torques of one experiment, and the parts of the predicted ones."""
 
-    Attributes:
-        name: the experiment's; t: (n,) [s].
-        measured: (n, d) torques of the independent coordinates [N m | N].
-        parts: (n, d) by name: `rigid bodies`, each effect, less the `external wrenches`; they add
-            up to `predicted`.
-        moving: (n, d), false at standstill, where dry friction leaves the torque open.
-    """
-
-    name: str
-    t: np.ndarray
-    measured: np.ndarray
+    name: str  #: the experiment's
+    t: np.ndarray  #: (n,) [s]
+    measured: np.ndarray  #: (n, d) torques of the independent coordinates [N m | N]
+    #: (n, d) of `rigid bodies`, each effect, less `external wrenches`; they add up to `predicted`
     parts: Mapping[str, np.ndarray]
-    moving: np.ndarray
+    moving: np.ndarray  #: (n, d), false at standstill, where dry friction leaves the torque open
 
     @cached_property
     def predicted(self) -> np.ndarray:
@@ -73,17 +66,20 @@ class TorqueParts:
 
 @dataclass(frozen=True, eq=False)
 class Prediction(TorqueParts):
-    """Prediction of one experiment: n samples, d independent coordinates and m multipliers.
+    """Prediction of one experiment: n samples, d independent coordinates and m multipliers."""
 
-    Attributes:
-        joints: names of the independent coordinates.
-        multipliers: (n, m) λ.
-        usable: (n,) samples that take part.
-    """
+    multipliers: np.ndarray  #: (n, m) λ
+    scene: Scene = field(repr=False)  #: the corrected state, and the working point
 
-    joints: tuple[str, ...]
-    multipliers: np.ndarray
-    usable: np.ndarray
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the independent coordinates."""
+        return self.scene.e.independent
+
+    @property
+    def usable(self) -> np.ndarray:
+        """(n,) samples that take part."""
+        return self.scene.e.usable
 
     @property
     def squares(self) -> Squares:
@@ -91,28 +87,54 @@ class Prediction(TorqueParts):
         some = self.usable
         return Squares.of(self.residual[some], self.measured[some], self.moving[some])
 
+    def filtered(self, cutoff: float | None) -> Trace:
+        """Return the residual at the rows of the regression, with a cut-off [Hz]."""
+        scene, e, point = self.scene, self.scene.e, self.scene.point
+        farthest, model = largest_transmission(e), scene.mechanism.model
+
+        def make(part: slice) -> list[np.ndarray]:
+            """Return measured torque, gravity, parts; joint signals; informed; moving."""
+            u, rest = scene.whole.reduced(part), 0 * e.v[part]
+            gravity = u.reduce(rigid_forces(model, e.q[part], rest, rest, point.pi))
+            rows = [self.measured[part], gravity, *(x[part] for x in self.parts.values())]
+            direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
+            joints = np.stack([e.y[part], e.yd[part], e.ydd[part], direction], axis=1)
+            return [np.stack(rows, axis=1), joints, informing(u, farthest), self.moving[part]]
+
+        d, J = self.measured.shape[1], e.y.shape[1]
+        empty = np.zeros((0, 2 + len(self.parts), d)), np.zeros((0, 4, J)), *2 * [np.zeros((0, d))]
+        found: list[list[np.ndarray]] = [[np.zeros(0), np.zeros(0, int), *empty]]
+        for number, segment in enumerate(e.segments()):
+            for sample, series in Decimator.of(cutoff, e.rate).filtered(segment, make):
+                found.append([e.t[sample], np.full(len(sample), number), *series])
+        t, segments, torques, joints, opened, standing = (
+            np.concatenate(x) for x in zip(*found, strict=True)
+        )
+        informed, moving = opened < STICKING, standing < STANDING
+        torques[:, :, scene.mechanism.unmeasured_rows] = 0.0  # no residual where none is measured
+        measured, gravity, *parts = torques.transpose(1, 0, 2)
+        q, v, a, direction = joints.transpose(1, 0, 2)
+        by_name = dict(zip(self.parts, parts, strict=True))
+        return Trace(
+            self.name, t, measured, by_name, informed & moving, segments, gravity, q, v, a,
+            direction, informed,
+        )  # fmt: skip
+
 
 @dataclass(frozen=True, eq=False)
 class Trace(TorqueParts):
     """The residual of one experiment: n rows, filtered and decimated as the regression had them.
 
     With d independent coordinates and J named joints:
-
-    Attributes:
-        segment: (n,), rows of one number follow each other without a gap.
-        gravity: (n, d), what of the rigid bodies' part is there without motion.
-        q, v, a: (n, J) [rad | m], [.../s], [.../s²] of all named joints.
-        direction: (n, J), sign(v), v/still at standstill.
-        informed: (n, d), false where the torque is open, as the model has dry friction there.
     """
 
-    segment: np.ndarray
-    gravity: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    direction: np.ndarray
-    informed: np.ndarray
+    segment: np.ndarray  #: (n,), rows of one number follow each other without a gap
+    gravity: np.ndarray  #: (n, d), what of the rigid bodies' part is there without motion
+    q: np.ndarray  #: (n, J) [rad | m]
+    v: np.ndarray  #: (n, J) [rad/s | m/s]
+    a: np.ndarray  #: (n, J) [rad/s² | m/s²]
+    direction: np.ndarray  #: (n, J), sign(v), v/still at standstill
+    informed: np.ndarray  #: (n, d), false where dry friction in the model leaves it open
 
     def __len__(self) -> int:
         return len(self.t)
@@ -131,72 +153,29 @@ class Trace(TorqueParts):
 
 def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Prediction]:
     """Predict every experiment of a motion, at full rate and unfiltered."""
-    return [_predict(mechanism, motion, e, point) for e in motion.experiments]
-
-
-def _predict(mechanism: Mechanism, motion: Motion, bare: State, point: Point) -> Prediction:
-    scene = Scene.of(mechanism, NOTHING, bare, point, motion.band.cutoff)
-    mechanism, e = scene.mechanism, scene.e
-    n, d, m = len(e), e.leverage.shape[2], len(mechanism.kinematics.multipliers)
-    parts: dict[str, np.ndarray] = {}
-    others = tuple(name for name in mechanism.driven if name not in motion.independent)
-    measured, multipliers = np.empty((n, d)), np.empty((n, m))
-    moving, farthest = np.empty((n, d), bool), largest_transmission(e)
-    for start in range(0, n, CHUNK):
-        part = slice(start, min(start + CHUNK, n))
-        s, u = scene.whole.generalised(part), scene.whole.reduced(part)
-        forces = s.parts()
-        for name, force in forces.items():
-            parts.setdefault(name, np.empty((n, d)))[part] = u.reduce(force)
-        measured[part], moving[part] = u.measured(mechanism.driven), in_motion(u, farthest)
-        if e.loop is not None:
-            f = sum(forces.values()) - s.measured(others)
-            multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
-    for each in parts.values():  # no residual where nothing is measured
-        each[:, mechanism.unmeasured_rows] = 0.0
-    return Prediction(
-        e.name, e.t, measured, parts, moving, motion.independent, multipliers, e.usable
-    )
-
-
-def trace_of(mechanism: Mechanism, point: Point, motion: Motion, e: State) -> Trace:
-    """Return the residual of one experiment at a working point."""
-    scene = Scene.of(mechanism, NOTHING, e, point, motion.band.cutoff)
-    mechanism, e = scene.mechanism, scene.e
-    farthest = largest_transmission(e)
-    names = list(scene.whole.generalised(slice(0, 1)).parts())
-
-    def make(part: slice) -> list[np.ndarray]:
-        """Return measured torque, gravity, parts; joint signals; informed; moving."""
-        s, u = scene.whole.generalised(part), scene.whole.reduced(part)
-        forces = s.parts()
-        gravity = rigid_forces(mechanism.model, e.q[part], 0 * e.v[part], 0 * e.v[part], point.pi)
-        direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
-        rows = [u.measured(mechanism.driven), u.reduce(gravity), *map(u.reduce, forces.values())]
-        joints = np.stack([e.y[part], e.yd[part], e.ydd[part], direction], axis=1)
-        inform = informing(u, farthest), in_motion(u, farthest)
-        return [np.stack(rows, axis=1), joints, *inform]
-
-    d, J = len(motion.independent), len(mechanism.joints)
-    counts = 2 + len(names)
-    empty = np.zeros((0, counts, d)), np.zeros((0, 4, J)), *2 * [np.zeros((0, d))]
-    found: list[list[np.ndarray]] = [[np.zeros(0), np.zeros(0, int), *empty]]
-    for number, segment in enumerate(e.segments()):
-        decimator = Decimator.of(motion.band.cutoff, e.rate)
-        for sample, series in decimator.filtered(segment, make):
-            found.append([e.t[sample], np.full(len(sample), number), *series])
-    t, segments, torques, joints, opened, standing = (
-        np.concatenate(x) for x in zip(*found, strict=True)
-    )
-    informed, moving = opened < STICKING, standing < STANDING
-    torques[:, :, mechanism.unmeasured_rows] = 0.0  # no residual where nothing is measured
-    measured, gravity, *parts = (torques[:, i] for i in range(counts))
-    q, v, a, direction = (joints[:, i] for i in range(4))
-    by_name = dict(zip(names, parts, strict=True))
-    return Trace(
-        e.name, t, measured, by_name, informed & moving, segments, gravity, q, v, a, direction,
-        informed,
-    )  # fmt: skip
+    found, others = [], {*mechanism.driven} - {*motion.independent}
+    for bare in motion.experiments:
+        scene = Scene.of(mechanism, NOTHING, bare, point, motion.band.cutoff)
+        e, farthest = scene.e, largest_transmission(scene.e)
+        n, d, m = len(e), e.leverage.shape[2], len(mechanism.kinematics.multipliers)
+        parts: dict[str, np.ndarray] = {}
+        measured, multipliers = np.empty((n, d)), np.empty((n, m))
+        moving = np.empty((n, d), bool)
+        for start in range(0, n, CHUNK):
+            part = slice(start, min(start + CHUNK, n))
+            s, u = scene.whole.generalised(part), scene.whole.reduced(part)
+            forces = s.parts()
+            for name, force in forces.items():
+                parts.setdefault(name, np.empty((n, d)))[part] = u.reduce(force)
+            measured[part], moving[part] = u.measured(mechanism.driven), in_motion(u, farthest)
+            if e.loop is not None:
+                f = sum(forces.values()) - s.measured(others)
+                multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
+        scene.whole.memo.pop(RIGID, None)  # the parts hold them
+        for each in parts.values():  # no residual where nothing is measured
+            each[:, mechanism.unmeasured_rows] = 0.0
+        found.append(Prediction(e.name, e.t, measured, parts, moving, multipliers, scene))
+    return found
 
 
 SAMPLES = 200  # work: of an experiment that are looked at
@@ -204,10 +183,8 @@ OPEN = 1e-8  # numerics: of J's largest singular value: smaller ones leave a dir
 
 
 def identifiable_multipliers(mechanism: Mechanism, motion: Motion) -> np.ndarray:
-    """Return (m,) whether each multiplier is determined: no null direction of Jᵀ touches it.
-
-    Redundant closure equations, such as the normal row of a planar loop closed by a `point`, carry
-    loads that no motion shows.
+    """Return (m,) whether each multiplier is determined: no null direction of Jᵀ touches it, as of
+    redundant closure equations such as the normal row of a planar loop closed by a `point`.
     """
     m = len(mechanism.kinematics.multipliers)
     determined = np.ones(m, dtype=bool)
@@ -249,27 +226,19 @@ def resting_on_priors(problem: Problem, estimate: Estimate) -> dict[str, list[st
     by = moved * problem.plausible[base.dependent]
     resting = {}
     for i, name in enumerate(names):
-        order = np.argsort(-by[i])
-        mine = [columns.names[base.dependent[j]] for j in order if by[i, j] > MATERIAL * size[i]]
-        if mine:
-            resting[name] = mine
+        order = [j for j in np.argsort(-by[i]) if by[i, j] > MATERIAL * size[i]]
+        if order:
+            resting[name] = [columns.names[base.dependent[j]] for j in order]
     return resting
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reactions(Plotted):
-    """Known reactions of a log, from a simulation or load cells, beside identified multipliers.
+    """Known reactions of a log, from a simulation or load cells, beside identified multipliers."""
 
-    Attributes:
-        mechanism: with m multipliers; log: name of the log.
-        identified: (t (n,) [s], λ (n, m)).
-        t: (r,) [s]; known: (r, m), NaN where nothing is known.
-        off: (r, m) identified − known.
-    """
-
-    mechanism: Mechanism
-    log: str
-    identified: tuple[np.ndarray, np.ndarray]
-    t: np.ndarray
-    known: np.ndarray
-    off: np.ndarray
+    mechanism: Mechanism  #: with m multipliers
+    log: str  #: its name
+    identified: tuple[np.ndarray, np.ndarray]  #: t (n,) [s], λ (n, m)
+    t: np.ndarray  #: (r,) [s]
+    known: np.ndarray  #: (r, m), NaN where nothing is known
+    off: np.ndarray  #: (r, m) identified − known

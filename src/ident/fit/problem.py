@@ -28,23 +28,14 @@ from ident.display import Progress, part, quiet
 from ident.effects import Effect, Signals
 from ident.equations.filter import Decimator, Product, multiplied, products
 from ident.equations.motion_noise import EliminatedRun
-from ident.equations.rows import (
-    Rows,
-    Scene,
-    basis_of,
-    beside,
-    corrected,
-    residual,
-    row_supports,
-    rows,
-    stack,
-)
+from ident.equations.rows import Rows, Scene, beside, corrected, residual, row_supports, rows, stack
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError
 from ident.information.blocks import Block, Information
 from ident.information.estimate import Estimate, estimate
 from ident.information.linear import Triangle
+from ident.information.time_bases import Basis
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, split
 from ident.motion import Motion
@@ -54,31 +45,22 @@ BOUNDLESS = 1e30  # numerics: stands for infinity, with which 0 may be multiplie
 TORQUE = 10.0  # range: times the largest torque, by which an effect's unknown is bounded
 TABLE = 20_000  # work: rows; of more, one in so many is kept: they decide, they are not fitted
 BLOCKS = 20  # work: of time, in all experiments together
+FINEST = 20.0  # work: knots a sample; more say nothing, and fill the memory
 SMOOTH = 16.0  # numerics: samples a period of the cut-off at which sensitivities are evaluated
-COARSE = (
-    8.0  # numerics: samples a period of the cut-off, at least, from which formulas are screened
-)
+COARSE = 8.0  # numerics: the same, at least, from which formulas are screened
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The equations of a mechanism and a motion at a working point.
-
-    Attributes:
-        mechanism, motion, point: the model and its data, and where what is not linear is evaluated.
-        columns: the k unknowns.
-        information: rows of the d independent coordinates, in which errors count.
-        bands: where the multipliers have a time basis, the paper's stack.
-        runs: where the motion's noise counts, rows whitened by it.
-    """
+    """The equations of a mechanism and a motion at a working point."""
 
     mechanism: Mechanism
     motion: Motion
-    point: Point
-    columns: Columns
-    information: Information
-    bands: Sequence[EliminatedRun] = ()
-    runs: Sequence[EliminatedRun] = ()
+    point: Point  #: where what is not linear is evaluated
+    columns: Columns  #: the k unknowns
+    information: Information  #: rows of the d independent coordinates, in which errors count
+    bands: Sequence[EliminatedRun] = ()  #: of multipliers in a time basis, the paper's stack
+    runs: Sequence[EliminatedRun] = ()  #: where the motion's noise counts, rows whitened by it
 
     @classmethod
     def of(
@@ -94,9 +76,8 @@ class Problem:
         based = bool(mechanism.closures) and mechanism.multipliers.basis != "free"
         first = part(on_progress, 0.0, 0.5 if based else 1.0)
         information = information_of(mechanism, columns, motion, point, first)
-        bands: list[EliminatedRun] = []
-        if based:
-            bands = bands_of(mechanism, columns, motion, point, part(on_progress, 0.5, 1.0))
+        rest = part(on_progress, 0.5, 1.0)
+        bands = bands_of(mechanism, columns, motion, point, rest) if based else []
         if bands and not any(t.rows for band in bands for t in band.elimination.factors):
             cut = motion.band.cutoff
             raise FitError(
@@ -152,26 +133,13 @@ class Problem:
         """(k,) largest plausible distance of each unknown from its prior."""
         return plausible_of(self.mechanism, self.columns, self.information)
 
-    def basis_multipliers(self, number: int, x: np.ndarray) -> np.ndarray:
-        """Return λ(t) = B(t) a (n, m) of an experiment; NaN where no run of samples extends."""
-        t, names = self.motion.experiments[number].t, self.mechanism.kinematics.multipliers
-        found = np.full((len(t), len(names)), np.nan)
-        for band in self.bands:
-            if band.experiment == number:
-                a = band.elimination.back_substitute(x)
-                found[band.segment] = band.basis.evaluate(a, t[band.segment])
-        return found
-
     def point_at(self, x: np.ndarray) -> Point:
         """Return the values of all parameters with unknowns x (k,)."""
         return self.point.at(self.mechanism, self.columns, x)
 
     def estimate(self, *, free: bool = False, **fixed: np.ndarray) -> Estimate:
-        """Solve least squares on the rows.
-
-        Args:
-            free: on the reduced rows, which multipliers of any kind leave, whatever their basis.
-            fixed: weights `sigma` or unknowns `held`.
+        """Solve least squares on the rows, with weights `sigma` or unknowns `held` that are fixed;
+        `free`: on the reduced rows, which multipliers of any kind leave, whatever their basis.
         """
         if self.stacked and not free:  # the paper's: all rows weigh alike, misfit of the basis too
             return estimate(self.fitting.totals, self.prior, np.ones(1), self.plausible, **fixed)
@@ -187,8 +155,7 @@ def information_of(
     on_progress: Progress = quiet,
 ) -> Information:
     """Return the information of all experiments; rows are seen once, in pieces, and never kept."""
-    blocks: list[Block] = []
-    cutoff = motion.band.cutoff
+    blocks, cutoff = list[Block](), motion.band.cutoff
     for number, e in enumerate(motion.experiments):
         supports = row_supports(mechanism, columns, e)
         edges = block_edges(cutoff, e.t[0], e.t[-1], len(e))
@@ -251,32 +218,28 @@ def blocks_of(log: int, block: int, rows: Rows, supports: Sequence[np.ndarray]) 
 
 
 def bands_of(
-    mechanism: Mechanism,
-    columns: Columns,
-    motion: Motion,
-    point: Point | None = None,
-    on_progress: Progress = quiet,
+    mechanism: Mechanism, columns: Columns, motion: Motion, point: Point, on_progress: Progress
 ) -> list[EliminatedRun]:
-    """Return the stacks of all runs of samples, the multipliers of each eliminated.
-
-    Raises:
-        FitError: if the torque of a joint is not measured, which is in the rows of other joints.
-    """
+    """Return the stacks of all runs of samples, the multipliers of each eliminated."""
     if mechanism.unmeasured:
         raise FitError(
             f"{mechanism.name}: unmeasured: {', '.join(mechanism.unmeasured)}: a time basis of the "
             "multipliers needs all torques; give --basis free"
         )
-    found = []
-    cutoff = motion.band.cutoff
+    found, cutoff, settings = [], motion.band.cutoff, mechanism.multipliers
     for number, e in enumerate(motion.experiments):
+        if settings.spacing * FINEST < 1 / e.rate:
+            raise FitError(
+                f"{e.name}: knots every {settings.spacing:g} s for samples every "
+                f"{1 / e.rate:.3g} s; give a spacing of a few samples, or basis free"
+            )
         scene = Scene.of(mechanism, columns, e, point, cutoff)
+        on_progress(f"eliminating multipliers of {e.name}", number / len(motion.experiments))
         for segment in e.segments():
             if segment.stop - segment.start < 3:
                 continue
-            basis = basis_of(mechanism, segment, e)
-            share = number / len(motion.experiments)
-            on_progress(f"eliminating multipliers of {e.name}", share)
+            first, last = float(e.t[segment.start]), float(e.t[segment.stop - 1])
+            basis = Basis.spanning(first, last, settings.spacing, settings.degree)
             if chunks := list(stack(scene, cutoff, segment, basis)):
                 found.append(EliminatedRun.of(number, segment, basis, chunks))
     return found
@@ -298,12 +261,11 @@ def stacks_information(stacks: Sequence[EliminatedRun], motion: Motion) -> Infor
 
 
 def plausible_of(mechanism: Mechanism, columns: Columns, information: Information) -> np.ndarray:
-    """Return the largest plausible deviation (k,) of every unknown from its prior, in its own unit.
+    """Return the largest plausible deviation (k,) of every unknown from its prior, in its own unit:
+    a combination of parameters that the data know no better than this stays there.
 
-    Noise makes every column look a little excited; a combination of parameters that the data know
-    no better than this stays at the prior. Of a body with mass m and size l (centre of mass, radius
-    of gyration, or a mean link's length): m, m l, m l². Of an effect: ten times the largest torque
-    per unit of its column.
+    Of a body with mass m and size l (centre of mass, radius of gyration, or a mean link's length):
+    m, m l, m l². Of an effect: ten times the largest torque per unit of its column.
     """
     squares = [t.column_norms() ** 2 / max(t.rows, 1) for t in information.totals]
     size = np.sqrt(np.sum(squares, axis=0))[len(columns.rigid) :]
@@ -315,11 +277,7 @@ def plausible_of(mechanism: Mechanism, columns: Columns, information: Informatio
 
 
 def body_scales(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
-    """Return mass [kg] and size [m] of every body, (bodies,): the URDF's, a mean link's at least.
-
-    The size is the largest of the centre of mass' distance, the radius of gyration, and the mean
-    length of a link.
-    """
+    """Return mass [kg] and size [m] of all bodies (bodies,): the URDF's, a mean link's at least."""
     model = mechanism.model
     count = len(mechanism.bodies.links)
     steps = [model.jointPlacements[i].translation for i in range(1, model.njoints)]
@@ -330,35 +288,28 @@ def body_scales(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     mean = sum(float(np.linalg.norm(step)) for step in steps) / count
     bodies = mechanism.prior.reshape(count, COUNT)
     total = float(bodies[:, 0].sum())
-    found = np.empty((2, count))
-    for i, pi in enumerate(bodies):
-        m, moments, L = split(pi)
+    masses, sizes = [], []
+    for m, moments, L in map(split, bodies):
         length = mean
         if m > 0:
             gyration = np.sqrt(max(np.trace(L), 0) / m)
             length = max(length, float(np.linalg.norm(moments)) / m, gyration)
-        found[:, i] = max(m, total / count) or 100.0, length or 1.0
-    return found[0], found[1]
+        masses.append(max(m, total / count) or 100.0)
+        sizes.append(length or 1.0)
+    return np.array(masses), np.array(sizes)
 
 
 @dataclass(frozen=True, eq=False)
 class Table(Rows):
-    """The rows of all experiments; `sample` is an index into the row's experiment.
+    """The rows of all experiments; `sample` is an index into the row's experiment."""
 
-    Attributes:
-        experiment: (n,) its number.
-        mechanism, columns, motion, point: whose rows.
-        scenes: one an experiment.
-        every: of so many samples one is evaluated for columns.
-    """
-
-    experiment: np.ndarray
+    experiment: np.ndarray  #: (n,) its number
     mechanism: Mechanism
     columns: Columns
     motion: Motion
     point: Point
-    scenes: tuple[Scene, ...]
-    every: int = 1
+    scenes: tuple[Scene, ...]  #: one an experiment
+    every: int = 1  #: of so many samples one is evaluated for columns
 
     @classmethod
     def of(cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point) -> Table:
@@ -380,9 +331,7 @@ class Table(Rows):
 
     @cached_property
     def blocks(self) -> np.ndarray:
-        """(N,) numbers of contiguous stretches of time, about BLOCKS in all, none over two
-        experiments.
-        """
+        """(N,) numbers of stretches of time, about BLOCKS in all, none over two experiments."""
         each = max(2, -(-BLOCKS // len(self.scenes)))
         found = np.empty(len(self.t), dtype=int)
         for number in range(len(self.scenes)):
@@ -423,9 +372,7 @@ class Table(Rows):
     def effect_columns(
         self, effect: Effect, shapes: Sequence[Mapping[str, float]]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return columns (N, c, numbers · shapes) of an effect at shapes, and the c coordinates in
-        whose rows they can be; those of a correction are its sensitivities.
-        """
+        """Return columns (N, c, numbers · shapes) of an effect at shapes, and the c coordinates."""
         d = self.b.shape[1]
         if effect.corrects:
             names = [each.name for each in effect.searched]
@@ -438,10 +385,8 @@ class Table(Rows):
         for number, s in enumerate(self.samples):
             found = []
             for shape in shapes:
-                if own_rows:
-                    out = s.columns(effect, shape)
-                else:
-                    out = np.zeros((len(s), len(felt), u))
+                out = s.columns(effect, shape) if own_rows else np.zeros((len(s), len(felt), u))
+                if not own_rows:
                     s.add_effect(out, effect, np.eye(u), shape)
                 found.append(self.filtered(number, out))
             series.append(np.concatenate(found, axis=2))
@@ -469,17 +414,14 @@ class Table(Rows):
     @cached_property
     def thin(self) -> tuple[Samples, ...]:
         """The experiments with as few samples as smooth series allow, given the rows' filter."""
-        cutoff, found = self.motion.band.cutoff, []
-        for scene in self.scenes:
-            every = max(1, int(scene.e.rate / (SMOOTH * cutoff))) if cutoff else 1
-            found.append(replace(scene.whole, e=scene.e.thinned(every), memo={}))
-        return tuple(found)
+        most = SMOOTH * (self.motion.band.cutoff or np.inf)  # samples a second
+        states = (s.e.thinned(max(1, int(s.e.rate / most))) for s in self.scenes)
+        both = zip(self.scenes, states, strict=True)
+        return tuple(replace(s.whole, e=e, memo={}) for s, e in both)
 
     @cached_property
     def samples(self) -> tuple[Samples, ...]:
-        """The samples of every experiment of which columns are evaluated: all of them, or one in
-        so many, rows among them.
-        """
+        """The samples of which columns are evaluated: all, or one in so many, rows among them."""
         found = []
         for number, scene in enumerate(self.scenes):
             first = int(self.sample[self.experiment == number][:1].sum())
@@ -502,16 +444,15 @@ class Table(Rows):
     def pooled(self, effect: Effect) -> Signals:
         """Return the effect's signals of all experiments joined: for ranges, not for time."""
         each = [s.signals(effect.joints) for s in self.samples]
-        first = each[0]
         if len(each) == 1:
-            return first
+            return each[0]
 
         def joined(name: str) -> np.ndarray:
             return np.concatenate([getattr(s, name) for s in each])
 
-        everywhere = [name for name in first.extra if all(name in s.extra for s in each)]
+        everywhere = [name for name in each[0].extra if all(name in s.extra for s in each)]
         return replace(
-            first,
+            each[0],
             t=np.concatenate([s.t - s.t[0] for s in each]),  # of each log's own beginning
             extra={name: np.concatenate([s.extra[name] for s in each]) for name in everywhere},
             still=np.min([s.still for s in each], axis=0),

@@ -18,20 +18,9 @@ import numpy as np
 from ident.display import Displayed, Plotted, render
 from ident.equations.motion_noise import noise_floor
 from ident.errors import FitError
-from ident.fit.prediction import Trace, trace_of
+from ident.fit import residual_maps
+from ident.fit.prediction import Prediction, Trace, predict
 from ident.fit.problem import block_edges, too_short
-from ident.fit.residual_maps import (
-    Dependence,
-    Memory,
-    Periods,
-    SignalMap,
-    depends_on,
-    folds,
-    memory_of,
-    own_maps,
-    repetition,
-    signal_maps,
-)
 from ident.fit.values import Model
 from ident.information.blocks import Error, Squares
 from ident.information.chance import LOUD, credible_t, paired
@@ -87,33 +76,20 @@ class Window:
 
 @dataclass(frozen=True, repr=False)
 class Failure(Displayed):
-    """How the model fails in one joint.
+    """How the model fails in one joint."""
 
-    Attributes:
-        joint: an independent one; unit: of its torque.
-        rms, relative: of the residual; share: of the weighted sum of squares over all joints.
-        offset: mean of the residual [N m | N].
-        worst: stretches of time that stand out, the worst first.
-        depends_on: signals, the most important first.
-        memory: autocorrelation beyond the filter's length, and its threshold.
-        repeats: correlation of the residual between periods of the motion, if the log has any.
-        threshold: R² that a signal needed last: 0.03, or more where noise explains more.
-        white: whether the residual is noise: no memory, no signal above the threshold, and nothing
-            that repeats with the motion.
-    """
-
-    joint: str
-    unit: str
-    rms: float
-    relative: float | None
-    share: float
-    offset: float
-    worst: tuple[Window, ...]
-    depends_on: tuple[Dependence, ...]
-    memory: Memory
-    repeats: float | None
-    threshold: float
-    white: bool
+    joint: str  #: an independent one
+    unit: str  #: of its torque
+    rms: float  #: of the residual
+    relative: float | None  #: rms over that of the torque
+    share: float  #: of the weighted sum of squares over all joints
+    offset: float  #: mean of the residual [N m | N]
+    worst: tuple[Window, ...]  #: stretches of time that stand out, the worst first
+    depends_on: tuple[residual_maps.Dependence, ...]  #: signals, the most important first
+    memory: residual_maps.Memory  #: autocorrelation beyond the filter's length, and its threshold
+    repeats: float | None  #: correlation of the residual between periods, if the log has any
+    threshold: float  #: R² that a signal needed last, 0.03 or more where noise explains more
+    white: bool  #: no memory, no signal above the threshold, nothing that repeats with the motion
 
     @property
     def json(self) -> dict[str, Any]:
@@ -141,7 +117,8 @@ class Residual(Displayed):
         joints: independent coordinates (d,), in which torques are compared; units: of their
             torques; coordinate_units: of their positions.
         signals: names of all joints (J,), the order of q, v and a.
-        traces: one an experiment.
+        traces: one an experiment that is not too short for the filter.
+        predictions: one an experiment.
     """
 
     name: str
@@ -152,6 +129,7 @@ class Residual(Displayed):
     coordinate_units: tuple[str, ...]
     signals: tuple[str, ...]
     traces: tuple[Trace, ...]
+    predictions: tuple[Prediction, ...] = ()
 
     @cached_property
     def errors(self) -> dict[str, Error]:
@@ -167,14 +145,11 @@ class Residual(Displayed):
         Friction jumps there, so a smooth speed that crosses zero late misses much of the torque.
         """
         mechanism, cutoff = self.model.mechanism, self.motion.band.cutoff
-        own = [
-            (name, mechanism.joint_index[name])
-            for effect in mechanism.effects if effect.jumps
-            for name in effect.joints if name in mechanism.joint_index
-        ]  # fmt: skip
+        dry = {name for effect in mechanism.effects if effect.jumps for name in effect.joints}
         found = dict[str, float]()
         for u, joint in enumerate(self.joints):
-            felt = [i for name, i in own if mechanism.closures or name == joint]
+            names = dry if mechanism.closures else dry & {joint}
+            felt = [self.signals.index(name) for name in names if name in self.signals]
             far = []
             for trace in self.traces:
                 turns = np.diff(np.sign(trace.v[:, felt]), axis=0).any(axis=1)
@@ -238,8 +213,42 @@ class Residual(Displayed):
 
     def failure(self, joint: str) -> Failure:
         """Return how the model fails in one joint."""
-        if joint not in self._failures:
-            self._failures[joint] = _failure(self, self.joints.index(joint))
+        if joint in self._failures:
+            return self._failures[joint]
+        u, again = self.joints.index(joint), self.periods
+        fold = residual_maps.folds([len(trace) for trace in self.traces])
+        error = self.errors[joint]
+        pieces = [trace.residual[run, u] for trace in self.traces for run in trace.runs()]
+        memory = residual_maps.memory_of(pieces, self.motion.band.cutoff, self.rate)
+        r = np.concatenate(pieces)
+        nothing = error.rms <= ROUNDING * float(self.parts["measured"].max(initial=0.0))
+        steps: list[residual_maps.Dependence] = []
+        threshold = 1.0
+        if not nothing:
+            rows = np.concatenate([trace.informed[:, u] for trace in self.traces])
+            edges = np.cumsum([0, *map(len, pieces)])
+            ends = np.append(0, np.cumsum(rows))[edges]
+            together = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
+            mine = residual_maps.own_maps(self.signal, joint, self.maps)
+            if not rows.all():
+                mine = [replace(each, columns=each.columns[rows]) for each in mine]
+            if together:
+                steps, threshold = residual_maps.depends_on(r[rows], fold[rows], mine, together)
+        repeats = again is not None and again.rho[joint] > again.chance
+        self._failures[joint] = Failure(
+            joint=joint,
+            unit=error.unit,
+            rms=error.rms,
+            relative=error.relative,
+            share=float(self.shares[u]),
+            offset=float(r.mean()),
+            worst=() if nothing else _worst(self, u, memory.effective),
+            depends_on=tuple(steps),
+            memory=memory,
+            threshold=threshold,
+            repeats=again.rho[joint] if again else None,
+            white=nothing or (memory.noise and not steps and not repeats),
+        )
         return self._failures[joint]
 
     @cached_property
@@ -247,9 +256,9 @@ class Residual(Displayed):
         return {}
 
     @cached_property
-    def maps(self) -> list[SignalMap]:
+    def maps(self) -> list[residual_maps.SignalMap]:
         """The maps of all signals, on the rows of all experiments."""
-        return signal_maps(self.signal, self.signals, self.joints)
+        return residual_maps.signal_maps(self.signal, self.signals, self.joints)
 
     @cached_property
     def shares(self) -> np.ndarray:
@@ -261,10 +270,10 @@ class Residual(Displayed):
         return np.asarray(squares / (squares.sum() or 1.0))
 
     @cached_property
-    def periods(self) -> Periods | None:
+    def periods(self) -> residual_maps.Periods | None:
         """Repetition of the motion and of the residual; None where no log repeats its motion."""
         joints = np.array([self.signals.index(joint) for joint in self.joints])
-        return repetition(self.motion, self.traces, joints, self.rate)
+        return residual_maps.repetition(self.motion, self.traces, joints, self.rate)
 
     def zero(self, trace: Trace) -> float:
         """Return where a trace's time is counted from [s]: its log's start if far from 0."""
@@ -279,7 +288,7 @@ class Residual(Displayed):
     @property
     def rows(self) -> int:
         """Number of rows over all experiments."""
-        return sum(len(trace) for trace in self.traces)
+        return sum(map(len, self.traces))
 
     @property
     def rate(self) -> float:
@@ -296,11 +305,11 @@ class Residual(Displayed):
         if kind == "load":
             u = self.joints.index(joint)
             return [trace.load[:, u] for trace in self.traces], self.units[u]
-        i = self.signals.index(joint)
-        per = {"q": "", "v": "/s", "a": "/s²"}
-        unit = self.coordinate_units[i] + per[kind] if kind in per else ""
-        array = kind if kind in per else "direction"
-        return [getattr(trace, array)[:, i] for trace in self.traces], unit
+        i, per = self.signals.index(joint), {"q": "", "v": "/s", "a": "/s²"}
+        if kind in per:
+            unit = self.coordinate_units[i] + per[kind]
+            return [getattr(trace, kind)[:, i] for trace in self.traces], unit
+        return [trace.direction[:, i] for trace in self.traces], ""
 
 
 def residual_of(model: Model, motion: Motion | None = None, *, name: str = "") -> Residual:
@@ -319,19 +328,18 @@ def residual_of(model: Model, motion: Motion | None = None, *, name: str = "") -
     if motion is None:
         raise FitError("a fit read from a file has no motion; give motion=ident.complete(…)")
     mechanism = model.mechanism
-    traces = [trace_of(mechanism, model.point, motion, e) for e in motion.experiments]
-    if not any(len(trace) for trace in traces):
+    # a fit keeps those of its own motion
+    kept = getattr(model, "predictions", None) if motion is model.motion else None
+    predictions = kept or predict(mechanism, motion, model.point)
+    traces = tuple(x for each in predictions if len(x := each.filtered(motion.band.cutoff)))
+    if not traces:
         raise too_short(motion)
+    units = tuple(mechanism.joint(each).force_unit for each in motion.independent)
+    names, own = zip(*((joint.name, joint.unit) for joint in mechanism.joints), strict=True)
     return Residual(
-        name=name or model.name,
-        model=model,
-        motion=motion,
-        joints=motion.independent,
-        units=tuple(mechanism.joint(each).force_unit for each in motion.independent),
-        coordinate_units=tuple(joint.unit for joint in mechanism.joints),
-        signals=tuple(joint.name for joint in mechanism.joints),
-        traces=tuple(trace for trace in traces if len(trace)),
-    )
+        name or model.name, model, motion, motion.independent, units, own, names, traces,
+        tuple(predictions),
+    )  # fmt: skip
 
 
 def floor_of(model: Model, motion: Motion) -> dict[str, float]:
@@ -357,43 +365,6 @@ def _rms(pieces: list[np.ndarray]) -> np.ndarray:
 def where(residual: Residual) -> tuple[Failure, ...]:
     """Return where the model of a `residual` fails: one entry a joint, the largest share first."""
     return residual.where
-
-
-def _failure(residual: Residual, u: int) -> Failure:
-    joint, again = residual.joints[u], residual.periods
-    fold = folds([len(trace) for trace in residual.traces])
-    error = residual.errors[joint]
-    pieces = [trace.residual[run, u] for trace in residual.traces for run in trace.runs()]
-    memory = memory_of(pieces, residual.motion.band.cutoff, residual.rate)
-    r = np.concatenate(pieces)
-    nothing = error.rms <= ROUNDING * float(residual.parts["measured"].max(initial=0.0))
-    steps: list[Dependence] = []
-    threshold = 1.0
-    if not nothing:
-        rows = np.concatenate([trace.informed[:, u] for trace in residual.traces])
-        edges = np.cumsum([0, *map(len, pieces)])
-        ends = np.append(0, np.cumsum(rows))[edges]
-        together = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
-        mine = own_maps(residual.signal, joint, residual.maps)
-        if not rows.all():
-            mine = [replace(each, columns=each.columns[rows]) for each in mine]
-        if together:
-            steps, threshold = depends_on(r[rows], fold[rows], mine, together)
-    repeats = again is not None and again.rho[joint] > again.chance
-    return Failure(
-        joint=joint,
-        unit=error.unit,
-        rms=error.rms,
-        relative=error.relative,
-        share=float(residual.shares[u]),
-        offset=float(r.mean()),
-        worst=() if nothing else _worst(residual, u, memory.effective),
-        depends_on=tuple(steps),
-        memory=memory,
-        threshold=threshold,
-        repeats=again.rho[joint] if again else None,
-        white=nothing or (memory.noise and not steps and not repeats),
-    )
 
 
 def _worst(residual: Residual, u: int, effective: float) -> tuple[Window, ...]:

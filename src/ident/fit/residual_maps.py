@@ -55,17 +55,11 @@ Signal = Callable[[str], tuple[Sequence[np.ndarray], str]]
 
 @dataclass(frozen=True)
 class Memory:
-    """Largest autocorrelation of a series beyond the length of its filter.
+    """Largest autocorrelation of a series beyond the length of its filter."""
 
-    Attributes:
-        value: the autocorrelation.
-        threshold: below which |value| is that of noise: 0.15, or four standard errors (Bartlett).
-        effective: number of independent rows, n / Σ r² of the filter alone.
-    """
-
-    value: float
-    threshold: float
-    effective: float
+    value: float  #: the autocorrelation
+    threshold: float  #: below which |value| is noise, 0.15 or four standard errors (Bartlett)
+    effective: float  #: number of independent rows, n / Σ r² of the filter alone
 
     @property
     def noise(self) -> bool:
@@ -76,7 +70,7 @@ class Memory:
 def _autocorrelation(runs: Sequence[np.ndarray], lags: int) -> np.ndarray:
     """Return r (lags + 1,) of a series in runs without a gap, about their mean; r[0] = 1."""
     mean = np.concatenate(runs).mean()
-    total, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
+    total, pairs = np.zeros((2, lags + 1))
     for run in runs:
         n = len(run)
         product = np.fft.irfft(np.abs(np.fft.rfft(run - mean, 2 * n)) ** 2)[: min(lags + 1, n)]
@@ -136,10 +130,7 @@ def _hats(name: str, x: np.ndarray, count: int) -> SignalMap:
 def signal_maps(
     signal: Signal, joints: Sequence[str], independent: Sequence[str]
 ) -> list[SignalMap]:
-    """Return the maps of time and of all joints' signals, on the rows of all experiments.
-
-    `signal` gives the series of each experiment and the unit by name (`Residual.signal`).
-    """
+    """Return the maps of time and of all joints' signals (`Residual.signal`), on all rows."""
     since = np.concatenate([t - t[0] for t in signal("t")[0]])
     maps = [_hats("t", since, KNOTS_TIME)]
     others = [name for name in joints if name not in independent]
@@ -159,17 +150,15 @@ def signal_maps(
 
 def own_maps(signal: Signal, joint: str, maps: Sequence[SignalMap]) -> list[SignalMap]:
     """Return maps in one joint's order of preference, with a fine one of its position for waves."""
-    every = list(maps)
-    if any(each.name == f"q.{joint}" for each in maps):
-        every.append(_hats(f"q.{joint}", np.concatenate(signal(f"q.{joint}")[0]), KNOTS_WAVE))
+    every, position = list(maps), f"q.{joint}"
+    if any(each.name == position for each in maps):
+        every.append(_hats(position, np.concatenate(signal(position)[0]), KNOTS_WAVE))
     return sorted(every, key=lambda each: each.name.partition(".")[2] != joint)
 
 
 def folds(lengths: Sequence[int], count: int = 10) -> np.ndarray:
     """Return the fold (n,) of every row: whole experiments from three on, else parts of them."""
-    if len(lengths) >= 3:
-        return np.repeat(np.arange(len(lengths)), lengths)
-    each = -(-count // len(lengths))
+    each = -(-count // len(lengths)) if len(lengths) < 3 else 1
     return np.concatenate([i * each + np.arange(n) * each // n for i, n in enumerate(lengths)])
 
 
@@ -178,16 +167,10 @@ def folds(lengths: Sequence[int], count: int = 10) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Dependence:
-    """A signal on which a residual depends.
+    """A signal on which a residual depends."""
 
-    Attributes:
-        signal: `q.<joint>`, `v.`, `a.`, `load.`, `sign(v).` or `t`.
-        r2: what it adds to the share of the residual's variance that is explained, held out, by
-            those that were chosen before it.
-    """
-
-    signal: str
-    r2: float
+    signal: str  #: `q.<joint>`, `v.`, `a.`, `load.`, `sign(v).` or `t`
+    r2: float  #: what it adds to the share of variance that those before it explain, held out
 
     def __str__(self) -> str:
         return f"{self.signal} (R² {self.r2:.2f})"
@@ -196,13 +179,11 @@ class Dependence:
 def depends_on(
     r: np.ndarray, fold: np.ndarray, maps: Sequence[SignalMap], runs: Sequence[slice]
 ) -> tuple[list[Dependence], float]:
-    """Return the signals that explain a residual, the one that adds most first, and the R² that
-    was needed last.
+    """Return the signals that explain a residual r (n,), the one that adds most first, and the R²
+    that was needed last.
 
-    Args:
-        r: (n,) the residual; fold: (n,) consecutive rows of one number are one stretch of time.
-        maps: in order of preference where they explain alike.
-        runs: of rows without a gap.
+    Consecutive rows with one number in `fold` (n,) are one stretch of time; `maps` are in order of
+    preference where they explain alike; `runs` of rows have no gap.
     """
     added, threshold = dict[str, float](), 1.0  # R² by signal, which may have maps of two widths
     if len(r) < FEWEST or not r.any() or fold[0] == fold[-1]:
@@ -250,17 +231,11 @@ CHANCE = 0.4  # tuned: correlation between periods that the noise of good logs h
 
 @dataclass(frozen=True)
 class Periods:
-    """Repetition of the motion, and of the residual with it.
+    """Repetition of the motion, and of the residual with it."""
 
-    Attributes:
-        period: [s], by experiment that has any.
-        rho: correlation of the residual between periods, by joint.
-        chance: correlation below which noise may repeat: 0.4, or four standard errors.
-    """
-
-    period: Mapping[str, float]
-    rho: Mapping[str, float]
-    chance: float
+    period: Mapping[str, float]  #: [s], by experiment that has any
+    rho: Mapping[str, float]  #: correlation of the residual between periods, by joint
+    chance: float  #: correlation below which noise may repeat, 0.4 or four standard errors
 
     def periods(self, seconds: float) -> float:
         """Return how often the motion is repeated in so many seconds."""
@@ -289,13 +264,9 @@ class Periods:
 def repetition(
     motion: Motion, traces: Sequence[Trace], joints: np.ndarray, rate: float
 ) -> Periods | None:
-    """Return what a motion repeats of the residual in its traces; None where it repeats nothing.
-
-    Args:
-        motion: some of whose experiments have no rows, and no trace.
-        traces: in the order of the experiments.
-        joints: places (d,) of the independent joints among all.
-        rate: rows a second [Hz].
+    """Return what a motion repeats of the residual in its traces, in the order of the experiments
+    that have rows at a `rate` [Hz]; None where it repeats nothing. `joints` (d,): places of the
+    independent joints among all.
     """
     found, pairs, left = dict[str, float](), [], list(traces)
     for e in motion.experiments:
@@ -305,7 +276,10 @@ def repetition(
         if (period := period_of(e, joints, motion.band.motion)) is not None:
             name = e.name if e.name not in found else f"{e.name} ({len(found) + 1})"
             found[name] = period
-            pairs.append(_pairs(trace, period))
+            run = max(trace.runs(), key=lambda each: each.stop - each.start)
+            t, r = trace.t[run], trace.residual[run]
+            early = t + period <= t[-1] + 1e-9
+            pairs.append((r[early], _between(t, r, np.minimum(t[early] + period, t[-1]))))
     if sum(len(early) for early, _ in pairs) < FEWEST_PAIRS:
         return None
     first, second = (np.concatenate(each) for each in zip(*pairs, strict=True))
@@ -317,21 +291,9 @@ def repetition(
     return Periods(found, dict(zip(motion.independent, map(float, rho), strict=True)), chance)
 
 
-def _pairs(trace: Trace, T: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return r(t) and r(t + T) (m, d), at the rows t."""
-    run = max(trace.runs(), key=lambda each: each.stop - each.start)
-    t, r = trace.t[run], trace.residual[run]
-    early = t + T <= t[-1] + 1e-9
-    if not early.any():
-        return r[:0], r[:0]
-    return r[early], _between(t, r, np.minimum(t[early] + T, t[-1]))
-
-
 def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return x (n, d) of equal steps t at other times (m,): cubics through the four nearest rows.
-
-    SciPy's spline would take 0.2 s to import.
-    """
+    """Return x (n, d) of equal steps t at other times (m,): cubics through four rows."""
+    # SciPy's spline would take 0.2 s to import
     nodes = np.arange(min(4, len(t)))
     s = (at - t[0]) / (t[1] - t[0]) if len(t) > 1 else np.zeros(len(at))
     first = np.clip(s.astype(int) - 1, 0, len(t) - len(nodes))
@@ -344,12 +306,8 @@ def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def period_of(e: State, joints: np.ndarray, bandwidth: float) -> float | None:
-    """Return the period [s] of a motion in its longest run; None if it is not repeated.
-
-    Args:
-        e: the motion.
-        joints: places of the joints (d,) that are looked at.
-        bandwidth: of the motion [Hz].
+    """Return the period [s] of the motion of some joints (d,), by their places, in its longest run;
+    None if it is not repeated. `bandwidth`: of the motion [Hz].
     """
     run = max(e.segments(), key=lambda each: each.stop - each.start, default=slice(0, 0))
     stride = max(1, int(e.rate / (FINE * max(bandwidth, 1e-9))))

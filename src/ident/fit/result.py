@@ -118,12 +118,11 @@ class Fit(Charted):
         Columns: `error` (as `errors`), `joint`, `rms` and `noise` (what the sensors' noise alone
         would leave) in `unit`, `relative`, `relative_with_standstill`.
         """
-        rows = [
-            (kind, joint, e.rms, self.noise_on(kind)[joint], e.unit, e.relative,
-             e.with_standstill.relative)
-            for kind, errors in self.errors.items()
-            for joint, e in errors.items()
-        ]  # fmt: skip
+        rows = []
+        for kind, errors in self.errors.items():
+            for joint, e in errors.items():
+                sizes = e.rms, self.noise_on(kind)[joint], e.unit, e.relative
+                rows.append((kind, joint, *sizes, e.with_standstill.relative))
         texts = dict.fromkeys(("error", "joint", "unit"), pl.String)
         names = ("error", "joint", "rms", "noise", "unit", "relative", "relative_with_standstill")
         schema = {name: texts.get(name, pl.Float64) for name in names}
@@ -165,8 +164,8 @@ class Fit(Charted):
     @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
         """Errors in the data, torques that the model leaves unexplained, then all others."""
-        again = () if self.repeated is None else (self.repeated.finding(self.motion.duration),)
-        doubts = (*self.checks.poor(), *self.checks.reversals())
+        again = [self.repeated.finding(self.motion.duration)] if self.repeated else []
+        doubts = *self.checks.poor(), *self.checks.reversals()
         return (*self.health.findings, *doubts, *self.findings, *again)
 
     @cached_property
@@ -223,11 +222,7 @@ class Fit(Charted):
         return self._values(self.covariance).base
 
     def since(self, earlier: Model) -> Fit:
-        """Return the fit with its `changes`: what is different from an earlier one.
-
-        Args:
-            earlier: a fit of the same mechanism, or its fit.json, from `read_fit`.
-        """
+        """Return the fit with `changes` from an earlier fit, or from its fit.json (`read_fit`)."""
         if not hasattr(earlier, "base_parameters"):
             raise FitError(
                 f"since needs a fit, given: {type(earlier).__name__}; write "
@@ -339,16 +334,18 @@ class Fit(Charted):
         """
         determined = identifiable_multipliers(self.mechanism, self.motion)
         if self.problem.bands:
-            values = [
-                (e.t, self.problem.basis_multipliers(number, self.estimate.x))
-                for number, e in enumerate(self.motion.experiments)
-            ]
+            m = len(determined)
+            values = [(e.t, np.full((len(e), m), np.nan)) for e in self.motion.experiments]
         else:
             moved = self.likelihood and self.predict(self.likelihood.motion)
             values = [
                 (p.t, np.where(p.usable[:, None], p.multipliers, np.nan))
                 for p in moved or self.predictions
             ]
+        for band in self.problem.bands:  # λ(t) = B(t) a, where a run of samples extends
+            t, found = values[band.experiment]
+            a = band.elimination.back_substitute(self.estimate.x)
+            found[band.segment] = band.basis.evaluate(a, t[band.segment])
         return [(t, np.where(determined, each, np.nan)) for t, each in values]
 
     @cached_property
@@ -377,12 +374,11 @@ class Fit(Charted):
             column = next(iter(reactions.columns), "t")
             raise FitError(f"{reactions.name}: no column is a multiplier; {one_of(column, names)}")
         log, (t, values) = self.motion.experiments[0].name, self.multipliers[0]
-        known, found = np.full((2, len(reactions.t), len(names)), np.nan)
-        for i, name in enumerate(names):
-            if name in reactions:
-                known[:, i] = reactions.columns[name]
-                found[:, i] = np.interp(reactions.t, t, values[:, i], left=np.nan, right=np.nan)
-        return Reactions(self.mechanism, log, (t, values), reactions.t, known, found - known)
+        found = [np.interp(reactions.t, t, x, left=np.nan, right=np.nan) for x in values.T]
+        none = np.full(len(reactions.t), np.nan)
+        known = np.stack([reactions.columns.get(name, none) for name in names], axis=1)
+        off = np.stack(found, axis=1) - known
+        return Reactions(self.mechanism, log, (t, values), reactions.t, known, off)
 
     def plot_parameters(self) -> Any:
         """Chart of identified parameters and effects with 95 % intervals, beside the prior."""

@@ -40,11 +40,7 @@ def working_point(
 ) -> Point:
     """Search the working point of a mechanism's equations; the prior where they are linear.
 
-    Args:
-        mechanism: with its effects.
-        motion: to which it is fitted.
-        start: values of shapes from an earlier search; those it lacks are searched.
-        on_progress: called with (what is being done, share done).
+    `start` has values of shapes from an earlier search; those it lacks are searched.
     """
     point = Point.prior(mechanism)
     if all(effect.linear for effect in mechanism.effects):
@@ -172,14 +168,12 @@ def beyond_bounds(problem: Problem, found: Estimate) -> np.ndarray:
     Those of corrections may be on either side of their bounds, for a negative play is noise around
     0, but no farther from them than these are apart.
     """
-    columns = problem.columns
-    outside = np.zeros(len(columns), dtype=bool)
+    outside = np.zeros(len(problem.columns), dtype=bool)
     bounds = shape_bounds(problem)
-    for effect, places in columns.effects:
-        for at in places[len(effect.unknowns) :]:
-            if at >= 0:
-                low, high = bounds[int(at)] if effect.unknowns else widened(*bounds[int(at)])
-                outside[at] = not low <= found.x[at] <= high
+    for effect, places in problem.columns.effects:
+        for at in bounds.keys() & set(places.tolist()):
+            low, high = bounds[at] if effect.unknowns else widened(*bounds[at])
+            outside[at] = not low <= found.x[at] <= high
     return outside
 
 
@@ -199,9 +193,8 @@ def shape_bounds(problem: Problem) -> dict[int, tuple[float, float]]:
                 continue
             shape = problem.point.of(effect)[1]
             own = effect.bounds(replace(samples.signals(effect.joints), shape=shape))
-            for each, place in zip(effect.shapes, shapes, strict=True):
+            for each, place in zip(effect.shapes, shapes.tolist(), strict=True):
                 if place >= 0:
-                    low, high = own[each.name]
-                    before = found.get(int(place), (low, high))
-                    found[int(place)] = min(low, before[0]), max(high, before[1])
+                    ends = *own[each.name], *found.get(place, ())
+                    found[place] = min(ends), max(ends)
     return found

@@ -43,11 +43,9 @@ WORSE = 4.0  # tuned: squared residual there over that elsewhere, from which the
 
 
 def away_from_reversals(table: Table) -> np.ndarray:
-    """(N, d) whether a row is in motion and away from the reversals that it feels; of a coordinate
-    with few such rows, whether it informs and is away from them.
-
-    Around a reversal the sign of a filtered speed, stick phases and the torque's jump are out of
-    step by a little, and every such little looks like some effect.
+    """(N, d) whether a row is in motion and away from the reversals that it feels, at which a
+    filtered sign of speed, stick phases and the torque's jump are out of step; of a coordinate with
+    few such rows, whether it informs and is away from them.
     """
     guard = min(GUARD, 0.3 / max(table.motion.band.motion, 1e-9))
     while True:
@@ -132,11 +130,9 @@ class CommonDelay:
 
 
 def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
-    """Return whether the residual of a good fit may contain a delay of all torques (score test).
-
-    The column of the delay is projected off the model's columns. Its products with the residual
-    must be no chance from block to block, and its coefficient must make HALF of SMALL of some
-    torque. Rows `use` (N, d) of the table count.
+    """Return whether the residual of a good fit may contain a delay of all torques (score test) in
+    the rows `use` (N, d): products of the residual with the delay's column, projected off the
+    model's, must be no chance from block to block, and it must make HALF of SMALL of some torque.
     """
     x, rigid, free = estimate.solution.x, len(table.columns.rigid), ~estimate.held
     squares = (np.where(use, table.tau, 0.0) ** 2).sum(axis=0)
@@ -201,11 +197,8 @@ def common_delay(
     own = model.refit_with([x * e for x, e in zip(late, unit, strict=True)])
     delay = float(found.theta[0])
     shares = [abs(delay) * float(np.linalg.norm(x)) for x in late] / np.sqrt(squares)
-    if (
-        min(zscore(each.D) for each in others) <= RIVAL
-        or found.G < HALF * own.G
-        or shares.max() < SMALL
-    ):
+    everywhere = min(zscore(each.D) for each in others) > RIVAL
+    if not everywhere or found.G < HALF * own.G or shares.max() < SMALL:
         return None
     # the slope along the delay's columns, the model projected out, without each block
     along, y = found.direction[:, None], np.concatenate([y[:, :1] for y in model.residual])
@@ -215,9 +208,8 @@ def common_delay(
     with_friction = float(model.refit_with(column(table.A @ x + known)).theta[0])
     left = np.array([model.losses.sum(axis=0), found.loss.sum(axis=0)]) * sigma**2 / squares
     before, after = np.exp(0.5 * np.log(left).mean(axis=1)).tolist()
-    return CommonDelay(
-        delay, float(np.hypot(np.sqrt(spread), with_friction - delay)), before, after
-    )
+    stderr = float(np.hypot(np.sqrt(spread), with_friction - delay))
+    return CommonDelay(delay, stderr, before, after)
 
 
 def _rates(table: Table, torque: Array) -> Array:

@@ -36,30 +36,21 @@ TERM = re.compile(r"(?:^| ([+-]) )(?:([\d.e+-]+) )?(\S+)")
 
 @dataclass(frozen=True, repr=False)
 class Value:
-    """One number of a fit.
-
-    Attributes:
-        stderr: standard error; None where the data do not determine the number by itself.
-        identifiable: whether they do. An unknown that is not stays at its prior, or is the one
-            that carries a base parameter given the priors of the others in it.
-        prior: the URDF's value; of effects the earlier fit's, 0 where there is none.
-        at_bound: whether a bound holds it where it is. Its standard error is that of the fit
-            without bounds: the value is no farther off, and no longer normally distributed.
-    """
+    """One number of a fit."""
 
     name: str
     value: float
-    stderr: float | None
+    stderr: float | None  #: standard error, None where the data do not determine it by itself
     unit: str
+    #: whether they do; else it is at its prior, or carries a base parameter given others' priors
     identifiable: bool
-    prior: float
+    prior: float  #: the URDF's value; of effects the earlier fit's, 0 where there is none
+    #: whether a bound holds it; it is no farther off than stderr says, and not normally distributed
     at_bound: bool = False
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         text = f"{self.name} = {rounded(self.value, self.stderr)} {self.unit}".removesuffix(" 1")
         return text if self.identifiable else f"{text}, not determined by this log"
-
-    __repr__ = __str__
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,10 +62,8 @@ class BaseValue:
     stderr: float
     unit: str
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return f"{self.name} = {rounded(self.value, self.stderr)} {self.unit}".removesuffix(" 1")
-
-    __repr__ = __str__
 
 
 @dataclass(frozen=True)
@@ -142,14 +131,13 @@ class ParameterValues:
         Moments of inertia are about the centre of mass where that is known or identified, and then
         named `I`, else about the joint frame's origin, `L`.
         """
-        at = {self.columns.names[i]: i for i in range(len(self.columns.rigid))}
         pi = self.columns.dynamic_parameters(mechanism, self.estimate.solution.x)
         found = []
         for link in mechanism.bodies.links:
             names = [f"{link}.{word}" for word in DYNAMIC]
             body = mechanism.bodies.columns(link)
             mine, prior = pi[body], mechanism.prior[body]
-            places = [at.get(name, -1) for name in names]
+            places = [self.columns.index.get(name, -1) for name in names]
             errors = np.array([self._stderr[i] if i >= 0 else 0.0 for i in places])
             centred = np.isfinite(errors[:4]).all() and mine[0] != 0.0
             for k, (word, name) in enumerate(zip(DYNAMIC, names, strict=True)):
@@ -166,9 +154,7 @@ class ParameterValues:
         return tuple(found)
 
     def _centroidal_error(self, pi: np.ndarray, at: Sequence[int], k: int) -> float:
-        """Return the standard error of I_k = L_k − shift(m, moments) of a body pi (10,), whose
-        parameters are at these places in x, −1 if known, to first order (delta method).
-        """
+        """Return the error of I_k of a body pi (10,) with places `at` in x (delta method)."""
         place = {int(own): i for i, own in enumerate(self.estimate.base.independent)}
         gradient = np.zeros(len(self.cov))
         for j in (0, 1, 2, 3):
@@ -193,22 +179,12 @@ def base_names(columns: Columns, base: Base) -> list[str]:
     """Return an expression for each independent column: the unknown and what is regrouped."""
     names = []
     for own, row in zip(base.independent, base.K, strict=True):
-        others = [
-            _term(float(k), columns.names[other])
-            for k, other in zip(row, base.dependent, strict=True)
-            if k != 0.0
-        ]
-        names.append(" ".join([columns.names[own], *others]))
+        terms = [columns.names[own]]
+        for k in np.flatnonzero(row):
+            number = "" if abs(abs(row[k]) - 1.0) < 1e-9 else f"{abs(row[k]):.6g} "
+            terms.append(f"{'-' if row[k] < 0 else '+'} {number}{columns.names[base.dependent[k]]}")
+        names.append(" ".join(terms))
     return names
-
-
-def _term(coefficient: float, name: str) -> str:
-    nearest = round(coefficient)
-    if nearest and abs(coefficient - nearest) < 1e-9:
-        coefficient = float(nearest)
-    size = abs(coefficient)
-    number = "" if size == 1.0 else f"{size:.6g} "
-    return f"{'-' if coefficient < 0 else '+'} {number}{name}"
 
 
 def absorbed_by(columns: Columns, base: Base) -> dict[str, str]:
@@ -223,22 +199,16 @@ def absorbed_by(columns: Columns, base: Base) -> dict[str, str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Correlation(Displayed):
-    """Correlation of the errors of base parameters; `print` shows the strong ones.
+    """Correlation of the errors of base parameters; `print` shows the strong ones."""
 
-    Attributes:
-        names: (n,) the leading unknown of each base parameter.
-        matrix: (n, n), 1 on the diagonal; NaN where a standard error is not known.
-    """
-
-    names: tuple[str, ...]
-    matrix: np.ndarray
+    names: tuple[str, ...]  #: (n,) the leading unknown of each base parameter
+    matrix: np.ndarray  #: (n, n), 1 on the diagonal; NaN where a standard error is not known
 
     def pairs(self, least: float = STRONG) -> list[tuple[str, str, float]]:
         """Return pairs with |r| ≥ least, the strongest first."""
-        i, j = np.triu_indices(len(self.names), 1)
+        i, j = np.where(np.triu(np.abs(self.matrix) >= least, 1))
         r = self.matrix[i, j]
-        some = np.flatnonzero(np.abs(r) >= least)
-        order = some[np.argsort(-np.abs(r[some]), kind="stable")]
+        order = np.argsort(-np.abs(r), kind="stable")
         return [(self.names[i[k]], self.names[j[k]], float(r[k])) for k in order]
 
     def __getitem__(self, names: tuple[str, str]) -> float:
@@ -308,17 +278,12 @@ class Change:
 
 @dataclass(frozen=True, repr=False)
 class Changes(Displayed):
-    """What a fit has in common with an earlier one, and what is different.
+    """What a fit has in common with an earlier one, and what is different."""
 
-    Attributes:
-        since: name of the earlier fit.
-        compared: base parameters of the earlier fit that this one determines too, the most
-            significant change first; apart: the names of those that it does not determine.
-    """
-
-    since: str
+    since: str  #: name of the earlier fit
+    #: its base parameters that this one determines too, the most significant change first
     compared: tuple[Change, ...]
-    apart: tuple[str, ...] = ()
+    apart: tuple[str, ...] = ()  #: the names of those that it does not determine
 
     @classmethod
     def of(cls, earlier: Model, now: ParameterValues) -> Changes:
@@ -332,12 +297,11 @@ class Changes(Displayed):
                 known &= name in columns.index
                 if name in columns.index:
                     c[columns.index[name]] = float(factor or 1.0) * (-1.0 if sign == "-" else 1.0)
-            ours, theirs = base.K.T @ c[base.independent], c[base.dependent]
-            size = np.abs(base.K).T @ np.abs(c[base.independent]) + np.abs(theirs)
-            g = c[base.independent]
+            g, theirs = c[base.independent], c[base.dependent]
+            size = np.abs(base.K).T @ np.abs(g) + np.abs(theirs)
             value = float(g @ now.estimate.solution.beta)
             stderr = float(np.sqrt(g @ now.cov @ g))
-            other = not known or (np.abs(ours - theirs) > SAME * size).any()
+            other = not known or (np.abs(base.K.T @ g - theirs) > SAME * size).any()
             if other or not np.isfinite(stderr):
                 apart.append(before.name)
                 continue

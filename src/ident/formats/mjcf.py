@@ -20,16 +20,8 @@ import pinocchio as pin
 
 from ident.errors import MechanismError
 from ident.files import regular
-from ident.mechanism.description import (
-    Description,
-    JointLimits,
-    RigidBody,
-    UrdfWriter,
-    Visual,
-    effect_notes,
-    place_table,
-)
-from ident.mechanism.urdf import MOST, parse_xml, words
+from ident.mechanism.description import MOST, Description, parse_xml, words
+from ident.mechanism.urdf import RigidBody, UrdfWriter, Visual, effect_notes, place_table
 
 if TYPE_CHECKING:
     import mujoco
@@ -92,32 +84,30 @@ def _without_missing_files(path: Path) -> tuple[mujoco.MjModel, list[str]]:
 
     spec = mujoco.MjSpec.from_file(str(path))
 
-    def missing(assets: Iterable[Any], folder: str) -> list[Any]:
-        """Return assets with a file that is not there."""
+    def missing(assets: Iterable[Any], folder: str) -> dict[str, Any]:
+        """Return assets with a file that is not there, by name."""
         named = [(each, Path(each.file)) for each in assets if each.file]
         place = path.parent / folder
-        return [
-            each
+        return {
+            each.name or file.stem: each
             for each, file in named
             if not (place / (file.name if spec.strippath else file)).is_file()
-        ]
+        }
 
     meshes, textures = missing(spec.meshes, spec.meshdir), missing(spec.textures, spec.texturedir)
-    files = [each.file for each in (*meshes, *textures)]
-    names = {mesh.name or Path(mesh.file).stem for mesh in meshes}
-    for geom in [each for each in spec.geoms if each.meshname in names]:
+    assets = [*meshes.values(), *textures.values()]
+    files = [each.file for each in assets]
+    for geom in [each for each in spec.geoms if each.meshname in meshes]:
         geom.type, geom.size, geom.meshname = mujoco.mjtGeom.mjGEOM_SPHERE, [DOT, 0, 0], ""
-    lost = {texture.name or Path(texture.file).stem for texture in textures}
     for material in spec.materials:
-        material.textures = ["" if each in lost else each for each in material.textures]
-    for asset in (*meshes, *textures):
-        spec.delete(asset)
+        material.textures = ["" if each in textures else each for each in material.textures]
+    for each in assets:
+        spec.delete(each)
     model = spec.compile()
-    note = (
+    return model, [
         f"{len(files)} files of meshes and textures are missing, the first {files[0]}: a link "
         "without <inertial> has next to no mass in the prior"
-    )
-    return model, [note]
+    ]
 
 
 def _check_includes(path: Path, data: bytes, folder: Path, above: tuple[Path, ...]) -> None:
@@ -208,20 +198,19 @@ class _MjcfModel:
         for k, j in enumerate(joints):
             kind, axis, limits = int(m.jnt_type[j]), m.jnt_axis[j], self._limits(j)
             name = {SLIDE: "prismatic", HINGE: "revolute"}.get(kind, "floating")
-            if kind == HINGE and not np.isfinite(limits.lower):
+            if kind == HINGE and "lower" not in limits:
                 name = "continuous"
             step = -self._ref(j) * axis
             back = pin.SE3(pin.exp3(step), np.zeros(3)) if kind == HINGE else _pose(step)
             at = placement * _pose(m.jnt_pos[j]) * back
-            urdf.joint(self.joints[j], name, (links[k], links[k + 1]), at, axis, limits)
+            urdf.joint(self.joints[j], name, (links[k], links[k + 1]), at, axis, **limits)
             placement = _pose(-m.jnt_pos[j])
 
-    def _limits(self, j: int) -> JointLimits:
+    def _limits(self, j: int) -> dict[str, float]:
         m = self.model
-        effort = float(m.jnt_actfrcrange[j][1]) if m.jnt_actfrclimited[j] else np.inf
-        if not m.jnt_limited[j]:
-            return JointLimits(effort=effort)
-        return JointLimits(float(m.jnt_range[j][0]), float(m.jnt_range[j][1]), effort=effort)
+        limits = {"effort": float(m.jnt_actfrcrange[j][1])} if m.jnt_actfrclimited[j] else {}
+        ends = dict(zip(("lower", "upper"), map(float, m.jnt_range[j]), strict=True))
+        return {**limits, **ends} if m.jnt_limited[j] else limits
 
     def _visuals(self, body: int) -> list[Visual]:
         m, visuals = self.model, []

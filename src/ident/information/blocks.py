@@ -8,7 +8,7 @@ disagree) is computed from these small triangles; rows are seen once and never k
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import add
@@ -32,20 +32,14 @@ class Key(NamedTuple):
 
 @dataclass(frozen=True)
 class Error:
-    """Error of the predicted torque of one joint.
-
-    Attributes:
-        rms: [N m | N]; relative: ‖τ − τ̂‖/‖τ‖, None where τ is zero. Of the rows in motion, in which
-            no joint that moves with this one stands still: there dry friction may have any value,
-            and no model predicts it.
-        unit: of the rms.
-        rms_with_standstill, relative_with_standstill: of all rows; None where that is not known.
+    """Error of the predicted torque of one joint in the rows in motion: where a joint that moves
+    with it stands still, dry friction may have any value, and no model predicts it.
     """
 
-    rms: float
-    relative: float | None
-    unit: str
-    rms_with_standstill: float | None = None
+    rms: float  # [N m | N]
+    relative: float | None  # ‖τ − τ̂‖/‖τ‖, None where τ is zero
+    unit: str  # of the rms
+    rms_with_standstill: float | None = None  # of all rows; None where that is not known
     relative_with_standstill: float | None = None
 
     @property
@@ -63,11 +57,7 @@ class Error:
 
 @dataclass(frozen=True, eq=False)
 class Squares:
-    """Sums of squares, by coordinate.
-
-    Attributes:
-        in_motion, at_standstill: (3, d) of the error, of the measured torque, and number of rows.
-    """
+    """Sums (3, d) of squares of the error, of the measured torque, and numbers of rows."""
 
     in_motion: Array
     at_standstill: Array
@@ -98,58 +88,32 @@ class Squares:
         """(3, d) of the rows in motion; of a joint that never moves, of all rows."""
         return np.where(self.in_motion[2] > 0, self.in_motion, self.whole)
 
-    @property
-    def error(self) -> Array:
-        """(d,) of the error, in motion."""
-        return self.judged[0]
-
-    @property
-    def torque(self) -> Array:
-        """(d,) of the measured torque, in motion."""
-        return self.judged[1]
-
-    @property
-    def rows(self) -> Array:
-        """(d,) number of rows in motion."""
-        return self.judged[2]
-
     def errors(self, names: Sequence[str], units: Sequence[str]) -> dict[str, Error]:
         """Return the errors by joint."""
 
-        def sizes(sums: Array) -> tuple[float, float | None]:
-            error, torque, rows = map(float, sums)
-            relative = float(np.sqrt(error / torque)) if torque > 0 else None
-            return float(np.sqrt(error / max(rows, 1))), relative
-
-        return {
-            name: Error(*sizes(self.judged[:, u]), unit, *sizes(self.whole[:, u]))
-            for u, (name, unit) in enumerate(zip(names, units, strict=True))
-        }
+        found = {}
+        for u, (name, unit) in enumerate(zip(names, units, strict=True)):
+            sizes = []
+            for error, torque, rows in (self.judged[:, u], self.whole[:, u]):
+                relative = float(np.sqrt(error / torque)) if torque > 0 else None
+                sizes.append((float(np.sqrt(error / max(rows, 1))), relative))
+            found[name] = Error(*sizes[0], unit, *sizes[1])
+        return found
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """The rows of one log, block of time and coordinate.
-
-    Attributes:
-        log, block, coordinate: the key.
-        triangle: of the rows that inform, on the columns `support`.
-        rest: of the rows at which dry friction is open, which only count in errors of all rows.
-        still: of the rows at standstill among those that inform.
-        support: columns that can appear.
-        torque: sums of squares of the measured torque in motion and at standstill.
-        span: (first t, last t) [s].
-    """
+    """The rows of one log, block of time and coordinate."""
 
     log: int
     block: int
     coordinate: int
-    triangle: Triangle
-    rest: Triangle
-    still: Triangle
-    support: Index
-    torque: tuple[float, float]
-    span: tuple[float, float]
+    triangle: Triangle  # of the rows that inform, on the columns `support`
+    rest: Triangle  # of those at which dry friction is open, which only count in errors of all rows
+    still: Triangle  # of the rows at standstill among those that inform
+    support: Index  # columns that can appear
+    torque: tuple[float, float]  # sums of squares, measured in motion and at standstill
+    span: tuple[float, float]  # first and last t [s]
 
     @property
     def key(self) -> Key:
@@ -180,9 +144,7 @@ class Block:
         return self.triangle, self.rest, self.still
 
     def squares(self, x: Array) -> tuple[Array, Array]:
-        """Return squares of the error of x (k,), of the torque, and number of rows: (3,) in motion
-        and (3,) at standstill.
-        """
+        """Return in motion and at standstill (3,) squares of x (k,), as in `Squares`."""
         own = x[self.support]
         some, rest, still = (
             each.residual_norm(own) ** 2 if each.rows else 0.0 for each in self.triangles
@@ -204,12 +166,7 @@ def summed(found: dict[Key, Block], blocks: Iterable[Block]) -> dict[Key, Block]
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Blocks of rows in k unknowns and d coordinates, by key.
-
-    Attributes:
-        blocks: by key, in the order of their keys.
-        k: number of unknowns; d: of coordinates.
-    """
+    """Blocks of rows in k unknowns and d coordinates, by key, in the order of their keys."""
 
     blocks: Mapping[Key, Block]
     k: int
@@ -227,11 +184,7 @@ class Information:
         return len(self.blocks)
 
     def __add__(self, other: Information) -> Information:
-        """Return the information of both; blocks of the same key are added.
-
-        Raises:
-            FitError: if they have other numbers of unknowns or coordinates.
-        """
+        """Return the information of both; blocks of one key are added. FitError for other sizes."""
         if (self.k, self.d) != (other.k, other.d):
             raise FitError(
                 f"information in {other.k} unknowns and {other.d} coordinates, "
@@ -261,22 +214,19 @@ class Information:
     @cached_property
     def totals(self) -> tuple[Triangle, ...]:
         """Triangle of each coordinate's rows that inform, over all blocks, on all k columns."""
-        return self._totals(lambda block: block.triangle)
+        return self._totals("triangle")
 
     @cached_property
     def at_rest(self) -> tuple[Triangle, ...]:
         """Triangle of each coordinate's rows at standstill, over all blocks, on all k columns."""
-        return self._totals(lambda block: block.rest)
+        return self._totals("rest")
 
-    def _totals(self, of: Callable[[Block], Triangle]) -> tuple[Triangle, ...]:
-        found = []
-        for u in range(self.d):
+    def _totals(self, name: str) -> tuple[Triangle, ...]:
+        found = [Triangle.empty(self.k)] * self.d
+        for u in {block.coordinate for block in self}:
             mine = [block for block in self if block.coordinate == u]
-            if mine:
-                merged = Triangle.merge([of(block) for block in mine])
-                found.append(merged.embedded(mine[0].support, self.k))
-            else:
-                found.append(Triangle.empty(self.k))
+            merged = Triangle.merge([getattr(block, name) for block in mine])
+            found[u] = merged.embedded(mine[0].support, self.k)
         return tuple(found)
 
     def total(self, sigma: Array) -> Triangle:
@@ -294,32 +244,22 @@ class Information:
 
     def squares(self, x: Array) -> Squares:
         """Return what a solution x (k,) leaves in all rows, those at standstill included."""
-        found = Squares.zero(self.d)
+        found = np.zeros((2, 3, self.d))
         for block in self:
-            for sums, own in zip(
-                (found.in_motion, found.at_standstill), block.squares(x), strict=True
-            ):
-                sums[:, block.coordinate] += own
-        return found
+            found[:, :, block.coordinate] += block.squares(x)
+        return Squares(*found)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Rows of one coordinate in the order of blocks, or triangles of them.
+    """Rows of one coordinate in the order of blocks, or triangles of them."""
 
-    Attributes:
-        coordinate: whose weight they have.
-        columns: (s,) which of all columns these rows have; the others are zero in them.
-        X: (m, ·) the first of these columns; Y: (m, 1 + B).
-        edges: (blocks + 1,) rows at which blocks begin, equally many in all parts.
-        more: (m, ·) columns that were added later; X is large and is not copied for each of them.
-    """
-
-    coordinate: int
-    columns: Index
-    X: Array
-    Y: Array
-    edges: Index
+    coordinate: int  # whose weight they have
+    columns: Index  # (s,) which of all columns these rows have; the others are zero in them
+    X: Array  # (m, ·) the first of these columns
+    Y: Array  # (m, 1 + B)
+    edges: Index  # (blocks + 1,) rows at which blocks begin, equally many in all parts
+    # (m, ·) columns that were added later; X is large and is not copied for each of them
     more: tuple[Array, ...] = ()
 
     def added(self, C: Array, columns: Index) -> Part:

@@ -30,9 +30,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, groupby
 from math import exp
-from operator import add
+from operator import add, attrgetter
 from statistics import NormalDist
 
 import numpy as np
@@ -64,12 +64,10 @@ Times = Sequence[tuple[int, int]]  # (log, block)
 def covariance(information: Information, estimate: Estimate) -> Array:
     """Return the covariance (n_ind, n_ind) of the base parameters; NaN for a single block."""
     own = estimate.base.independent
-    size = len(own)
     norm = estimate.triangle.column_norms()[own]  # equilibrated: H has a unit diagonal
     times, H_blocks, g_blocks, white = scores(information, estimate, norm)
-    count = len(times)
-    if size == 0 or count < 2:
-        return np.full((size, size), np.nan)
+    if not len(own) or len(times) < 2:
+        return np.full((len(own),) * 2, np.nan)
     H = H_blocks.sum(axis=0)
     others = linear.pinv(H - H_blocks, rcond=1e-13, hermitian=True)
     deltas = (others @ g_blocks[..., None])[..., 0]
@@ -110,11 +108,10 @@ def scores(
     """Return (log, block), H_b (B, n_ind, n_ind), g_b (B, n_ind), and Cov[Σ g_b] (n_ind, n_ind) of
     white residuals; all for columns divided by `norm` (n_ind,).
     """
-    size = len(norm)
+    size, times = len(norm), information.times
+    number = {time: b for b, time in enumerate(times)}
     place = np.full(information.k, -1)
     place[estimate.base.independent] = np.arange(size)
-    times = information.times
-    number = {time: b for b, time in enumerate(times)}
     H_blocks, g_blocks = np.zeros((len(times), size, size)), np.zeros((len(times), size))
     white = np.zeros((size, size))
     for u, sigma in enumerate(estimate.sigma):
@@ -125,12 +122,9 @@ def scores(
         inside = place[support] >= 0
         at, x = place[support][inside], estimate.solution.x[support]
         triangles = [block.triangle for block in mine]
-        height = max(len(t.R) for t in triangles)
-        R, d = np.zeros((len(mine), height, len(support))), np.zeros((len(mine), height))
-        for b, t in enumerate(triangles):  # zeros where a block has fewer rows
-            R[b, : len(t.R)], d[b, : len(t.R)] = t.R, t.d
-        r = d / sigma - R / sigma @ x
-        R = R[:, :, inside] / sigma / norm[at]
+        R, d = (np.array([getattr(t, name) for t in triangles]) / sigma for name in ("R", "d"))
+        r = d - R @ x
+        R = R[:, :, inside] / norm[at]
         H_u = R.swapaxes(1, 2) @ R
         place_of = np.array([number[block.log, block.block] for block in mine])
         H_blocks[place_of[:, None, None], at[:, None], at] += H_u  # one key a coordinate
@@ -142,13 +136,9 @@ def scores(
 
 
 def long_run(times: Times, deltas: Array, shares: Array) -> tuple[Array, Array]:
-    """Return the covariance (m, m) of m numbers from their changes when one block is left out, and
-    the number of squares ν (m,) that it rests on.
-
-    Args:
-        times: (log, block) of each of B blocks, in order.
-        deltas: (B, m), the changes δ.
-        shares: (B, m), of the variance, by block, if residuals were white.
+    """Return the covariance (m, m) of m numbers from their changes δ, `deltas` (B, m), when one
+    block is left out, and the number of squares ν (m,) that it rests on; `shares` (B, m): of the
+    variance, by block, if residuals were white.
     """
     tiny = np.finfo(float).tiny
     size = np.maximum((deltas**2).sum(axis=0), tiny)
@@ -187,31 +177,22 @@ ROUNDING = 1e-9  # numerics: of the torque, below which an error is none
 
 def rise(after: Squares, before: Squares) -> float:
     """Return the rise of the error: √ of the mean over coordinates of (after / before)², less 1."""
-    new, old = (np.maximum(each.error, ROUNDING**2 * each.torque) for each in (after, before))
+    sums = after.judged, before.judged
+    new, old = (np.maximum(error, ROUNDING**2 * torque) for error, torque, _ in sums)
     ratios = new[old > 0] / old[old > 0]
     return float(np.sqrt(ratios.mean()) - 1) if len(ratios) else 0.0
 
 
-def fold_count(*sets: Information) -> int:
-    """Return into how many stretches each log is parted: no more than it has blocks."""
-    logs = {log for each in sets for log in each.logs}
-    blocks = (len({b.block for b in each.of_log(log)}) for each in sets for log in each.logs)
-    return max(1, min(-(-FOLDS // len(logs)), *blocks))
-
-
 def folds(information: Information, each: int) -> dict[int, Information]:
     """Part the blocks by log and stretch of time, `each` stretches a log."""
-    ends: dict[int, tuple[float, float]] = {}
-    for block in information:
-        first, last = ends.get(block.log, block.span)
-        ends[block.log] = min(first, block.span[0]), max(last, block.span[1])
-    logs = sorted(ends)
-    parted: dict[int, dict] = {}
-    for key, block in information.blocks.items():
-        first, last = ends[block.log]
-        share = (sum(block.span) / 2 - first) / max(last - first, 1e-300)
-        stretch = min(int(share * each), each - 1)
-        parted.setdefault(logs.index(block.log) * each + stretch, {})[key] = block
+    parted = dict[int, dict]()
+    for number, (_, mine) in enumerate(groupby(information, attrgetter("log"))):
+        blocks = [*mine]  # of one log, as keys are in order
+        first, last = min(b.span[0] for b in blocks), max(b.span[1] for b in blocks)
+        for block in blocks:
+            share = (sum(block.span) / 2 - first) / max(last - first, 1e-300)
+            stretch = min(int(share * each), each - 1)
+            parted.setdefault(number * each + stretch, {})[block.key] = block
     return {number: replace(information, blocks=blocks) for number, blocks in parted.items()}
 
 
@@ -222,16 +203,15 @@ def held_out(
     prior: Array,
     refit: Callable[[Estimate], Array] | None = None,
 ) -> Squares | None:
-    """Return errors in each stretch of the model fitted to all others; None for one stretch.
-
-    Args:
-        fitting: from which parameters are estimated; scoring: in which errors count.
-        fitted: the estimate whose weights are kept.
-        prior: (k,).
-        refit: what follows from the estimate of the other stretches, (k,); default: as it is.
+    """Return errors in each stretch of the rows `scoring` of the model fitted to all other rows
+    `fitting`, with the weights of `fitted`; None for one stretch. `refit`: what follows from the
+    estimate of the other stretches, (k,); by default as it is.
     """
-    each = fold_count(fitting, scoring)
-    parted, scored = folds(fitting, each), folds(scoring, each)
+    both = fitting, scoring
+    logs = {log for some in both for log in some.logs}
+    blocks = (len({b.block for b in some.of_log(log)}) for some in both for log in some.logs)
+    each = max(1, min(-(-FOLDS // len(logs)), *blocks))  # no log in more than it has blocks
+    parted, scored = (folds(some, each) for some in both)
     if len(parted) < 2:
         return None
     weighted = [part.total(fitted.sigma) for part in parted.values()]
@@ -269,18 +249,15 @@ def surrogates(
     """Series (N, d, count) that have the smooth spectra of r (N, d) and nothing else, in single
     precision.
 
-    Each run of equal steps is mirrored at its end, so that its two ends meet, and its phases are
+    Each run without a gap is mirrored at its end, so that its two ends meet, and its phases are
     turned at random, in all coordinates alike: correlations between them stay. The power is the
     mean of neighbouring frequencies: lines are of the motion, not of the noise. One series does not
     determine it: each draw takes another sample of its frequencies.
 
         P = mean w |F|²        w ~ Exp(1), mean over SMOOTH frequencies
 
-    Args:
-        runs: rows without a gap.
-        remaining: by run, the share (frequencies, d) of its power that is left of r, from
-            `remaining_power`; what was lost is given back.
-        known: (N, d) where r is known, elsewhere it is zero; without it, everywhere.
+    `remaining`: by run, the share (frequencies, d) of its power that is left of r, which is given
+    back (`remaining_power`); `known` (N, d): where r is known, elsewhere it is zero.
     """
     known = np.ones(r.shape, dtype=bool) if known is None else known
     found = np.zeros((*r.shape, count), dtype=np.float32)
@@ -306,9 +283,7 @@ def surrogates(
 
 
 def remaining_power(left: Array, whole: Array) -> Array:
-    """Return the share (frequencies, d) of the power of series (n, d, count) that is left of them,
-    averaged over the series.
-    """
+    """Return the mean share (frequencies, d) of the power of series (n, d, count) that is left."""
     if len(left) < 2:
         return np.ones((1, left.shape[1]))
     one, other = ((np.abs(_transformed(x)) ** 2).sum(axis=2) for x in (left, whole))
@@ -370,19 +345,12 @@ def exceeding(gain: float, chance: Array) -> float:
 class Chance:
     """The largest gains where nothing is missing, by the place where candidates act: one coordinate
     or several, so that a joint with slow noise does not hide what others show.
-
-    Attributes:
-        residual: by place, of surrogates of the residual (draws,). Where something is missing, they
-            have its power too.
-        noise: by place, of draws of the sensors' noise (draws,).
-        alpha: chance that any gain exceeds its limit.
-        elsewhere: the limit of all places, where nothing was drawn.
     """
 
-    residual: Mapping[int, Array]
-    noise: Mapping[int, Array]
-    alpha: float
-    elsewhere: float = 0.0
+    residual: Mapping[int, Array]  # (draws,) of surrogates of it: of what is missing, too
+    noise: Mapping[int, Array]  # (draws,) of the sensors' noise
+    alpha: float  # chance that any gain exceeds its limit
+    elsewhere: float = 0.0  # the limit of all places, where nothing was drawn
 
     @cached_property
     def limits(self) -> dict[int, float]:
@@ -444,9 +412,7 @@ def zscore(D: Array) -> float:
 
 
 def credible_t(hypotheses: int, blocks: int) -> float:
-    """Standard errors over blocks that the best of some hypotheses exceeds with a chance ALPHA
-    where none is true (Bonferroni).
-    """
+    """Standard errors that the best of untrue hypotheses exceeds with chance ALPHA (Bonferroni)."""
     from scipy.special import stdtrit  # scipy.stats takes half a second to import
 
     return -float(stdtrit(blocks - 1, ALPHA / hypotheses))

@@ -17,7 +17,6 @@ from typing import Literal
 import clarabel
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.linalg import lapack
 
 from ident.errors import FitError
@@ -33,20 +32,13 @@ ROOT2 = float(np.sqrt(2.0))
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """One thing that must hold: G x + h is zero, not negative, or positive semidefinite.
+    """One thing that must hold: G x + h is zero, not negative, or positive semidefinite."""
 
-    Attributes:
-        name: as a person reads it, `rod.m ≥ 0.4`.
-        kind: which; of `psd` G x + h is the `svec` of a matrix.
-        G: (rows, k); h: (rows,); scaled so that 1 is a large violation.
-        of: the parameter or the body that it speaks of, if it is one.
-    """
-
-    name: str
-    kind: Literal["zero", "nonnegative", "psd"]
-    G: Array
-    h: Array
-    of: str = ""
+    name: str  # as a person reads it, `rod.m ≥ 0.4`
+    kind: Literal["zero", "nonnegative", "psd"]  # of `psd` G x + h is the `svec` of a matrix
+    G: Array  # (rows, k), scaled so that 1 is a large violation
+    h: Array  # (rows,)
+    of: str = ""  # the parameter or the body that it speaks of, if it is one
 
     def value(self, x: Array) -> Array:
         """G x + h (rows,)."""
@@ -103,9 +95,9 @@ def nearest(R: Array, d: Array, limits: Sequence[Limit]) -> NearestPoint:
     C = np.vstack([np.zeros((0, len(d))), *(limit.G @ T for limit in limits)])
     c = np.concatenate([np.zeros(0), *(limit.value(centre) for limit in limits)])
     size = max(float(np.abs(c).max(initial=0.0)), 1e-300)  # cones have no scale: count in this one
-    weight, unit = 1.0, sparse.identity(len(d), format="csc")
+    weight = 1.0
     for _ in range(PASSES):  # the solver counts gaps in units of 1, so the cost must be about that
-        y, z = _solved(weight * unit, np.zeros(len(d)), C, c / size, limits)
+        y, z = _solved(np.full(len(d), weight), np.zeros(len(d)), C, c / size, limits)
         cost = weight * float(y @ y)
         if not 0 < cost < ABOUT:
             break
@@ -118,14 +110,12 @@ def nearest(R: Array, d: Array, limits: Sequence[Limit]) -> NearestPoint:
 def shortfall(limits: Sequence[Limit], scale: Array) -> float:
     """The least t ≥ 0 by which all limits must give way, in their scale; 0 if all can hold.
 
-    Args:
-        limits: any.
-        scale: (k,) size of each unknown, which only keeps unlimited ones where they can be counted.
+    `scale` (k,) of the unknowns only keeps unlimited ones where they can be counted.
     """
     k = len(scale)
-    elastic = [*(_elastic(limit, scale) for limit in limits)]
+    elastic = [_elastic(limit, scale) for limit in limits]
     elastic.append(Limit("t ≥ 0", "nonnegative", np.eye(k + 1)[-1:], np.zeros(1)))
-    P = sparse.diags_array(np.append(np.full(k, 1e-10), 0.0), format="csc")
+    P = np.append(np.full(k, 1e-10), 0.0)
     q = np.append(np.zeros(k), 1.0)
     C = np.vstack([limit.G for limit in elastic])
     c = np.concatenate([limit.h for limit in elastic])
@@ -160,12 +150,14 @@ def _elastic(limit: Limit, scale: Array) -> Limit:
     return Limit(limit.name, "nonnegative", np.hstack([G, np.ones((len(h), 1))]), h)
 
 
-def _solved(
-    P: sparse.csc_array, q: Array, C: Array, c: Array, limits: Sequence[Limit]
-) -> tuple[Array, Array]:
-    """argmin yᵀP y/2 + qᵀy such that C y + c ∈ K, and the multipliers z of the rows."""
+def _solved(P: Array, q: Array, C: Array, c: Array, limits: Sequence[Limit]) -> tuple[Array, Array]:
+    """argmin yᵀP y/2 + qᵀy such that C y + c ∈ K, and the multipliers z of the rows; P (k,) is the
+    diagonal of the matrix.
+    """
     if not limits:
         return np.zeros(len(q)), np.zeros(0)
+    from scipy import sparse  # takes 0.04 s to import
+
     cones = {
         "zero": clarabel.ZeroConeT,
         "nonnegative": clarabel.NonnegativeConeT,
@@ -176,8 +168,8 @@ def _solved(
     settings.verbose = False
     settings.max_threads = 1
     settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = TOLERANCE
-    P = sparse.csc_matrix(sparse.triu(P))
-    solver = clarabel.DefaultSolver(P, q, sparse.csc_matrix(-C), c, kinds, settings)
+    cost = sparse.csc_matrix(sparse.diags_array(P))
+    solver = clarabel.DefaultSolver(cost, q, sparse.csc_matrix(-C), c, kinds, settings)
     found = solver.solve()
     status = clarabel.SolverStatus
     usable = (status.Solved, status.AlmostSolved, status.InsufficientProgress)

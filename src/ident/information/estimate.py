@@ -59,8 +59,7 @@ class Solution:
 def rank_revealing(triangle: Triangle, tol: float = 1e-9) -> Base:
     """Find the independent columns of a triangle in their given order, and how the others follow.
 
-    tol: a column is dependent where the part of it that is new is below this part of its norm.
-
+    A column is dependent where the part of it that is new is below `tol` times its norm.
     Gram-Schmidt with reorthogonalisation on the unit columns of the small R (twice is enough:
     Giraud, Langou, Rozložník, van den Eshof, Numer. Math. 101, 2005). What is left of a column is
     also judged against the rounding error that its combination amplifies: k eps (1 + |K_j|_1).
@@ -108,13 +107,13 @@ def rank_revealing(triangle: Triangle, tol: float = 1e-9) -> Base:
 def solve(triangle: Triangle, base: Base, prior: ArrayLike | None = None) -> Solution:
     """Least squares on the base: beta = argmin |A_I beta - b|, x_I = beta - K x_D, x_D = prior_D.
 
-    prior: (k,) with the values of the dependent columns; default zeros.
+    `prior` (k,) has the values of the dependent columns; default zeros.
     """
     ind, dep = base.independent, base.dependent
     x = np.zeros(triangle.k) if prior is None else np.array(prior, dtype=float)
-    own = triangle.restricted(ind)
     if not len(ind):
         return Solution(x=x, beta=np.zeros(0), C=np.zeros((0, 0)))
+    own = triangle.restricted(ind)
     beta, _ = lapack.dtrtrs(own.R, own.d)
     inverse, _ = lapack.dtrtri(own.R)
     x[ind] = beta - base.K @ x[dep]
@@ -131,21 +130,13 @@ ITERATIONS = 12  # work
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Parameters with what they rest on.
+    """Parameters with what they rest on."""
 
-    Attributes:
-        solution: x, base parameters, unscaled covariance, for rows divided by sigma.
-        base: which unknowns are independent.
-        sigma: (d,) residual of each coordinate [N m | N].
-        triangle: of all rows, each divided by its sigma.
-        held: (k,) unknowns that the data know worse than is plausible, held at their prior.
-    """
-
-    solution: Solution
+    solution: Solution  # for rows divided by sigma
     base: Base
-    sigma: Array
-    triangle: Triangle
-    held: np.ndarray
+    sigma: Array  # (d,) residual of each coordinate [N m | N]
+    triangle: Triangle  # of all rows, each divided by its sigma
+    held: np.ndarray  # (k,) unknowns that the data know too badly, held at their prior
 
     @property
     def x(self) -> Array:
@@ -203,9 +194,20 @@ def estimate(
         base, solution = _solve(total, prior, held)
         if sigma is not None:
             break
-        if plausible is not None:
-            noise = float((_residuals(totals, solution) / weights).max())
-            base, solution, held = _excited(total, base, solution, prior, plausible, noise, held)
+        noise = float((_residuals(totals, solution) / weights).max())
+        while plausible is not None and base.rank:
+            # hold, one by one, what the data know worse than is plausible
+            possible = plausible[base.independent] + np.abs(base.K) @ plausible[base.dependent]
+            stderr = noise * np.sqrt(np.diag(solution.C))
+            # what stands out of its own error is real, whatever the prior calls plausible
+            clear = np.abs(solution.beta - base.combined(prior)) > CLEAR * stderr
+            doubtful = base.independent[~clear & (stderr > possible)]
+            if not len(doubtful):
+                break
+            # of several that are known only together, the one that is newest only by noise
+            held = held.copy()
+            held[doubtful[base.distance[doubtful].argmin()]] = True
+            base, solution = _solve(total, prior, held)
         if step == 0:
             held = np.zeros(len(prior), dtype=bool)  # decided anew with weights that are right
             before = np.minimum(term_sizes(totals, prior), 10 * largest)
@@ -245,32 +247,3 @@ def _solve(total: Triangle, prior: Array, held: np.ndarray) -> tuple[Base, Solut
         distance=distance,
     )
     return whole, replace(solution, x=x)
-
-
-def _excited(
-    total: Triangle,
-    base: Base,
-    solution: Solution,
-    prior: Array,
-    plausible: Array,
-    noise: float,
-    held: np.ndarray,
-) -> tuple[Base, Solution, np.ndarray]:
-    """Hold, one by one, what the data know worse than is plausible.
-
-    `noise` is the residual of the rows divided by their weights: the triangle's own unit.
-    """
-    while base.rank:
-        possible = plausible[base.independent] + np.abs(base.K) @ plausible[base.dependent]
-        stderr = noise * np.sqrt(np.diag(solution.C))
-        before = prior[base.independent] + base.K @ prior[base.dependent]
-        # what stands out of its own error is real, whatever the prior calls plausible
-        clear = np.abs(solution.beta - before) > CLEAR * stderr
-        doubtful = base.independent[~clear & (stderr > possible)]
-        if not len(doubtful):
-            break
-        # of several that are known only together, the one that is newest only by noise
-        held = held.copy()
-        held[doubtful[base.distance[doubtful].argmin()]] = True
-        base, solution = _solve(total, prior, held)
-    return base, solution, held

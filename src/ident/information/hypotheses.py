@@ -25,7 +25,8 @@ from itertools import pairwise
 import numpy as np
 
 from ident.information import linear
-from ident.information.blocks import Part, places
+from ident.information.blocks import places
+from ident.information.chance import MINE
 from ident.information.linear import Array, Index
 from ident.information.projection import VISIBLE, Projection
 
@@ -34,19 +35,12 @@ TOGETHER = 64  # work: columns that are projected at once
 
 @dataclass(frozen=True, eq=False)
 class Gains:
-    """The changes of the left-out squared error by groups of columns.
+    """The changes of the left-out squared error by groups of columns."""
 
-    Attributes:
-        D: (groups, blocks) by how much the left-out squares of b fall.
-        by: (groups, d) the same by coordinate.
-        null: (groups, d, B) fall of the left-out squares of r_1 … r_B by coordinate.
-        visible: (groups,) share of the columns that the model does not have.
-    """
-
-    D: Array
-    by: Array
-    null: Array
-    visible: Array
+    D: Array  # (groups, blocks) by how much the left-out squares of b fall
+    by: Array  # (groups, d) the same by coordinate
+    null: Array  # (groups, d, B) fall of the left-out squares of r_1 … r_B by coordinate
+    visible: Array  # (groups,) share of the columns that the model does not have
 
     @property
     def G(self) -> Array:
@@ -56,29 +50,26 @@ class Gains:
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """One group of columns, everything refitted.
+    """One group of columns, everything refitted."""
 
-    Attributes:
-        D: (blocks,) fall of the left-out squares.
-        loss: (blocks, d) left-out squares with the group.
-        theta, stderr: (u,) coefficients from all rows and their standard errors at unit noise.
-        by: (d,) in-sample fall of the squares in each coordinate.
-        visible: share of the columns that the model does not have.
-        direction: (rows,) of C̃ θ, of unit length.
-    """
-
-    D: Array
-    loss: Array
-    theta: Array
-    stderr: Array
-    by: Array
-    visible: float
-    direction: Array
+    D: Array  # (blocks,) fall of the left-out squares
+    loss: Array  # (blocks, d) left-out squares with the group
+    theta: Array  # (u,) coefficients from all rows
+    stderr: Array  # (u,) their standard errors at unit noise
+    by: Array  # (d,) in-sample fall of the squares in each coordinate
+    visible: float  # share of the columns that the model does not have
+    direction: Array  # (rows,) of C̃ θ, of unit length
 
     @property
     def G(self) -> float:
         """Total fall."""
         return float(self.D.sum())
+
+    @property
+    def mends(self) -> list[int]:
+        """Coordinates in which a part of the fall is that is more than a by-product."""
+        by = np.maximum(self.by, 0.0)
+        return np.flatnonzero(by >= MINE * max(by.sum(), 1e-300)).tolist()
 
 
 class PartialRegression(Projection):
@@ -104,7 +95,12 @@ class PartialRegression(Projection):
         (G, M), q = self._downdated, self._inside.sum(axis=0)
         G = G.sum(axis=0)
         blocks, rank, B = self.blocks, self.rank, q.shape[2] - 1
-        columns = [self._columns_of(part, groups) for part in self.parts]
+        columns = []  # by part, which groups have columns there, and these (m, ·), weighted
+        for part in self.parts:
+            at = places(part.columns, self.columns)[groups]
+            mine = np.flatnonzero((at >= 0).any(axis=1))
+            X = part.at(at[mine].ravel()) * self._factor(part)[groups[mine].ravel()]
+            columns.append((mine, X))
         p = np.zeros((blocks, rank, n * u))
         cc = np.zeros((blocks, n, u, u))
         cy = np.zeros((blocks, n * u, 1))
@@ -189,11 +185,9 @@ class PartialRegression(Projection):
             found.append(mine)
         return found
 
-    def _columns_of(self, part: Part, groups: Index) -> tuple[Index, Array]:
-        """Which groups (n, u) have columns in a part, and those (m, ·), weighted."""
-        at = places(part.columns, self.columns)[groups]
-        mine = np.flatnonzero((at >= 0).any(axis=1))
-        return mine, part.at(at[mine].ravel()) * self._factor(part)[groups[mine].ravel()]
+    def shares(self, groups: Sequence[Index]) -> Array:
+        """(groups,) shares g that groups of columns explain."""
+        return self.explained(self.gains(groups).by)
 
     def gain(self, refit: Refit) -> float:
         """Return the share g that a group of columns explains."""
@@ -206,9 +200,8 @@ class PartialRegression(Projection):
     def refits(self, groups: Sequence[Index]) -> list[Refit]:
         """Groups of columns in detail, each by itself."""
         found, numbers = list[Refit](), [len(group) for group in groups]
-        for some in np.array_split(np.arange(len(groups)), -(-sum(numbers) // TOGETHER) or 1):
-            if not len(some):
-                continue
+        parts = -(-sum(numbers) // TOGETHER) or 1
+        for some in filter(len, np.array_split(np.arange(len(groups)), parts)):
             flat = np.concatenate([groups[i] for i in some])
             C = np.concatenate([self._taken(p, flat) for p in self.parts])
             found += self._refits(C, self.size[flat], [numbers[i] for i in some])
@@ -225,11 +218,10 @@ class PartialRegression(Projection):
         """Columns C (rows, …) side by side, in groups of so many."""
         squares = np.einsum("ij,ij->j", C, C)
         X = self._projected(C)
-        LX = self._left_out(X)
-        return [
-            self._refit(X[:, a:b], LX[:, a:b], size[a:b], float(squares[a:b].sum()))
-            for a, b in pairwise(np.cumsum([0, *numbers]))
-        ]
+        LX = self._plus(X, self._Q, self._downdated[1] @ self.by_block(self._Q, X))
+        ends = pairwise(np.cumsum([0, *numbers]))
+        some = (np.s_[:, a:b] for a, b in ends)
+        return [self._refit(X[g], LX[g], size[g[1]], float(squares[g[1]].sum())) for g in some]
 
     def _refit(self, C: Array, LC: Array, size: Array, squares: float) -> Refit:
         """One group of projected columns C (rows, u), with L C; their squares before that."""
@@ -241,7 +233,7 @@ class PartialRegression(Projection):
         alpha = C.T @ r
         part_of = C @ alpha
         by = self.by_coordinate(2 * r * part_of - part_of**2)
-        inside = self.by_block(C, np.column_stack([LC, self.left_out]))
+        inside = self.by_block(C, np.column_stack([LC, self._errors[:, 0]]))
         inverse = linear.inverse(np.eye(u) - inside[:, :, :u])
         theta = inverse @ (alpha[:, None] - inside[:, :, u:])  # (blocks, u, 1)
         errors = self._plus(self._errors[:, :1], LC, -theta)[:, 0]
@@ -283,11 +275,8 @@ def _fall(
 ) -> np.ndarray:  # fmt: skip
     """Fall of a block's left-out squares (n, R) in one coordinate: θᵀ(2 (Lc̃)ᵀe − (Lc̃)ᵀLc̃ θ).
 
-    Args:
-        mine: groups that have columns x (m, ·) there; Z: of all of them, Lc̃ = c − Q Z.
-        theta: (n, u, R).
-        e: (m, R) left-out errors; qe: Qᵀe.
-        a: (n, u, u) of (Lc̃)ᵀLc̃.
+    Groups `mine` have columns x (m, ·) there; of all of them Lc̃ = c − Q Z; `theta` (n, u, R);
+    left-out errors e (m, R), `qe` = Qᵀe; a (n, u, u) = (Lc̃)ᵀLc̃.
     """
     c = -(Z.T @ qe).reshape(theta.shape)
     c[mine] += (x.T @ e).reshape(len(mine), *theta.shape[1:])

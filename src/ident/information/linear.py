@@ -39,23 +39,18 @@ class Triangle:
 
     Where columns depend on each other, rounding decides which part of the residual is in d and
     which in rho; `residual_norm` is the same, and `restricted` to independent columns is definite.
-
-    Attributes:
-        R: (k, k), upper triangular with a diagonal ≥ 0, so that equal data give an equal R.
-        d: (k,), the right-hand side that some x attains.
-        rho: ≥ 0, the norm of what no x attains.
-        rows: number of equations absorbed (it feeds the degrees of freedom, rows − rank).
     """
 
-    R: Array
-    d: Array
-    rho: float
-    rows: int
+    R: Array  # (k, k), upper triangular with a diagonal ≥ 0, so that equal data give an equal R
+    d: Array  # (k,), the right-hand side that some x attains
+    rho: float  # ≥ 0, the norm of what no x attains
+    rows: int  # equations absorbed
 
     @classmethod
+    @lru_cache(maxsize=256)  # many blocks have no rows at standstill
     def empty(cls, k: int) -> Triangle:
         """Return the triangle of no equations in `k` unknowns."""
-        return _empty(k)
+        return cls._of_square(np.zeros((k + 1, k + 1)), 0)
 
     @classmethod
     def of(cls, A: ArrayLike, b: ArrayLike) -> Triangle:
@@ -67,13 +62,9 @@ class Triangle:
     def merge(cls, triangles: Iterable[Triangle]) -> Triangle:
         """Return the triangle of all equations together; they must have the same unknowns."""
         first, *others = triangles = list(triangles)
-        if not others:
-            return first
-        stack = np.concatenate([each.stack() for each in others])
+        stack = np.concatenate([np.zeros((0, first.k + 1)), *(each.stack() for each in others)])
         stack = stack[stack.any(axis=1)]  # rows of zeros hold no information
-        if not len(stack):
-            return replace(first, rows=sum(each.rows for each in triangles))
-        merged = first.updated(stack[:, :-1], stack[:, -1])
+        merged = first.updated(stack[:, :-1], stack[:, -1]) if len(stack) else first
         return replace(merged, rows=sum(each.rows for each in triangles))
 
     @property
@@ -82,9 +73,8 @@ class Triangle:
         return self.R.shape[1]
 
     def updated(self, A: ArrayLike, b: ArrayLike) -> Triangle:
-        """Return the triangle with the further equations A (rows, k), b (rows,).
-
-        Time is 2 rows (k+1)² flops, memory beyond A and b a few hundred rows.
+        """Return the triangle with further equations A (rows, k), b (rows,), in 2 rows (k+1)² flops
+        and a few hundred rows of memory.
         """
         return self._absorbed(np.asfortranarray(self.stack()), self.rows, A, b)
 
@@ -103,7 +93,7 @@ class Triangle:
         place, stack = np.asarray(columns, dtype=int), self.stack()
         wide = np.zeros((len(stack), k + 1))
         wide[:, np.append(place, k)] = stack
-        if len(self.R) < self.k or (np.diff(place) < 0).any():
+        if (np.diff(place) < 0).any():
             return replace(Triangle.of(wide[:, :-1], wide[:, -1]), rows=self.rows)
         square = np.zeros((k + 1, k + 1))  # a triangle stays one
         square[np.append(place, k)] = wide
@@ -112,14 +102,13 @@ class Triangle:
     def restricted(self, columns: Columns, x_known: ArrayLike | None = None) -> Triangle:
         """Return the equations in the unknowns `columns` alone, in that order.
 
-        The other unknowns are zero or, where `x_known` (k,) is given, have their values in it and
-        move to the right-hand side, d − R_known x_known; its entries at `columns` are ignored.
+        The other unknowns are zero, or have their values in `x_known` (k,): d − R_known x_known.
         """
         keep, stack = np.arange(self.k)[columns], self.stack()
         if x_known is not None:
             known = np.array(x_known, dtype=float)
             known[keep] = 0.0
-            stack[: len(self.R), -1] -= self.R @ known
+            stack[:-1, -1] -= self.R @ known
         return replace(Triangle.of(stack[:, keep], stack[:, -1]), rows=self.rows)
 
     def stack(self) -> Array:
@@ -168,12 +157,6 @@ class Triangle:
         return cls(signed[:-1, :-1], signed[:-1, -1], float(signed[-1, -1]), rows)
 
 
-@lru_cache(maxsize=256)
-def _empty(k: int) -> Triangle:
-    """Triangle of no equations, which are many: of rows that inform of nothing, of standstill."""
-    return Triangle._of_square(np.zeros((k + 1, k + 1)), 0)
-
-
 NOT_FINITE = (
     "the equations hold numbers that are not finite: some value of the log or of the mechanism is "
     "absurdly large or small; look for it with ident check"
@@ -203,10 +186,7 @@ def pinv(A: Array, rcond: float = 1e-15, hermitian: bool = False) -> Array:
 
 
 def lstsq(A: Array, b: Array, rcond: float | None = None) -> tuple[Array, int]:
-    """Return x of least ‖A x − b‖, then of least ‖x‖, and the rank of A.
-
-    Raises FitError if A or b is not finite.
-    """
+    """Return x of least ‖A x − b‖, then of least ‖x‖, and the rank of A; FitError if not finite."""
     try:
         x, _, rank, _ = np.linalg.lstsq(A, b, rcond=rcond)
     except np.linalg.LinAlgError:

@@ -30,41 +30,27 @@ EXACT = 1e-6  # numerics: of the squares that a weight expects: what is below is
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """Blocks of rows with a model projected out.
+    """Blocks of rows with a model projected out."""
 
-    Attributes:
-        parts: one a coordinate, or several.
-        model: (k,) columns of the model.
-        weight: (d,) 1/σ of each coordinate.
-        count: number of all columns, where the last ones may be zero in all parts.
-    """
-
-    parts: tuple[Part, ...]
-    model: Index
-    weight: Array
-    count: int = 0
+    parts: tuple[Part, ...]  # one a coordinate, or several
+    model: Index  # (k,) columns of the model
+    weight: Array  # (d,) 1/σ of each coordinate
+    count: int = 0  # number of all columns, where the last ones may be zero in all parts
 
     @classmethod
     def of(
         cls, information: Information, weight: Array, model: Index, reference: Array | None = None
     ) -> Self:
-        """Return the rows of some information, with a model projected out.
-
-        Args:
-            information: in all columns, the model's and the candidates'.
-            weight: (d,) 1/σ of each coordinate.
-            model: columns that are refitted whatever is asked; the others are candidates.
-            reference: (k,) values of all columns that are taken off first, as a reference that is
-                known: what is left is b − X reference.
+        """Return the rows of some information, with a model projected out; all columns that are not
+        the model's are candidates. Values `reference` (k,) of all columns are taken off first.
         """
-        parts = []
-        times = information.times
+        parts, times = [], information.times
+        known = np.zeros(information.k) if reference is None else reference
         for u in range(information.d):
             mine = {(b.log, b.block): b for b in information if b.coordinate == u}
             if not mine:
                 continue
             support = next(iter(mine.values())).support
-            known = np.zeros(information.k) if reference is None else reference
             rows = [
                 mine[t].triangle.stack() if t in mine else np.zeros((0, len(support) + 1))
                 for t in times
@@ -190,15 +176,6 @@ class Projection:
         """L Ỹ (m, 1 + B) of every part."""
         return self._parted(self._errors)
 
-    @property
-    def left_out(self) -> Array:
-        """L b̃ (rows,), part after part."""
-        return self._errors[:, 0]
-
-    def _left_out(self, x: Array) -> Array:
-        """L x̃ (rows, …) of projected columns."""
-        return self._plus(x, self._Q, self._downdated[1] @ self.by_block(self._Q, x))
-
     def _plus(self, x: Array, A: Array, w: Array) -> Array:
         """x + A w (rows, …), with w (blocks, …) of each block."""
         out = x.copy()
@@ -216,11 +193,7 @@ class Projection:
         return found
 
     def explained(self, fall: Array, before: Array | None = None) -> Array:
-        """Return the shares g that falls (…, d) of left-out squares explain.
-
-        Args:
-            before: (…, d) squares that fall; without it, those of b.
-        """
+        """Return the shares g that falls (…, d) of left-out squares `before` explain, or of b's."""
         before = self.losses.sum(axis=0) if before is None else before
         n, least = self.rows, EXACT * np.maximum(self.rows, 1.0)
         after = np.maximum(before - fall, 0.0)
@@ -259,7 +232,7 @@ class Projection:
     @cached_property
     def losses(self) -> Array:
         """(blocks, d) left-out squares with the model as it is."""
-        return self.by_coordinate(self.left_out**2)
+        return self.by_coordinate(self._errors[:, 0] ** 2)
 
     @property
     def loss(self) -> Array:
@@ -325,6 +298,11 @@ class Projection:
         found = replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))
         vars(found).update(_Q=self._Q, _downdated=self._downdated, squares=self.squares)  # of X
         return found
+
+    @property
+    def bare(self) -> Self:
+        """The same rows without r_1 … r_B."""
+        return self.judging([part.Y[:, :1] for part in self.parts])
 
     @property
     def solved(self) -> tuple[Array, Array]:

@@ -114,17 +114,13 @@ class Chunk:
 
         A p + Σ_w L[:, w] a[first + w] = b
 
-    Attributes:
-        first: (r,) the first basis function that a row touches.
-        L: (r, width, m) its entries for basis functions first … first + width − 1, m multipliers
-            each. width is the basis' degree + 1, or more where rows were filtered in time.
-        A: (r, k); b: (r,).
+    The width of the window is the basis' degree + 1, or more where rows were filtered in time.
     """
 
-    first: Index
-    L: Array
-    A: Array
-    b: Array
+    first: Index  # (r,) the first basis function that a row touches
+    L: Array  # (r, width, m) for functions first … first + width − 1, m multipliers each
+    A: Array  # (r, k)
+    b: Array  # (r,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,13 +158,9 @@ def eliminate(chunks: Iterable[Chunk], count: int, blocks: int = 1) -> Eliminati
     """Eliminate the multipliers from [A | L] [p; a] = b, given in chunks of the same shapes.
 
     Combinations of a knot's coefficients that the equations weigh less than TOLERANCE max|L| are
-    undetermined (redundant closures, gaps) and set to zero; nothing else depends on it.
-
-    Args:
-        chunks: the equations.
-        count: number of basis functions.
-        blocks: number of equal time blocks. Equations of p belong to the block in which they become
-            free of multipliers.
+    undetermined (redundant closures, gaps) and set to zero; nothing else depends on it. `count`
+    basis functions; equations of p belong to that of `blocks` equal blocks of time in which they
+    become free of multipliers.
 
     Raises:
         FitError: for no equations, or a number that is not finite.
@@ -204,9 +196,7 @@ def eliminate(chunks: Iterable[Chunk], count: int, blocks: int = 1) -> Eliminati
 
 
 def _intervals(chunks: Sequence[Chunk], group: int, intervals: int) -> Iterator[Array]:
-    """Yield the rows (r, 2 w + k + 1) of every interval of knots, on its two knots, p and b; at
-    last no rows, for the last knot.
-    """
+    """Yield rows (r, 2 w + k + 1) of every interval, on its two knots, p and b; at last none."""
     (_, width, m), k = chunks[0].L.shape, chunks[0].A.shape[1]
     number = [chunk.first // group for chunk in chunks]
     order = [np.argsort(each, kind="stable") for each in number]

@@ -5,9 +5,12 @@ Its `t` is finite, strictly increasing and in seconds; an error names the remedy
 
 from __future__ import annotations
 
+import json
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -17,23 +20,19 @@ import polars as pl
 from numpy.typing import ArrayLike
 
 from ident.display import Displayed
-from ident.errors import LogError, near, one_of
+from ident.errors import LogError, one_of
 from ident.log.storage import write_table
 from ident.log.table import Array, Column, RawTable, check_name, frame_table, renamed
 
 if TYPE_CHECKING:
     import pandas as pd
-import json
-import re
-from dataclasses import replace
 
 FEWEST_SAMPLES = 10  # range
 # range: [s] a log of more than 100 samples with a median step outside is not in seconds: no machine
 # is logged that slowly, and drives compute their torque at 50 kHz at most
 SHORTEST_STEP, LONGEST_STEP = 2e-5, 0.5
 USUAL_RATES = (10.0, 100e3)  # range: [Hz]
-SMALLER_UNITS = (1e-3, 1e-6, 1e-9)  # range: [s] ms, us, ns
-DIVIDED = (1e3, 1e6)  # range: of stamps that were divided once too often
+UNITS = (1e-3, 1e-6, 1e-9, 1e3, 1e6)  # range: [s] ms, us, ns; of stamps divided once too often
 TIME_NAME = re.compile(r"time|stamp|clock|^t([^a-z]|$)|^(ts|secs?|seconds)$|_(ms|us|ns)$", re.I)
 WORDS = {  # in names of columns that are a joint's position, speed or torque
     "q": re.compile(r"pos|angle|(?<![a-z])q(?![a-z])", re.I),
@@ -41,6 +40,7 @@ WORDS = {  # in names of columns that are a joint's position, speed or torque
     "tau": re.compile(r"eff|torq|trq|tau|moment|force|current|(?<![a-z])i(?![a-z])", re.I),
 }
 ORDERED = re.compile(r"cmd|command|target|desired|(?<![a-z])ref", re.I)  # not what was measured
+ALIKE = 0.8  # range: likeness of names from which one is the other in another spelling
 
 
 class NoTime(LogError):
@@ -52,10 +52,19 @@ class NoTime(LogError):
 
 
 def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
-    """Return the table with a strictly increasing `t` [s]; of repeated stamps the first stays.
-
-    `table` is under ident's names; `source` is the file's column of `t`, for the message.
+    """Return a table of finite values and a strictly increasing `t`, whose column is `source`; of
+    repeated stamps the first stays.
     """
+    notes = []
+    for name, x in table.columns.items():
+        if np.isinf(x).any():
+            row = int(np.isinf(x).argmax())
+            raise LogError(
+                f"{table.file}: column {name!r}, {table.where(row)}: {x[row]} is no measurement; "
+                "leave the cell empty (NaN) where there is no value"
+            )
+        if np.isnan(x).all():
+            notes.append(f"column {name!r} is empty")
     if "t" not in table.columns:
         raise NoTime(f"{table.file}: {_no_time(table)}", table.columns)
     t = table.columns["t"]
@@ -65,6 +74,7 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
             f"{table.file}: t is empty in {_count(empty.size, 'row')}, first at "
             f"{table.where(int(empty[0]))}; every row needs its time: remove these rows"
         )
+    table = replace(table, repairs=(*table.repairs, *notes))
     step = np.diff(t)
     if (step < 0).any():
         row = int((step < 0).argmax()) + 1
@@ -136,8 +146,7 @@ def _no_time(table: RawTable) -> str:
 
 def _scales(step: float) -> list[float]:
     low, high = USUAL_RATES
-    units = SMALLER_UNITS if step > LONGEST_STEP else DIVIDED
-    return [scale for scale in units if low <= 1 / (scale * step) < high]
+    return [x for x in UNITS if low <= 1 / (x * step) < high and (x < 1) == (step > LONGEST_STEP)]
 
 
 def _entry(column: str, scale: float) -> str:
@@ -145,67 +154,59 @@ def _entry(column: str, scale: float) -> str:
     return f'[log] "t" = {quoted if scale == 1 else f"{{ column = {quoted}, scale = {scale:g} }}"}'
 
 
-def entries_for(lacking: Mapping[str, Sequence[str]], columns: Iterable[str]) -> str:
-    """Return entries of [log], as `entry_for` makes them, for all channels with the joints that
-    lack them; "" if no column seems to be any of them.
-    """
-    names = list(columns)
-    return " and ".join(filter(None, (entry_for(c, own, names) for c, own in lacking.items())))
-
-
 def entry_for(signal: str, joints: Sequence[str], columns: Iterable[str]) -> str:
-    """Return the entry of [log] for the joints of which columns seem to be their `q`, `v` or `tau`,
-    or for the first of them; "" if none does.
-    """
+    """Return the entry of [log] that columns suggest by joints' names or numbers, or ""."""
     names = sorted(columns, key=lambda name: bool(ORDERED.search(name)))
-    other = [word for key, word in WORDS.items() if key != signal]  # what is called so is no q
-    likely = [n for n in names if WORDS[signal].search(n) or not any(w.search(n) for w in other)]
     for joint in joints:
-        end = joint[len(joint.rstrip("0123456789")) :]  # the number at its end
-        of = {name: name.replace(joint, "") for name in names if joint in name}
-        if not of and end:  # joints may have only their numbers in common with columns
-            of = {name: name for name in names if re.findall(r"\d+", name) == [end]}
-        found = next((name for name, rest in of.items() if WORDS[signal].search(rest)), "")
-        if not (found := found or near(f"{signal}.{joint}", [n for n in likely if n not in of])):
-            continue
-        key, pattern = "*", found.replace(joint, "*")
-        if joint not in found and end:
-            key, pattern = joint.removesuffix(end) + "*", found.replace(end, "*")
-        stem = key.removesuffix("*")
-        alike = [x for x in joints if pattern.replace("*", x.removeprefix(stem)) in names]
-        own, numbered = _by_number(joint, joints, found, names)
-        lone = numbered.keys() - own.keys()  # where columns count from 0, one more may be any
-        if lone and ("0" in lone or own.keys() - numbered.keys()):
-            first = {min(map(int, each)) for each in (own, numbered)}
-            if len(own) != len(numbered) or first != {0, 1}:
-                continue  # which column is of which joint is open
-            pairs = [
-                f'"{signal}.{own[a]}" = "{numbered[b]}"'
-                for a, b in zip(sorted(own, key=int), sorted(numbered, key=int), strict=True)
-            ]
-            return ", … ".join(dict.fromkeys((pairs[0], pairs[-1])))
-        if len(alike) > 1 and pattern.count("*") == 1:
-            return f'"{signal}.{key}" = "{pattern}"'
-        more = ", and so on for the others" if len(joints) > 1 else ""
-        return f'"{signal}.{joint}" = "{found}"{more}'
+        stem = joint.rstrip("0123456789")
+        for before in ("", stem):  # joints may have only their numbers in common with columns
+            tag = joint.removeprefix(before)
+            of = [x for x in names if (re.findall(r"\d+", x) == [tag] if before else tag in x)]
+            found = next((x for x in of if WORDS[signal].search(x.replace(tag, ""))), "")
+            if not found:
+                continue
+            own, numbered = _by_number(joint, joints, found, found.index(tag) + len(tag), names)
+            lone = numbered.keys() - own.keys()  # where columns count from 0, one more may be any
+            if lone and ("0" in lone or own.keys() - numbered.keys()):
+                pairs = [*zip(sorted(own, key=int), sorted(numbered, key=int), strict=False)]
+                apart = {int(b) - int(a) for a, b in pairs}
+                if len(own) != len(numbered) or apart not in ({1}, {-1}) or "0" not in pairs[0]:
+                    continue  # which column is of which joint is open
+                ends = (pairs[0], pairs[-1])
+                return ", … ".join(f'"{signal}.{own[a]}" = "{numbered[b]}"' for a, b in ends)
+            pattern = found.replace(tag, "*")
+            alike = [x for x in joints if pattern.replace("*", x.removeprefix(before)) in names]
+            if len(alike) > 1 and pattern.count("*") == 1:
+                return f'"{signal}.{before}*" = "{pattern}"'
+            return _lone(signal, joint, found, joints)
+    for joint in joints:  # in another spelling, with the same numbers
+        number = re.findall(r"\d+", joint)
+        plain = {x.casefold(): x for x in names if re.findall(r"\d+", x) == number}
+        if like := get_close_matches(f"{signal}.{joint}".casefold(), plain, 1, ALIKE):
+            return _lone(signal, joint, plain[like[0]], joints)
     return ""
 
 
-def _by_number(
-    joint: str, joints: Iterable[str], column: str, columns: Iterable[str]
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the joints and the columns that differ from these in the number alone, by number.
+def _lone(signal: str, joint: str, column: str, joints: Sequence[str]) -> str:
+    more = ", and so on for the others" if len(joints) > 1 else ""
+    return f'"{signal}.{joint}" = "{column}"{more}'
 
-    >>> _by_number("j1", ["j1", "j2"], "q0", ["q0", "q1", "v0"])
+
+def _by_number(
+    joint: str, joints: Iterable[str], column: str, end: int, columns: Iterable[str]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the joints and the columns that differ from these in a number alone, by that; in the
+    column it stops at `end`.
+
+    >>> _by_number("j1", ["j1", "j2"], "q1", 2, ["q0", "q1", "v0"])
     ({'1': 'j1', '2': 'j2'}, {'0': 'q0', '1': 'q1'})
     """
     stem = joint.rstrip("0123456789")
-    ends = column.split(joint, 1) if joint in column else re.split(r"\d+", column)
-    if stem == joint or len(ends) != 2:
+    start = end - len(joint) + len(stem)
+    if start == end:
         return {}, {}
-    begin, end = ends[0] + stem * (joint in column), ends[1]
     both = []
-    for before, after, names in ((stem, "", joints), (begin, end, columns)):
+    for before, after, names in ((stem, "", joints), (column[:start], column[end:], columns)):
         rule = re.compile(f"{re.escape(before)}(\\d+){re.escape(after)}")
         both.append({found[1]: name for name in names if (found := rule.fullmatch(name))})
     return both[0], both[1]
@@ -306,7 +307,7 @@ class Log(Displayed):
             LogError: where `read_log` would.
         """
         mapping = columns or {}
-        table = with_clock(renamed(table, mapping).checked(), mapping.get("t"))
+        table = with_clock(renamed(table, mapping), mapping.get("t"))
         values = {key: x for key, x in table.columns.items() if key != "t"}
         return cls(name, values, table.columns["t"], table.repairs, sha256)
 

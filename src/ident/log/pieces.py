@@ -34,12 +34,9 @@ from ident.log.read import LogFile, file_errors, log_file
 from ident.log.table import EMPTY, Column, RawTable, first_tick, renamed, table_of
 
 BLOCK = 1 << 24  # work: bytes of a text that are in memory together
-HEAD = 1 << 16  # work: bytes of a text from which its number of rows is estimated
 STRIDE = 1024  # work: rows of a CSV file from one kept place to the next
 
-
-Rows = Callable[[int, int], RawTable]
-"""`table(first, stop)`: rows first … stop - 1."""
+Rows = Callable[[int, int], RawTable]  # table(first, stop): rows first … stop - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +52,7 @@ class Pieces:
     columns: tuple[str, ...]  # ident's names of all columns of numbers, t among them
 
     def piece(self, first: int, stop: int) -> Log:
-        """Return the samples of ten rows or more, first … stop - 1, checked and repaired as by
-        `read_log`.
-        """
+        """Return the samples of ten rows or more, first … stop - 1, as `read_log` would."""
         with file_errors(self.path):
             table = self.table(first, min(stop, self.rows))
         if other := sorted(set(renamed(table, self.mapping).columns) ^ set(self.columns)):
@@ -71,8 +66,7 @@ class Pieces:
 def open_log(path: str | os.PathLike[str], columns: Mapping[str, Column] | None = None) -> Pieces:
     """Open a log as `read_log` reads it; rows of CSV and Parquet files stay on disk.
 
-    A text file is read once, to know where rows begin. Raises LogError for what can be decided
-    without reading all values.
+    A text file is read once, to know where rows begin.
     """
     source, mapping = log_file(path, None), dict(columns or {})
     suffix = source.path.suffix.lower()
@@ -161,25 +155,6 @@ def _whole(file: LogFile, changed: int) -> RawTable:
     return file.table()
 
 
-def likely_rows(path: str | os.PathLike[str]) -> int:
-    """Return about how many rows a log has, without reading it; 0 for what it cannot tell."""
-    path = Path(path)
-    try:
-        regular(path)
-        if path.suffix.lower() == ".parquet":
-            return int(pl.scan_parquet(path).select(pl.len()).collect().item())
-        if path.suffix.lower() == ".csv":
-            with path.open("rb") as stream:
-                head = stream.read(HEAD)
-            return int(path.stat().st_size * head.count(b"\n") / max(len(head), 1))
-        if path.suffix.lower() == ".npz":
-            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-                return next(iter(storage.check_claims(arrays, path).values()))[0]
-    except Exception:  # whoever reads it says what is wrong with it
-        return 0
-    return 0
-
-
 PIECE = 1 << 16  # work: bytes read at once
 WAIT = 0.05  # work: [s] between two looks at what does not grow
 HEADER = 1 << 20  # work: bytes in which the header must be
@@ -207,7 +182,7 @@ def follow(
 ) -> Iterator[CsvLines]:
     """Yield the lines of a CSV file, or of standard input for None, as they come, no blank ones.
 
-    `grow` waits for more at the end of the file; `stop` is called again and again, true ends it.
+    `grow` waits for more at the end of the file; a true `stop` ends it.
     """
     name = "standard input" if path is None else str(path)
     head: storage.Head | None = None

@@ -10,12 +10,17 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+import polars as pl
+
 from ident.errors import LogError, one_of
 from ident.files import check_size, reader_of, regular, suffixes
+from ident.log import storage
 from ident.log.log import Log
 from ident.log.table import Column, RawTable, frame_table, is_frame, table_of_arrays
 
 BAG = (".mcap", ".db3")  # ROS 2 bags, whose topics are chosen
+HEAD = 1 << 16  # work: bytes of a text from which its number of rows is estimated
 
 
 def read_log(
@@ -126,6 +131,24 @@ def log_file(path: str | os.PathLike[str], topic: str | None) -> LogFile:
     return LogFile(path, tuple(each for each in topics if each))
 
 
+def likely_rows(path: str | os.PathLike[str]) -> int:
+    """Return about how many rows a log has, without reading it; 0 for what it cannot tell."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    with contextlib.suppress(Exception):  # whoever reads it says what is wrong with it
+        regular(path)
+        if suffix == ".parquet":
+            return int(pl.scan_parquet(path).select(pl.len()).collect().item())
+        with path.open("rb") as stream:
+            if suffix == ".csv":
+                head = stream.read(HEAD)
+                return int(path.stat().st_size * head.count(b"\n") / max(len(head), 1))
+            if suffix == ".npz":
+                arrays = np.load(stream, allow_pickle=False)
+                return next(iter(storage.check_claims(arrays, path).values()))[0]
+    return 0
+
+
 def suffix_of(path: Path) -> str:
     """Return the suffix that names the format, in lower case; a bag's folder has that of a bag."""
     return BAG[0] if (path / "metadata.yaml").is_file() else path.suffix.lower()
@@ -169,11 +192,7 @@ def is_folder_of_logs(path: Path) -> bool:
 
 
 def logs_in(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the logs in a folder, by name: all files of a log's suffix, and ROS 2 bags.
-
-    Hidden files and inner folders are left out. The reader refuses a file that turns out to be no
-    log.
-    """
+    """Return the logs in a folder, by name: all files of a log's suffix, and ROS 2 bags."""
     folder = Path(folder)
     try:
         paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
@@ -183,7 +202,9 @@ def logs_in(folder: str | os.PathLike[str]) -> list[Path]:
         ) from None
     logs = [path for path in paths if _is_log(path)]
     if not logs:
-        raise LogError(f"{folder}: holds no log; valid: files of {_valid()}, or ROS 2 bags")
+        raise LogError(
+            f"{folder}: holds no log; valid: files of {', '.join(suffixes('log'))}, or ROS 2 bags"
+        )
     return logs
 
 
@@ -196,17 +217,12 @@ def expanded(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
     return list(unique.values())
 
 
-def names_of(paths: Iterable[Path]) -> list[str]:
-    """Return different names of logs beside each other: a second run.csv is run.csv (2).
+def distinct(names: Iterable[str]) -> list[str]:
+    """Return names that differ, a second one of a name with (2) behind it.
 
-    >>> names_of([Path("a/run.csv"), Path("b/run.csv")])
+    >>> distinct(["run.csv", "run.csv"])
     ['run.csv', 'run.csv (2)']
     """
-    return distinct(path.name or str(path) for path in paths)
-
-
-def distinct(names: Iterable[str]) -> list[str]:
-    """Return names that differ, a second one of a name with (2) behind it."""
     count = Counter[str]()
     found = []
     for name in names:

@@ -57,18 +57,30 @@ def head_of(raw: bytes, file: str) -> Head:
     for number, match in enumerate(LINE.finditer(raw), start=1):
         line = match[1]
         if line.strip() and line.lstrip()[:1] != b"#":
-            separator = _separator(line, f"{file}: line {number}")
-            names = _header(line, before, number, separator, file)
-            return Head(tuple(names), separator, number, match.end())
+            return _head(line, before, number, match.end(), file)
         before = line
     raise LogError(f"{file}: the file is empty; a header line and rows of numbers are needed")
 
 
-def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) -> RawTable:
-    """Return the columns of some whole lines of a CSV file below its header.
+def _head(line: bytes, before: bytes, number: int, end: int, file: str) -> Head:
+    place, bare = f"{file}: line {number}", QUOTED.sub(b"", line)
+    separator = max(SEPARATORS, key=bare.count)
+    if separator not in bare and re.search(rb"[\s|]", bare.strip()):
+        valid = ", ".join(SEPARATORS.values())
+        raise LogError(f"{place}: no separator between the column names; valid: {valid}")
+    if line.count(b'"') % 2:
+        raise LogError(f"{place}: a quote is opened and not closed; close it")
+    names = tuple(name or "" for name in _frame(line, separator, file).row(0))
+    if all(NUMBER.fullmatch(name) for name in names):
+        hint = "name the columns in the first line: t, q.<joint>, ..."
+        if before.lstrip()[:1] == b"#" and before.count(separator) == len(names) - 1:
+            hint = f"line {number - 1} looks like one behind its '#': remove that"  # np.savetxt
+        raise LogError(f"{place} holds numbers where the header should be; {hint}")
+    return Head(names, separator, number, end)
 
-    `before` is the number of lines of the file before these, `last` whether it ends with them.
-    """
+
+def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) -> RawTable:
+    """Return the columns of whole lines of a CSV file, with `before` lines of it before them."""
     lines, width = text.splitlines(), len(head.names)
     filled = filled_lines(lines)
     if not len(filled):
@@ -143,27 +155,6 @@ def _frame(text: bytes, separator: bytes, file: str) -> pl.DataFrame:
         raise LogError(f"{file}: {MISQUOTED}") from error
 
 
-def _separator(header: bytes, place: str) -> bytes:
-    bare = QUOTED.sub(b"", header)
-    best = max(SEPARATORS, key=bare.count)
-    if best not in bare and re.search(rb"[\s|]", bare.strip()):
-        valid = ", ".join(SEPARATORS.values())
-        raise LogError(f"{place}: no separator between the column names; valid: {valid}")
-    return best
-
-
-def _header(line: bytes, before: bytes, number: int, separator: bytes, file: str) -> list[str]:
-    if line.count(b'"') % 2:
-        raise LogError(f"{file}: line {number}: a quote is opened and not closed; close it")
-    names = [name or "" for name in _frame(line, separator, file).row(0)]
-    if all(NUMBER.fullmatch(name) for name in names):
-        hint = "name the columns in the first line: t, q.<joint>, ..."
-        if before.lstrip()[:1] == b"#" and before.count(separator) == len(names) - 1:
-            hint = f"line {number - 1} looks like one behind its '#': remove that"  # np.savetxt
-        raise LogError(f"{file}: line {number} holds numbers where the header should be; {hint}")
-    return names
-
-
 # what NumPy raises for a damaged archive
 BROKEN = (ValueError, EOFError, OSError, RuntimeError, KeyError, zipfile.BadZipFile, zlib.error)
 HEADERS = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
@@ -189,10 +180,7 @@ def parquet_errors(path: Path) -> Iterator[None]:
 
 
 def read_npz(path: Path) -> RawTable:
-    """Read the arrays of a NumPy archive, each a column; pickles are never loaded.
-
-    Raises LogError where the file is no archive, an array is not 1-D, or lengths differ.
-    """
+    """Read the arrays of a NumPy archive, each a column; pickles are never loaded."""
     with path.open("rb") as stream:
         try:
             archive = np.load(stream, allow_pickle=False)

@@ -28,11 +28,9 @@ class RawTable:
 
     file: str  # as messages name it
     columns: Mapping[str, Array]  # (n_rows,) by name, NaN where a cell is empty
-    # why a column is no measurement, by name
-    ignored: Mapping[str, str] = field(default_factory=dict)
+    ignored: Mapping[str, str] = field(default_factory=dict)  # why it is no measurement
     repairs: tuple[str, ...] = ()  # what was changed, in words
-    # (n_rows,) line of each row; None for a file without lines
-    lines: NDArray[np.int64] | None = None
+    lines: NDArray[np.int64] | None = None  # (n_rows,) of each row, if there are any
     first: int = 0  # number of the first row in a file without lines
 
     def where(self, row: int) -> str:
@@ -44,20 +42,6 @@ class RawTable:
         columns = {name: x[part] for name, x in self.columns.items()}
         lines = None if self.lines is None else self.lines[part]
         return replace(self, columns=columns, lines=lines, first=self.first + (part.start or 0))
-
-    def checked(self) -> RawTable:
-        """Return the table with a note about each column that has no value at all."""
-        notes = []
-        for name, x in self.columns.items():
-            if np.isinf(x).any():
-                row = int(np.isinf(x).argmax())
-                raise LogError(
-                    f"{self.file}: column {name!r}, {self.where(row)}: {x[row]} is no measurement; "
-                    "leave the cell empty (NaN) where there is no value"
-                )
-            if np.isnan(x).all():
-                notes.append(f"column {name!r} is empty")
-        return replace(self, repairs=(*self.repairs, *notes))
 
 
 @dataclass(frozen=True)
@@ -87,9 +71,8 @@ class Column:
 def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     """Return the table under ident's names and in SI units; unmapped columns keep their own name.
 
-    Two columns may exchange their names. One that is not required gives way to a column that has
-    the name already. A file with none of the mapped columns, but with `t` and some of the names
-    that they are to have, has ident's names already, as planned motions have.
+    One that is not required gives way to a column that has the name already. A file with `t` and
+    ident's names, and none of the mapped columns, stays as it is, as planned motions do.
     """
     every = {*table.columns, *table.ignored}
     groups: dict[str, list[str]] = {}
@@ -154,11 +137,7 @@ def table_of(
     first: int = 0,
     since: Mapping[str, int] | None = None,
 ) -> RawTable:
-    """Convert named columns of any type to float64.
-
-    Columns of times count from the tick `since`, by default their own first one; `lines`, `repairs`
-    and `first` are those of the table.
-    """
+    """Convert named columns of any type; times count from `since`, or their first tick."""
     table = RawTable(file, {}, {}, (), lines, first)
     columns: dict[str, Array] = {}
     ignored: dict[str, str] = {}
@@ -249,11 +228,7 @@ def table_of_arrays(file: str, arrays: Mapping[str, Any]) -> RawTable:
 
 
 def is_frame(thing: object) -> bool:
-    """Return whether it is a data frame of polars or pandas, whatever it holds.
-
-    >>> is_frame(pl.DataFrame({"t": [0.0]}))
-    True
-    """
+    """Return whether it is a data frame of polars or pandas, whatever it holds."""
     of_pandas = type(thing).__module__.split(".")[0] == "pandas"
     return isinstance(thing, pl.DataFrame | pl.LazyFrame) or (
         of_pandas and type(thing).__name__ == "DataFrame"
@@ -263,8 +238,8 @@ def is_frame(thing: object) -> bool:
 def frame_table(name: str, frame: Any, mapped: Collection[str] = ()) -> RawTable:
     """Convert the columns of a polars or pandas data frame, whose rows are samples.
 
-    A pandas index that is named, or holds times, is a column too: `t`, where it holds times and
-    nothing else is `t`. The columns `mapped` are asked for under their own name.
+    A pandas index that is named, or holds times, is a column too, `t` where nothing else is; the
+    columns `mapped` are asked for under their own name.
     """
     if isinstance(frame, pl.DataFrame):
         return table_of(name, frame.get_columns())

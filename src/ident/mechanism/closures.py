@@ -7,6 +7,9 @@ relative position and orientation it keeps at zero:
 
     d = p_b − p_a                            in world axes, or in a's axes where the kind slides
     rx, ry: z_b = z_a, two equations         rz: x_b ⟂ y_a (together: the same orientation)
+
+PyPI's `pin` has no CasADi binding, so placements are written here from the model's own data: a
+joint's placement in its parent, then the joint's motion. Tested against Pinocchio.
 """
 
 from __future__ import annotations
@@ -23,9 +26,64 @@ import pinocchio as pin
 
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import TomlTable, function_of
-from ident.mechanism.tree import Placement, is_rotational
+from ident.mechanism.description import is_rotational, joint_axis, tidy
 
 Coordinates = Mapping[str, ca.SX]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A frame in the world: rotation R (3, 3) and origin p (3,) [m], CasADi or NumPy."""
+
+    R: ca.SX
+    p: ca.SX
+
+    def __mul__(self, other: Placement) -> Placement:
+        return Placement(self.R @ other.R, self.R @ other.p + self.p)
+
+    @staticmethod
+    def of(M: pin.SE3) -> Placement:
+        """Return Pinocchio's constant placement, without rounding errors beside 0 and 1."""
+        return Placement(ca.SX(tidy(M.rotation)), ca.SX(tidy(M.translation)))
+
+
+def placements(model: pin.Model, q: ca.SX) -> list[Placement]:
+    """Return world placements of all joints' frames, the world first, at q (nq,)."""
+    placed = [Placement(ca.SX.eye(3), ca.SX.zeros(3))]
+    for index in range(1, model.njoints):
+        fixed = placed[model.parents[index]] * Placement.of(model.jointPlacements[index])
+        at = model.idx_qs[index]
+        if model.joints[index].nq == 7:
+            own = Placement(_rotation_of_quaternion(q[at + 3 : at + 7]), q[at : at + 3])
+        elif is_rotational(model, index):
+            cross = ca.skew(ca.SX(joint_axis(model, index)))  # Rodrigues
+            turned = ca.sin(q[at]) * cross + (1 - ca.cos(q[at])) * (cross @ cross)
+            own = Placement(ca.SX.eye(3) + turned, ca.SX.zeros(3))
+        else:
+            own = Placement(ca.SX.eye(3), ca.SX(joint_axis(model, index)) * q[at])
+        placed.append(fixed * own)
+    return placed
+
+
+def _rotation_of_quaternion(xyzw: ca.SX) -> ca.SX:
+    cross = ca.skew(xyzw[:3])
+    return ca.SX.eye(3) + 2 * xyzw[3] * cross + 2 * (cross @ cross)
+
+
+def rates(model: pin.Model, q: ca.SX) -> ca.SX:
+    """Return N(q) (nq, nv) of q̇ = N(q) v: 1 for scalar joints, a quaternion's for free bodies."""
+    N = ca.SX(model.nq, model.nv)
+    for index in range(1, model.njoints):
+        joint, iq, iv = model.joints[index], model.idx_qs[index], model.idx_vs[index]
+        if joint.nq == 1:
+            N[iq, iv] = 1
+            continue
+        xyzw = q[iq + 3 : iq + 7]
+        # ṗ = R v_lin ; quaternion rate = ½ quaternion ∘ (ω, 0), ω in the body's axes
+        N[iq : iq + 3, iv : iv + 3] = _rotation_of_quaternion(xyzw)
+        N[iq + 3 : iq + 6, iv + 3 : iv + 6] = 0.5 * (xyzw[3] * ca.SX.eye(3) + ca.skew(xyzw[:3]))
+        N[iq + 6, iv + 3 : iv + 6] = -0.5 * xyzw[:3].T
+    return N
 
 
 @dataclass(frozen=True)
@@ -112,10 +170,7 @@ class Closure(ABC):
 
     @abstractmethod
     def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
-        """Return Φ(q), given the world placements of the joints' frames, the ground first.
-
-        `joints` are the coordinates of the tree and the own joints of closures of two frames.
-        """
+        """Return Φ(q) of world placements, the ground's first, and coordinates, own joints' too."""
 
     @property
     def places(self) -> Mapping[str, float]:
@@ -144,12 +199,7 @@ class FrameClosure(Closure):
     @classmethod
     def read(cls, name: str, table: TomlTable, context: Context) -> FrameClosure:
         a, b = (context.frame(table, end) for end in "ab")
-        return cls(name, a, b, **cls.settings(table))
-
-    @classmethod
-    def settings(cls, table: TomlTable) -> dict[str, Any]:
-        """Return what a kind reads beside its frames."""
-        return {}
+        return cls(name, a, b)
 
     @property
     def frames(self) -> tuple[Frame, ...]:  # type: ignore[override]
@@ -206,11 +256,12 @@ class PointClosure(FrameClosure):
     position: str = field(default="xyz", kw_only=True)  # type: ignore[misc]
 
     @classmethod
-    def settings(cls, table: TomlTable) -> dict[str, Any]:
+    def read(cls, name: str, table: TomlTable, context: Context) -> FrameClosure:
         axes = table.text("axes", "xyz")
         if set(axes) - set("xyz") or len(set(axes)) != len(axes):
             raise table.error(f"axes = '{axes}'; some of the letters xyz, each once")
-        return {"position": "".join(sorted(axes))}
+        a, b = super().read(name, table, context).frames
+        return cls(name, a, b, position="".join(sorted(axes)))
 
 
 class RevoluteClosure(FrameClosure):
@@ -261,11 +312,12 @@ class DistanceClosure(FrameClosure):
     length: float = 0.0  # of the rod [m]
 
     @classmethod
-    def settings(cls, table: TomlTable) -> dict[str, Any]:
+    def read(cls, name: str, table: TomlTable, context: Context) -> FrameClosure:
         length = table.number("length", 0.0)
         if not length > 0:
             raise table.error(f"length = {length:g} m; a distance needs one above 0")
-        return {"length": length}
+        a, b = super().read(name, table, context).frames
+        return cls(name, a, b, length=length)
 
     def between(self, a: Placement, b: Placement) -> Constraint:
         """Return Φ = |p_b − p_a| − length."""

@@ -1,28 +1,51 @@
-"""A mechanism's file as a URDF and what a URDF cannot state: closures, passive joints, gravity.
+"""A mechanism's file: a URDF, and what a URDF cannot state, as closures, passive joints, gravity.
 
-A URDF describes itself. MuJoCo models and formats of other packages are rewritten as a URDF,
-for which `UrdfWriter` is the tool.
+MuJoCo models and formats of other packages are rewritten as a URDF (`urdf.UrdfWriter`). Its text is
+parsed safely, each fault named by its line, joints are locked, and Pinocchio makes its model. XML
+from strangers may carry entity bombs and references to other files, so a document type is refused
+before anything is expanded.
+
+Pinocchio stores a continuous joint as (cos, sin). Here every coordinate is an angle or a length, as
+logs and tables have them: a continuous joint becomes a revolute one without limits. Mimicking
+joints stay joints; the mechanism gets a `linear` closure for each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import copy
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from ident.effects.library import KINDS
-from ident.errors import MechanismError
-from ident.files import OWN, reader_of, regular
-from ident.mechanism.urdf import parse_urdf, parse_xml, words
+from ident.errors import MechanismError, one_of
+from ident.files import HUGE, OWN, reader_of, regular
 
 LARGEST = 50_000_000  # work: bytes of a file
-UNLIMITED = 1e9  # range: what a URDF states where there is no limit
 FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf"}  # by root element
+MOST = 500  # work: joints, those that are fixed among them
+TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating")
+SEVERAL = {  # joints of several coordinates, and what they are a chain of; free and ball of MuJoCo
+    "floating": "three prismatic and three revolute", "planar": "two prismatic and one revolute",
+}  # fmt: skip
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # as C++ reads it, too
+TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+NUMBERS = {  # attributes that are numbers, by element, with their defaults
+    "origin": {"xyz": "0 0 0", "rpy": "0 0 0"},
+    "axis": {"xyz": "1 0 0"},
+    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), "0"),
+    "mimic": {"multiplier": "1", "offset": "0"},
+    "mass": {"value": ""},
+    "inertia": {key: "" if key[1] == key[2] else "0" for key in TERMS},
+}
+PLACEHOLDER = 100.0  # range: m, a radius of gyration beyond which an inertia is no body's
+UNLIMITED = 1e9  # range: what a URDF states where there is no limit
 
 
 @dataclass(frozen=True)
@@ -35,8 +58,7 @@ class Description:
     passive: tuple[str, ...] = ()  # joints of [joints] passive
     start: Mapping[str, float] = field(default_factory=dict)  # [joints] start
     gravity: tuple[float, float, float] | None = None  # [m/s²], where the file gives it
-    # massless links between joints of one body, which the file does not name
-    auxiliary: tuple[str, ...] = ()
+    auxiliary: tuple[str, ...] = ()  # massless links, which the file does not name
     notes: tuple[str, ...] = ()  # what was understood otherwise than it is written, in words
 
 
@@ -71,106 +93,306 @@ def read_urdf(path: Path) -> etree._Element:
     return parse_urdf(read_description(path).urdf, str(path))
 
 
-# --- a URDF written from bodies and joints ------------------------------------------------------
+# --- a text read and checked ----------------------------------------------------------------------
+
+
+def parse_xml(data: bytes, where: str) -> etree._Element:
+    """Return the root element of an XML text; nothing in it is expanded or fetched."""
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, load_dtd=False, strip_cdata=False
+    )
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise MechanismError(
+            f"{where}: has a document type or entities, which are refused; remove <!DOCTYPE …>"
+        )
+    try:
+        root = etree.fromstring(data, parser)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        text = str(error).replace("\n", " ").partition(" (<string>")[0] or "empty file"
+        raise MechanismError(
+            f"{where}: is no well-formed XML: {text}; correct it or export it again"
+        ) from None
+    if root.getroottree().docinfo.internalDTD is not None:
+        raise MechanismError(f"{where}: has a document type, which is refused; remove it")
+    return root
+
+
+def parse_urdf(data: bytes, where: str) -> etree._Element:
+    """Return the checked `<robot>` element of a URDF's text, comments included."""
+    robot = parse_xml(data, where)
+    if robot.tag != "robot":
+        valid = "a URDF's is <robot> (a MuJoCo model is named .xml)"
+        given = str(robot.tag)
+        valid += '; take xmlns="…" out' if given.endswith("}robot") else ""
+        refuse(robot, where, f"the root element is <{given}>; {valid}")
+    if not robot.get("name"):
+        robot.set("name", "robot")
+    if (count := len(robot.findall("joint"))) > MOST:
+        raise MechanismError(f"{where}: {count} joints; a mechanism has at most {MOST}")
+    _check_tree(robot, where)
+    _check_values(robot, where)
+    return robot
+
+
+def numbers(element: etree._Element, key: str, default: str, count: int, where: str) -> list[float]:
+    """Return the `count` finite numbers of an attribute; a MechanismError shows its text."""
+    text = element.get(key, default)
+    values = [float(word) for word in text.split() if NUMBER.fullmatch(word)]
+    most = HUGE if element.tag != "limit" else math.inf  # a limit may be as large
+    good = len(values) == len(text.split()) and all(abs(value) < most for value in values)
+    if len(values) != count or not good:
+        need = "a finite number" if count == 1 else f"{count} finite numbers"
+        refuse(element, where, f'<{element.tag} {key}="{text}">: {need} expected')
+    return values
+
+
+def attribute(parent: etree._Element, tag: str, key: str, where: str) -> list[float]:
+    """Return the numbers of an attribute of a child element, or those that it has by default."""
+    child, default = parent.find(tag), NUMBERS[tag][key]
+    child = etree.Element(tag) if child is None else child
+    return numbers(child, key, default, len(default.split()) or 1, where)
+
+
+def refuse(element: etree._Element, where: str, message: str) -> NoReturn:
+    """Raise MechanismError with the line of an element."""
+    raise MechanismError(f"{where}:{element.sourceline}: {message}")
+
+
+def _check_tree(robot: etree._Element, where: str) -> None:
+    for tag in ("link", "joint"):
+        first: dict[str, int] = {}
+        for element in robot.findall(tag):
+            name = element.get("name")
+            if not name:
+                refuse(element, where, f'a <{tag}> has no name; write name="…"')
+            if name in first:
+                at = f"the first is in line {first[name]}; names must differ"
+                refuse(element, where, f"a second {tag} is named '{name}', {at}")
+            first[name] = element.sourceline
+    if robot.find("link") is None:
+        raise MechanismError(f"{where}: has no <link>; a mechanism needs at least two and a joint")
+    links = [link.get("name") for link in robot.findall("link")]
+    parent_of: dict[str, str] = {}
+    for joint in robot.findall("joint"):
+        name, ends = joint.get("name"), {}
+        for end in ("parent", "child"):
+            link = next((each.get("link") for each in joint.findall(end)), None)
+            if not link:
+                refuse(joint, where, f"joint '{name}' has no <{end} link=…>")
+            if link not in links and not (end == "parent" and link == "world"):
+                what = f"joint '{name}' has the {end} '{link}', which is no link"
+                refuse(joint, where, f"{what}; {one_of(link, links)}")
+            ends[end] = link
+        if ends["child"] in parent_of:
+            how = "a URDF is a tree: close the loop by a [[closure]] in mechanism.toml"
+            refuse(joint, where, f"link '{ends['child']}' is the child of two joints; {how}")
+        parent_of[ends["child"]] = ends["parent"]
+
+    def root_of(link: str) -> str:
+        path = [link]
+        while path[-1] in parent_of:
+            path.append(parent_of[path[-1]])
+            if path[-1] in path[:-1]:
+                ring = ", ".join(path[path.index(path[-1]) + 1 :])
+                raise MechanismError(
+                    f"{where}: the links {ring} form a ring; one link must be the ground, and the "
+                    "loop closed by a [[closure]]"
+                )
+        return path[-1]
+
+    root = root_of(next(iter(parent_of.values()), links[0]))
+    if separate := [name for name in links if root_of(name) != root]:
+        raise MechanismError(
+            f"{where}: no joint leads from the root '{root}' to link '{separate[0]}'"
+            + (f" and {len(separate) - 1} more" if len(separate) > 1 else "")
+            + "; connect it by a joint (type fixed, if it does not move) or remove it"
+        )
+
+
+def _check_values(robot: etree._Element, where: str) -> None:
+    for element in (*robot.iterfind("joint/*"), *robot.iterfind("link/inertial/*")):
+        for key, default in NUMBERS.get(element.tag, {}).items():
+            numbers(element, key, default, len(default.split()) or 1, where)
+    for joint in robot.findall("joint"):
+        name, kind = joint.get("name"), joint.get("type") or ""
+        if kind not in TYPES:
+            refuse(joint, where, f"joint '{name}' is of type '{kind}'; {one_of(kind, TYPES)}")
+        # of fixed joints exporters write an axis of zeros
+        if kind != "fixed" and math.hypot(*attribute(joint, "axis", "xyz", where)) < 1e-9:
+            what = f"joint '{name}' has the axis 0 0 0; give a direction"
+            refuse(joint.find("axis"), where, what)
+        (lower,), (upper,) = (attribute(joint, "limit", key, where) for key in ("lower", "upper"))
+        if lower > upper:
+            why = f"lower {lower:g} above upper {upper:g}; swap them"
+            refuse(joint.find("limit"), where, f"joint '{name}' has {why}")
+    for inertial in robot.iterfind("link/inertial"):
+        name = inertial.getparent().get("name")
+        for tag in ("mass", "inertia"):
+            if inertial.find(tag) is None:
+                refuse(inertial, where, f"the <inertial> of link '{name}' has no <{tag}>")
+        (mass,) = attribute(inertial, "mass", "value", where)
+        if mass < 0:
+            what = f"link '{name}' has the mass {mass:g} kg; it must be ≥ 0"
+            refuse(inertial.find("mass"), where, what)
+
+
+def words(values: Sequence[float] | np.ndarray) -> str:
+    """Return numbers as XML has them, none of them rounded."""
+    return " ".join(repr(float(x) + 0.0) for x in values)
+
+
+def lock(
+    robot: etree._Element, values: Mapping[str, float], where: str
+) -> tuple[dict[str, float], list[str]]:
+    """Fix joints of a `<robot>` at coordinates [rad | m], and joints that mimic them; return all,
+    and notes on those that are outside of their limits.
+
+    A joint of several coordinates can be fixed at its origin, and must be.
+    """
+    joints = {j.get("name"): j for j in robot.findall("joint") if j.get("type") != "fixed"}
+    locked, notes = dict(values), []
+    for name in locked:
+        if name not in joints:
+            what = f"there is no joint '{name}' to be locked"
+            raise MechanismError(f"{where}: {what}; {one_of(name, joints)}")
+    for name, joint in joints.items():
+        chain = SEVERAL.get(joint.get("type", ""))
+        if chain and locked.get(name, 0) != 0:
+            what = f"joint '{name}' has several coordinates, so {locked[name]:g} is no place of it"
+            raise MechanismError(f"{where}: {what}; only --lock {name}, where the file has it")
+        if chain and name not in locked:
+            raise MechanismError(
+                f"{where}: joint '{name}' is of type {joint.get('type')}, and a joint has one "
+                f"column; if it does not move in the log, --lock {name} (or [joints] locked = "
+                f"{{ {name} = 0 }}) fixes it where the file has it; else state it as {chain} "
+                "joints with massless links between them"
+            )
+    pending = {name: each for name, each in joints.items() if each.find("mimic") is not None}
+    for _ in pending:  # one may mimic another that mimics
+        for name, joint in pending.items():
+            if name not in locked and (other := joint.find("mimic").get("joint")) in locked:
+                factor, offset = _mimic_numbers(joint, where)
+                locked[name] = factor * locked[other] + offset
+    for name, value in locked.items():
+        joint, kind = joints[name], joints[name].get("type")
+        axis, xyz, rpy = (
+            np.array(attribute(joint, tag, key, where))
+            for tag, key in (("axis", "xyz"), ("origin", "xyz"), ("origin", "rpy"))
+        )
+        (low,), (high,) = (attribute(joint, "limit", key, where) for key in ("lower", "upper"))
+        limited = name in values and kind in ("revolute", "prismatic") and low < high
+        if limited and not low <= value <= high:
+            limits = f"{low:.4g} to {high:.4g}"
+            notes.append(f"{name} is locked at {value:.4g}, outside its limits {limits}")
+        step = value * axis / np.linalg.norm(axis)
+        motion = pin.SE3(np.eye(3), step)
+        if kind != "prismatic":
+            motion = pin.SE3(pin.exp3(step), np.zeros(3))
+        place = pin.SE3(pin.rpy.rpyToMatrix(*rpy), xyz) * motion
+        etree.strip_elements(joint, "origin", "axis", "limit", "mimic", with_tail=False)
+        turn = words(pin.rpy.matrixToRpy(place.rotation))
+        etree.SubElement(joint, "origin", xyz=words(place.translation), rpy=turn)
+        joint.set("type", "fixed")
+    return locked, notes
+
+
+# --- Pinocchio's model ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class RigidBody:
-    """A rigid body in a link's frame; not a pin.Inertia, which refuses impossible tensors."""
+class Tree:
+    """Pinocchio's model of a URDF with the names that it does not keep."""
 
-    mass: float  # [kg]
-    centre: np.ndarray  # (3,) [m]
-    inertia: np.ndarray  # (3, 3) [kg m²] about the centre
-
-    def moved(self, placement: pin.SE3) -> RigidBody:
-        """Return the body in a frame in which its own is at `placement`."""
-        R = placement.rotation
-        return RigidBody(self.mass, placement.act(self.centre), R @ self.inertia @ R.T)
+    model: pin.Model  # one scalar coordinate a joint, `model.nq == model.nv`
+    links: tuple[str, ...]  # that each joint moves, by Pinocchio's index from 1 on
+    mimics: tuple[dict[str, Any], ...]  # joints that follow another, as tables [[closure]]
+    notes: tuple[str, ...]  # interpretations that differ from the text of the URDF
 
 
-@dataclass(frozen=True)
-class Visual:
-    """A shape to be shown."""
-
-    kind: str  # `box`, `sphere`, `cylinder` or `mesh`
-    attributes: Mapping[str, str]  # of the URDF's element
-    placement: pin.SE3  # in the link's frame
-
-
-@dataclass(frozen=True)
-class JointLimits:
-    """Limits of a joint [rad | m, rad/s | m/s, N m | N]; infinite where there is none."""
-
-    lower: float = -np.inf
-    upper: float = np.inf
-    velocity: float = np.inf
-    effort: float = np.inf
-
-
-class UrdfWriter:
-    """A `<robot>` that grows link by link and joint by joint."""
-
-    def __init__(self, name: str, comment: str) -> None:
-        self.robot = etree.Element("robot", name=name or "robot")
-        self.robot.append(etree.Comment(f" {comment.replace('--', '- -')} "))
-
-    def link(
-        self, name: str, body: RigidBody | None = None, visuals: Sequence[Visual] = ()
-    ) -> None:
-        """Append a link with its inertia and its shapes."""
-        link = etree.SubElement(self.robot, "link", name=name)
-        if body is not None and (body.mass or np.any(body.inertia)):
-            inertial = etree.SubElement(link, "inertial")
-            etree.SubElement(inertial, "origin", xyz=words(body.centre), rpy="0 0 0")
-            etree.SubElement(inertial, "mass", value=words([body.mass]))
-            tensor = etree.SubElement(inertial, "inertia")
-            for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-                tensor.set("i" + "xyz"[i] + "xyz"[j], words([body.inertia[i, j]]))
-        for each in visuals:
-            visual = etree.SubElement(link, "visual")
-            self._origin(visual, each.placement)
-            geometry = etree.SubElement(visual, "geometry")
-            etree.SubElement(geometry, each.kind, dict(each.attributes))
-
-    def joint(
-        self,
-        name: str,
-        kind: str,
-        ends: tuple[str, str],
-        placement: pin.SE3,
-        axis: np.ndarray | None = None,
-        limits: JointLimits = JointLimits(),
-    ) -> None:
-        """Append a joint of type `kind` from a parent to a child link, both named by `ends`."""
-        joint = etree.SubElement(self.robot, "joint", name=name, type=kind)
-        etree.SubElement(joint, "parent", link=ends[0])
-        etree.SubElement(joint, "child", link=ends[1])
-        self._origin(joint, placement)
-        if axis is not None:
-            etree.SubElement(joint, "axis", xyz=words(axis))
-            values = vars(limits)
-            if kind != "continuous" or any(np.isfinite(x) for x in values.values()):
-                # urdfdom wants all four where there is a limit
-                full = {key: np.clip(x, -UNLIMITED, UNLIMITED) for key, x in values.items()}
-                etree.SubElement(joint, "limit", {key: words([x]) for key, x in full.items()})
-
-    @staticmethod
-    def _origin(element: etree._Element, placement: pin.SE3) -> None:
-        rpy = pin.rpy.matrixToRpy(placement.rotation)
-        etree.SubElement(element, "origin", xyz=words(placement.translation), rpy=words(rpy))
-
-    def text(self) -> bytes:
-        """Return the text of the file."""
-        etree.indent(self.robot)
-        text: bytes = etree.tostring(self.robot, xml_declaration=True, encoding="utf-8")
-        return text + b"\n"
+def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> Tree:
+    """Return Pinocchio's model of a checked `<robot>`."""
+    robot = copy.deepcopy(robot)
+    notes: list[str] = []
+    names = {link.get("name") for link in robot.findall("link")}
+    used = {joint.find("parent").get("link") for joint in robot.findall("joint")}
+    if "world" in used - names:
+        robot.insert(0, etree.Element("link", name="world"))
+        notes.append("the URDF does not declare the link 'world'; it is taken as the ground")
+    # nothing here uses these, and urdfdom stumbles over some of them
+    unused = ("dynamics", "safety_controller", "calibration", "visual", "collision")
+    etree.strip_elements(robot, *unused, with_tail=False)
+    for element in robot.iter("limit", "mass", "inertia"):
+        for key, value in element.items():  # urdfdom stumbles over blanks around a number
+            element.set(key, value.strip())
+    for inertia in robot.iterfind("link/inertial/inertia"):  # urdfdom requires them
+        for key in ("ixy", "ixz", "iyz"):
+            inertia.set(key, inertia.get(key, "0"))
+    notes += _without_placeholders(robot, where)
+    moving = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
+    mimics = tuple(_take_mimics(moving, where))
+    for joint in robot.findall("joint[@type='fixed'][mimic]"):
+        notes.append(f"joint '{joint.get('name')}' is fixed, so its <mimic> is ignored")
+    etree.strip_elements(robot, "mimic", with_tail=False)
+    for joint in moving:
+        limit = joint.find("limit")
+        if joint.get("type") == "continuous" or limit is None:
+            limit = etree.SubElement(joint, "limit") if limit is None else limit
+            limit.attrib.update({"lower": f"-{UNLIMITED}", "upper": f"{UNLIMITED}"})
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+        for key in ("effort", "velocity"):
+            limit.set(key, limit.get(key, f"{UNLIMITED}"))
+    try:
+        model = pin.buildModelFromXML(etree.tostring(robot).decode())
+    except (RuntimeError, ValueError) as error:
+        raise MechanismError(
+            f"{where}: Pinocchio refuses it: {' '.join(str(error).split())}"
+        ) from None
+    if model.nv == 0:
+        raise MechanismError(f"{where}: has no joint that moves; every joint is fixed")
+    model.gravity.linear = np.array(gravity)
+    child = {j.get("name"): j.find("child").get("link") for j in robot.findall("joint")}
+    links = tuple(child[name] for name in list(model.names)[1:])
+    return Tree(model, links, mimics, tuple(notes))
 
 
-def place_table(link: str, placement: pin.SE3) -> dict[str, Any]:
-    """Return a closure's frame as mechanism.toml has it."""
-    rpy = [float(x) for x in pin.rpy.matrixToRpy(placement.rotation)]
-    table = {"link": link, "xyz": [float(x) for x in placement.translation]}
-    return table | ({"rpy": rpy} if any(rpy) else {})
+def _without_placeholders(robot: etree._Element, where: str) -> Iterator[str]:
+    """Remove inertias that only satisfy a simulator, such as 1 kg m² at a milligram."""
+    for link in robot.iterfind("link[inertial]"):
+        inertial = link.find("inertial")
+        (m,) = attribute(inertial, "mass", "value", where)
+        trace = sum(attribute(inertial, "inertia", key, where)[0] for key in ("ixx", "iyy", "izz"))
+        if m > 0 and (gyration := (max(trace, 0.0) / (2 * m)) ** 0.5) > PLACEHOLDER:
+            yield (
+                f"link '{link.get('name')}': an inertia of {trace / 3:.3g} kg m² at {m:.3g} kg has "
+                f"a radius of gyration of {gyration:,.0f} m: a placeholder, which counts as zero"
+            )
+            inertial.find("inertia").attrib.update(dict.fromkeys(TERMS, "0"))
+
+
+def _take_mimics(moving: Sequence[etree._Element], where: str) -> list[dict[str, Any]]:
+    names, mimics, wrong = [joint.get("name") for joint in moving], [], []
+    for joint in moving:
+        if (mimic := joint.find("mimic")) is None:
+            continue
+        name, other = joint.get("name"), mimic.get("joint") or ""
+        if other not in names or other == name:
+            wrong.append((name, other, mimic))
+        else:
+            mimics.append(mimic_table(name, other, *_mimic_numbers(joint, where)))
+    if wrong:
+        (name, other, first), *others = wrong
+        what = f"joint '{name}' mimics '{other}', which is no other joint of one coordinate; "
+        what += one_of(other, [each for each in names if each != name])
+        more = ", ".join(f"'{a}' mimics '{b}' (line {at.sourceline})" for a, b, at in others)
+        what += f"; in the same way {more}" if more else ""
+        locks = " ".join(f"--lock {each}" for each, *_ in wrong)
+        refuse(first, where, f"{what}; correct the file, or take them as fixed: {locks}")
+    return mimics
+
+
+def _mimic_numbers(joint: etree._Element, where: str) -> list[float]:
+    return [attribute(joint, "mimic", key, where)[0] for key in NUMBERS["mimic"]]
 
 
 def mimic_table(joint: str, other: str, multiplier: float, offset: float) -> dict[str, Any]:
@@ -184,26 +406,29 @@ def mimic_table(joint: str, other: str, multiplier: float, offset: float) -> dic
     }
 
 
-def effect_notes(having: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return notes about properties of joints that are effects here, and how to identify them.
+def tidy(values: np.ndarray) -> np.ndarray:
+    """Return numbers without rounding errors beside 0 and 1."""
+    nearest = np.round(values)
+    return np.where(np.abs(values - nearest) < 1e-12, nearest, values)
 
-    `having` gives the joints by the word of the format.
-    """
-    effects = {word: kind.kind for kind in KINDS.values() for word in kind.model_words}
-    return [
-        f"{word} of {', '.join(joints)} is not taken over; to identify it: --with "
-        + (effects[word] if len(joints) > 1 else f"{effects[word]}:{joints[0]}")
-        for word, joints in having.items()
-        if joints
-    ]
+
+def joint_axis(model: pin.Model, index: int) -> np.ndarray:
+    """Return the unit axis (3,) of a joint with one coordinate, in the joint's frame."""
+    joint = model.joints[index]
+    data = joint.createData()
+    joint.calc(data, np.zeros(model.nq))
+    return tidy(np.asarray(data.S).reshape(2, 3).sum(axis=0))
 
 
 def align_z(axis: np.ndarray) -> np.ndarray:
-    """Return a rotation (3, 3) whose z is `axis`, for a closure in place of a joint about it; its x
-    is nearest to the frame's own x (or y).
-    """
+    """Return a rotation (3, 3) whose z is `axis`; its x is nearest to the frame's own x or y."""
     z = axis / np.linalg.norm(axis)
     seed = np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1]
     x = seed - z * (z @ seed)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
+
+
+def is_rotational(model: pin.Model, index: int) -> bool:
+    """Return whether the joint's coordinate is an angle."""
+    return bool(model.joints[index].shortname().startswith("JointModelR"))

@@ -16,8 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.information import linear
-from ident.mechanism.closures import Closure, Constraint, OwnJoint
-from ident.mechanism.tree import placements, rates
+from ident.mechanism.closures import Closure, Constraint, OwnJoint, placements, rates
 
 CHUNK = 4096  # work: samples a CasADi call maps over
 MAPS = 64  # work: numbers of samples for which mapped functions are cached
@@ -39,18 +38,15 @@ class ConstraintRows:
 class Mapped:
     """A function of two vectors over n samples that reads and writes NumPy memory.
 
-    Converting to and from CasADi's matrices takes longer than a short evaluation: for one sample
-    150 µs against 3 µs. Not for two threads at once.
+    Conversion to and from CasADi's matrices takes 50 times as long. Not for two threads at once.
     """
 
     def __init__(self, function: ca.Function, n: int) -> None:
         self._buffer, self._run = (function.map(n) if n > 1 else function).buffer()
         self._inputs = [np.zeros((n, function.size1_in(i))) for i in range(2)]
         # CasADi's columns are consecutive: samples, then columns, then rows
-        outputs = range(function.n_out())
-        self._outputs = [
-            np.zeros((n, function.size2_out(i), function.size1_out(i))) for i in outputs
-        ]
+        shapes = map(function.size_out, range(function.n_out()))
+        self._outputs = [np.zeros((n, columns, rows)) for rows, columns in shapes]
         for i, x in enumerate(self._inputs):
             self._buffer.set_arg(i, memoryview(x))  # type: ignore[call-arg, arg-type]
         for i, y in enumerate(self._outputs):
@@ -81,6 +77,8 @@ class Kinematics:
 
     @cached_property
     def _constraints(self) -> tuple[Constraint, ...]:
+        if not self.closures:
+            return ()
         q, _ = self._symbols
         placed = placements(self.model, q)
         joints = {name: q[index] for name, index in self.coordinates.items()}
@@ -136,10 +134,8 @@ class Kinematics:
     def closure_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
         """Return Φ (n, m), J (n, m, nv), J̇v (n, m) of q (n, nq), v (n, nv); v = 0 if left out."""
         if not self.closures:
-            n = len(q)
-            return ConstraintRows(
-                np.zeros((n, 0)), np.zeros((n, 0, self.model.nv)), np.zeros((n, 0))
-            )
+            none = np.zeros((len(q), 0))
+            return ConstraintRows(none, np.zeros((len(q), 0, self.model.nv)), none)
         return self._rows(self.closure_function, q, v)
 
     def own_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:

@@ -28,11 +28,19 @@ from ident.mechanism.closures import (
     RevoluteClosure,
     read_closure,
 )
-from ident.mechanism.description import Description, align_z, read_description
+from ident.mechanism.description import (
+    Description,
+    Tree,
+    align_z,
+    build_tree,
+    is_rotational,
+    joint_axis,
+    lock,
+    parse_urdf,
+    read_description,
+)
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency, read_covariance
-from ident.mechanism.tree import Tree, build_tree, is_rotational, joint_axis
-from ident.mechanism.urdf import lock, parse_urdf
 from ident.text import listed
 
 TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
@@ -109,13 +117,20 @@ def load(
         every = parameters.words("unknown")
         asked = [x for x in every if x not in parts and x.rpartition(".")[0] not in parts]
     constraints = tuple(read_closure(table, context) for table in (*loops, *closures, *mimics))
+    driven = tuple(joint.name for joint in joints if joint.name not in passive)
+    without = _unmeasured(top.table("joints"), unmeasured, driven, held)
+    if without and constraints:
+        raise top.table("joints").error(
+            f"unmeasured: {listed(without)}: closures pass its torque on to all equations, so none "
+            "can do without it; put it among the passive joints if it has no motor"
+        )
     mechanism = Mechanism(
         name=name,
         model=tree.model,
         bodies=bodies,
         joints=joints,
         closures=constraints,
-        driven=tuple(joint.name for joint in joints if joint.name not in passive),
+        driven=driven,
         passive=tuple(joint.name for joint in joints if joint.name in passive),
         start=start,
         unknown=bodies.select(asked, parameters.where),
@@ -129,9 +144,7 @@ def load(
         urdf=urdf,
         toml=toml,
         locked=held,
-        unmeasured=_unmeasured(
-            top.table("joints"), unmeasured, joints, passive, held, bool(constraints)
-        ),
+        unmeasured=without,
         consistency=read_consistency(parameters, bodies),
         covariance=read_covariance(parameters, folder),
     )
@@ -139,10 +152,14 @@ def load(
     if twice := [name for name in names if names.count(name) > 1]:
         raise top.error(f"two closures are named '{twice[0]}'")
     at = ", ".join(f"{name} at {value:.4g}" for name, value in held.items())
-    locks = [f"locked: {at}"] if at else []
-    beside = [text] if (text := unused_toml(urdf, toml)) else []
-    notes = (*beside, *source.notes, *tree.notes, *locks, *outside, *_remarks(mechanism))
-    mechanism = replace(mechanism, notes=notes).with_own_joints()
+    locks = f"locked: {at}" if at else ""
+    remarks = [unused_toml(urdf, toml), *source.notes, *tree.notes, locks, *outside]
+    own = (
+        Joint(each.name, each.rotational, index, in_tree=False)
+        for index, each in enumerate(mechanism.kinematics.own)
+    )
+    notes = (*filter(None, remarks), *_remarks(mechanism))
+    mechanism = replace(mechanism, notes=notes, joints=(*joints, *own))
     for column in mechanism.columns:  # a mapped name that nothing reads would be ignored
         prefix, _, joint = column.partition(".")
         if prefix in CHANNELS and joint not in {*mechanism.joint_index, *held}:
@@ -150,16 +167,16 @@ def load(
             raise top.error(f"[log] \"{column}\": no joint '{joint}'; {valid}")
     still: list[str] = []
     for table in effects:
+        kind, joints = table.text("kind"), table.data.get("joint", "")
+        if kind not in KINDS and "file" not in table:
+            valid = f'{one_of(kind, KINDS)}; one of your own needs file = "….py"'
+            raise table.error(f"there is no effect '{kind}'; {valid}")
+        if isinstance(joints, str) and {*held} & {*joints.replace(" ", "").split(",")}:
+            still.append(f"{kind}:{joints}")  # its file is not run
+            continue
         try:
-            joints = table.data.get("joint", "")
-            if isinstance(joints, str) and {*held} & {*joints.replace(" ", "").split(",")}:
-                kind = table.text("kind")  # its file is not run
-                if kind not in KINDS and "file" not in table:
-                    raise table.error(f"there is no effect '{kind}'; {one_of(kind, KINDS)}")
-                still.append(f"{kind}:{joints}")
-                continue
             effect = _effect(table, context)
-            if effect.label in {own.label for own in mechanism.effects}:
+            if effect.label in {each.label for each in mechanism.effects}:
                 raise MechanismError(f"has the effect '{effect.label}' already")
             mechanism = mechanism + effect
         except MechanismError as error:
@@ -249,9 +266,6 @@ def _effect(table: TomlTable, context: Context) -> Effect:
         joints = tuple(part.strip() for part in table.text("joint").split(","))
         read = read_user_effect(file, kind, allow_code=context.allow_code, where=table.where)
         return read(joints, values)
-    if kind not in KINDS:
-        own = 'one of your own needs file = "….py"'
-        raise table.error(f"there is no effect '{kind}'; {one_of(kind, KINDS)}; {own}")
     alone = KINDS[kind].arity == 0 and "joint" not in table
     signal = table.text("signal") if "signal" in table else ""
     return create(kind, "" if alone else table.text("joint"), values, signal=signal)
@@ -271,17 +285,18 @@ def _tree_joints(tree: Tree) -> tuple[Joint, ...]:
 
 def _locked(section: TomlTable, asked: Mapping[str, float | None]) -> dict[str, float]:
     """Return the joints to hold and where, those of [joints] locked and those asked for."""
-    tables = []
-    for key in ("start", "locked"):
-        if not isinstance(given := section.data.get(key, {}), dict):
-            names = ", ".join(f"{x} = 0.0" for x in given) if isinstance(given, list) else ""
-            raise section.error(f"{key} = {given!r}; write {key} = {{ {names or 'joint = 0.0'} }}")
-        tables.append(TomlTable(f"{section.where} {key}", given))
-    start, own = tables
+    start, own = _coordinates(section, "start"), _coordinates(section, "locked")
     held = {name: own.number(name) for name in own.data}
     return held | {
         name: start.number(name, 0.0) if value is None else value for name, value in asked.items()
     }
+
+
+def _coordinates(section: TomlTable, key: str) -> TomlTable:
+    """Return a table of [joints] that has a coordinate [rad | m] by joint."""
+    given = section.data.get(key)
+    names = given if given and isinstance(given, list) else ["joint"]
+    return section.table(key, ", ".join(f"{name} = 0.0" for name in names))
 
 
 def _passive_and_start(
@@ -289,27 +304,20 @@ def _passive_and_start(
 ) -> tuple[set[str], np.ndarray]:
     section.check("passive", "start", "locked", "unmeasured")
     q, places = pin.neutral(tree.model), {joint.name: joint.index for joint in joints}
-    passive, table = section.words("passive"), section.data.get("start", {})
-    start = TomlTable(f"{section.where} start", table)
-    for key, names in (("passive", passive), ("start", table)):
+    passive, start = section.words("passive"), section.table("start")
+    for key, names in (("passive", passive), ("start", start.data)):
         for name in names:
             if name not in places and name not in held:
                 raise section.error(f"{key}: no joint '{name}'; {one_of(name, places)}")
-    for name in {*table} & {*places}:
+    for name in {*start.data} & {*places}:
         q[places[name]] = start.number(name)
     return {*passive, *(mimic["joints"][0] for mimic in tree.mimics)}, q
 
 
 def _unmeasured(
-    section: TomlTable,
-    asked: Collection[str],
-    joints: tuple[Joint, ...],
-    passive: Collection[str],
-    held: Collection[str],
-    closed: bool,
+    section: TomlTable, asked: Collection[str], driven: Sequence[str], held: Collection[str]
 ) -> tuple[str, ...]:
     """Return the driven joints without a torque sensor, of [joints] unmeasured and asked for."""
-    driven = [joint.name for joint in joints if joint.name not in passive]
     if isinstance(asked, str):
         raise section.error(f"unmeasured = '{asked}'; give a list of joints, as ['{asked}']")
     names = {*section.words("unmeasured"), *asked} - {*held}
@@ -317,32 +325,26 @@ def _unmeasured(
         raise section.error(f"unmeasured: '{name}' is no driven joint; {one_of(name, driven)}")
     if names and names == {*driven}:
         raise section.error("unmeasured: names every driven joint, so no torque is left")
-    if names and closed:
-        raise section.error(
-            f"unmeasured: {listed(sorted(names))}: closures pass its torque on to all equations, "
-            "so none can do without it; put it among the passive joints if it has no motor"
-        )
     return tuple(name for name in driven if name in names)
 
 
 def _remarks(mechanism: Mechanism) -> list[str]:
     asked = {name.rsplit(".", 1)[0] for name in mechanism.unknown}
-    idle = (
-        "nothing is driven: [joints] passive names every joint, so no torque is compared with a "
-        "model; leave out the joints whose torque is logged"
-    )
-    massless = [
+    remarks = [
         f"link '{link}' has no <inertial>; its prior is massless"
         for link in mechanism.bodies.links
         if link in asked and not mechanism.prior[mechanism.bodies.columns(link)].any()
     ]
-    return [idle, *massless] if mechanism.passive and not mechanism.driven else massless
+    if not mechanism.driven:
+        remarks.append(
+            "nothing is driven: [joints] passive names every joint, so no torque is compared with "
+            "a model; leave out the joints whose torque is logged"
+        )
+    return remarks
 
 
 def _columns(table: TomlTable, joints: Sequence[str]) -> dict[str, Column]:
-    """Return the columns of [log] by name; an entry with `*` makes one of every joint that has
-    none of its own.
-    """
+    """Return the columns of [log]; `*` makes one of every joint that has none of its own."""
     columns: dict[str, Column] = {}
     for name, entry in table.data.items():
         where = f'{table.where} "{name}"'
@@ -382,14 +384,8 @@ def _columns(table: TomlTable, joints: Sequence[str]) -> dict[str, Column]:
 
 
 def unlogged_hands(mechanism: Mechanism, columns: Iterable[str]) -> tuple[str, ...]:
-    """Return driven joints of hands and fingers of which a log has no column.
-
-    A joint is one of a hand if its own name, that of its link or of an unlogged joint before it is
-    a word for one. No joint beyond it may be logged.
-
-    Args:
-        mechanism: as it is loaded.
-        columns: names in a log.
+    """Return driven joints of hands and fingers of which a log with these columns has none: their
+    own name, their link's or that of an unlogged joint before is a word for one.
     """
     given = {*columns}
     given |= {name for name, own in mechanism.sources.items() if own.column in given}

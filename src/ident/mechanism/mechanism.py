@@ -14,14 +14,13 @@ import numpy as np
 import pinocchio as pin
 
 from ident.display import Displayed, render
-from ident.effects import KINDS, Correction, Effect, Sites, candidates, create, parse
-from ident.effects.library import with_values
+from ident.effects import KINDS, Correction, Effect, Sites, create, parse
 from ident.errors import MechanismError, one_of
 from ident.information import linear
 from ident.log import Column
 from ident.mechanism.closures import Closure, shifted
 from ident.mechanism.kinematics import Kinematics, rank_of
-from ident.mechanism.parameters import Bodies, Consistency, Covariance, dynamic_parameters
+from ident.mechanism.parameters import Bodies, Consistency, Covariance
 
 CLOSED = 1e-9  # numerics: [rad | m] of Φ up to which a loop is assembled
 AWAY = 0.05  # range: [rad | m] from the assembled configuration to one in general position
@@ -143,7 +142,7 @@ class Mechanism(Displayed):
     @cached_property
     def prior(self) -> np.ndarray:
         """Dynamic parameters (10 · bodies,) of the URDF, in Γ's order."""
-        return dynamic_parameters(self.model)
+        return np.concatenate([each.toDynamicParameters() for each in self.model.inertias[1:]])
 
     @cached_property
     def joint_index(self) -> Mapping[str, int]:
@@ -174,10 +173,7 @@ class Mechanism(Displayed):
 
     @cached_property
     def general(self) -> np.ndarray:
-        """A configuration (nq,) near the assembled one that is in no special position.
-
-        Machines are often drawn in one: stretched, folded, at a dead centre.
-        """
+        """A configuration (nq,) beside the assembled one, which may be stretched or folded."""
         q, random = self.assembled, np.random.default_rng(0)
         if not self.closures:
             return q
@@ -200,8 +196,8 @@ class Mechanism(Displayed):
             return q
         worst = np.abs(self.kinematics.closure_rows(q[None]).value[0])
         at = int(worst.argmax())
-        name, unit = self.kinematics.multipliers[at], self.kinematics.units[at]
-        unit = {"N": " m", "N m": " rad"}.get(unit, "")  # what λ does work along
+        name = self.kinematics.multipliers[at]
+        unit = {"N": " m", "N m": " rad"}.get(self.kinematics.units[at], "")  # λ does work along
         held = ", ".join(f"{joint} at {value:.4g}" for joint, value in self.locked.items())
         raise MechanismError(
             f"{self.name}: the loops do not close from [joints] start: the equation '{name}' is "
@@ -232,25 +228,24 @@ class Mechanism(Displayed):
     def _geared(self) -> tuple[tuple[str, str], ...]:
         """Pairs of driven joints of one type that follow each other or are on one body."""
         model = self.model
-        driven = [name for name in self.driven if model.existJointName(name)]
-        on = {name: model.parents[model.getJointId(name)] for name in driven}
-        before = dict[str, str]()  # the next driven joint towards the base
-        for name, body in on.items():
-            while body and model.names[body] not in on:
-                body = model.parents[body]
-            before[name] = model.names[body]
+        at = {x: model.getJointId(x) for x in self.driven if model.existJointName(x)}
+        # the next driven joint towards the base; supports begin there and end with the joint
+        before = {
+            x: next((k for k in [*model.supports[j]][-2::-1] if k in at.values()), 0)
+            for x, j in at.items()
+        }
         return tuple(
             (a, b)
-            for a, b in combinations(driven, 2)
+            for a, b in combinations(at, 2)
             if self.joint(a).rotational == self.joint(b).rotational
-            if on[a] == on[b] or before[b] == a or before[a] == b
+            if model.parents[at[a]] == model.parents[at[b]]
+            or before[b] == at[a]
+            or before[a] == at[b]
         )
 
     @cached_property
     def lengths(self) -> Mapping[str, float]:
-        """Coordinates [m] of joints and closures in the drawing, by place; those of the first
-        joint, on which torques do not depend, are zero.
-        """
+        """Coordinates [m] of joints and closures in the drawing, by place; 0 of a first joint."""
         places: dict[str, float] = {}
         for joint in self.joints:
             if joint.in_tree:
@@ -266,30 +261,23 @@ class Mechanism(Displayed):
         """Whether a place moves at right angles to the plane of a planar mechanism, whose joints
         all turn about its normal or slide in it: no torque and no loop feels that.
         """
-        try:
-            q = self.assembled
-        except MechanismError:  # it is said where a motion is completed
-            return False
-        data = self.model.createData()
-        J = pin.computeJointJacobians(self.model, data, q)
+        model, data = self.model, self.model.createData()
+        J = pin.computeJointJacobians(model, data, self.start)
         turns = np.linalg.norm(J[3:], axis=0) > 0.5
         if not turns.any():
             return False
-        normal = J[3:, turns][:, 0]
-        if (abs(normal @ J[3:, turns]) < 1 - CLOSED).any() or (
-            abs(normal @ J[:3, ~turns]) > CLOSED
-        ).any():
+        axes, slides = J[3:, turns], J[:3, ~turns]
+        normal = axes[:, 0]
+        if abs(normal @ axes).min() < 1 - CLOSED or abs(normal @ slides).max(initial=0) > CLOSED:
             return False
         owner, _, axis = place.rpartition(".")
-        if self.model.existJointName(owner):
-            inside = self.model.parents[self.model.getJointId(owner)]
-        else:  # <closure>.<a|b>.<x|y|z>; a length is in no direction
-            name, _, end = owner.rpartition(".")
-            frames = next((each.frames for each in self.closures if each.name == name), ())
-            if not frames:
-                return False
-            inside = frames["ab".index(end)].joint
-        direction = data.oMi[inside].rotation[:, "xyz".index(axis)]
+        ends = [(c.name, i, f) for c in self.closures for i, f in enumerate(c.frames)]
+        frames = {f"{name}.{'ab'[i]}": frame.joint for name, i, frame in ends}
+        if model.existJointName(owner):
+            frames[owner] = model.parents[model.getJointId(owner)]
+        if owner not in frames:  # a length is in no direction
+            return False
+        direction = data.oMi[frames[owner]].rotation[:, "xyz".index(axis)]
         return bool(abs(normal @ direction) > 1 - CLOSED)
 
     def candidates(
@@ -302,7 +290,14 @@ class Mechanism(Displayed):
             columns: further columns of the logs, such as `temperature.elbow`.
         """
         sites = self.sites if logged is None else replace(self.sites, logged=tuple(logged))
-        return [self.placed(effect) for effect in candidates(sites, self.effects, columns)]
+        labels = {effect.label for effect in self.effects}
+        every = (kind(joints) for kind in KINDS.values() for joints in kind.candidates(sites))
+        return [
+            self.placed(each)
+            for each in every
+            if each.label not in labels
+            if labels.issuperset(each.required) and {*columns}.issuperset(each.reads())
+        ]
 
     @property
     def sources(self) -> dict[str, Column]:
@@ -317,22 +312,18 @@ class Mechanism(Displayed):
     def with_effect(self, text: str, values: Mapping[str, float] | None = None) -> Mechanism:
         """This mechanism with the effect(s) that `kind:joint[,joint]` or `kind` names.
 
-        `curve:elbow:q:pieces=8` has the signal of a kind that is a curve of one, and values that
-        are known.
-
         `kind` alone stands for every driven joint that does not have it yet or, where all have it
         with known values, for all of them; or for the whole mechanism, where the effect has no
         joint. One that it has with known values is unknown then.
 
         Args:
-            text: names it.
+            text: names it, as `curve:elbow:q:pieces=8` with a signal and known values.
             values: parameters that are known, by short name.
 
         Raises:
             MechanismError: for a kind or joint that is not there, or an effect it has already.
         """
-        text, stated = with_values(text)
-        kind, joints, signal = parse(text)
+        kind, joints, signal, stated = parse(text)
         values = {**stated, **(values or {})}
         cls = KINDS[kind]
         if joints or cls.arity != 1 or cls.sits == "place":
@@ -400,17 +391,14 @@ class Mechanism(Displayed):
             MechanismError: if the mechanism has no such joint, link, closure or place.
         """
         valid = getattr(self.sites, effect.sits, ())
-        of_joint = effect.site == "joint"
         for name in effect.joints:
-            what = f": no {effect.sits} '{name}'"
-            if of_joint:
-                self.joint(name)  # raises where there is none
-                what = f" is of a drive, and '{name}' has none"
             if name not in valid:
+                what = "driven joint" if effect.sits == "driven" else effect.sits
                 raise MechanismError(
-                    f"{self.name}: effect '{effect.label}'{what}; {one_of(name, valid)}"
+                    f"{self.name}: effect '{effect.label}': no {what} '{name}'; "
+                    f"{one_of(name, valid)}"
                 )
-        joints = effect.joints if of_joint else ()
+        joints = effect.joints if effect.site == "joint" else ()
         return effect.placed([self.joint(name).rotational for name in joints] or [True])
 
     # --- changed --------------------------------------------------------------------------------
@@ -422,7 +410,7 @@ class Mechanism(Displayed):
             model = self.model.copy()
             R = pin.rpy.rpyToMatrix(x, 0.0, 0.0) @ pin.rpy.rpyToMatrix(0.0, y, 0.0)
             model.gravity.linear = R.T @ model.gravity.linear
-            mechanism = self.with_model(model)
+            mechanism = self.alike(model=model)
         for place, by in correction.moved.items():
             mechanism = mechanism.moved(place, by)
         return mechanism
@@ -463,36 +451,23 @@ class Mechanism(Displayed):
         bodies = tuple(name for name in self.bodies.names if name in names)
         return replace(self, unknown=bodies, effects=tuple(effects))
 
-    def with_model(self, model: pin.Model) -> Mechanism:
-        """The mechanism with another model of the same kinematics: other gravity or inertias."""
-        return self._alike(model=model)
-
-    def starting(self, q: np.ndarray) -> Mechanism:
-        """The mechanism with its loops assembled near a configuration.
-
-        Args:
-            q: (nq,).
+    def alike(
+        self,
+        model: pin.Model | None = None,
+        start: np.ndarray | None = None,
+        multipliers: Multipliers | None = None,
+    ) -> Mechanism:
+        """The mechanism with changes that its kinematics, compiled functions of q, do not feel:
+        another model of the same kinematics, start (nq,), time basis of the multipliers.
         """
-        return self._alike(start=q)
-
-    def with_multipliers(self, multipliers: Multipliers) -> Mechanism:
-        """The mechanism with other `multipliers`: another time basis of its closures' forces."""
-        return self._alike(multipliers=multipliers)
-
-    def _alike(self, **changes: Any) -> Mechanism:
-        """The mechanism with changes that its kinematics, compiled functions of q, do not feel."""
-        other = replace(self, **changes)
+        other = replace(
+            self,
+            model=self.model if model is None else model,
+            start=self.start if start is None else start,
+            multipliers=self.multipliers if multipliers is None else multipliers,
+        )
         other.__dict__["kinematics"] = self.kinematics
         return other
-
-    def with_own_joints(self) -> Mechanism:
-        """The mechanism with the closures' own joints among its joints, passive."""
-        own = tuple(
-            Joint(joint.name, joint.rotational, index, in_tree=False)
-            for index, joint in enumerate(self.kinematics.own)
-            if joint.name not in self.joint_index
-        )
-        return replace(self, joints=(*self.joints, *own)) if own else self
 
     def __getstate__(self) -> dict[str, object]:
         """Its fields: other processes compile their functions themselves."""

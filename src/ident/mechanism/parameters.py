@@ -9,19 +9,19 @@ Ten a body in Pinocchio's order, about the joint frame's origin, which is what �
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+import polars as pl
+from scipy.linalg import block_diag
 
 from ident.effects import KINDS
 from ident.effects.joint import Payload
-from ident.errors import MechanismError, one_of
-from ident.files import HUGE, TomlTable
+from ident.errors import MechanismError, line_of, one_of
+from ident.files import HUGE, TomlTable, is_number
 
 UNITS = {each.name: each.units[0] for each in Payload.unknowns}  # of a body as of a payload
 DYNAMIC = tuple(UNITS)
@@ -82,7 +82,7 @@ class Bodies:
 
     def with_values(self, pi: np.ndarray, given: dict[str, float]) -> np.ndarray:
         """Return dynamic parameters (10 · bodies,) with other values by name, which leave `given`;
-        moments `rod.Ixx` are about the centre of mass, as a URDF has them.
+        moments `rod.Ixx` are about the centre of mass.
         """
         pi = pi.copy()
         for i, name in enumerate(self.names):
@@ -135,7 +135,7 @@ class Consistency:
             raise MechanismError(f"total_mass = {self.total_mass:g}; give kilograms above 0")
 
     def __or__(self, other: Consistency) -> Consistency:
-        """Both; where they limit the same, the other's."""
+        """Both limits; of the same parameter the other's."""
         mass = self.total_mass if other.total_mass is None else other.total_mass
         return Consistency({**self.bounds, **other.bounds}, mass)
 
@@ -162,19 +162,13 @@ class Covariance:
 
     def __add__(self, other: Covariance) -> Covariance:
         """Errors of both, of different parameters, that have nothing in common."""
-        n, k = len(self.names), len(other.names)
-        matrix = np.zeros((n + k, n + k))
-        matrix[:n, :n], matrix[n:, n:] = self.matrix, other.matrix
+        matrix = block_diag(self.matrix, other.matrix)
         return Covariance((*self.names, *other.names), matrix)
 
     def csv(self) -> bytes:
         """A table with the names as its first row and first column."""
-        stream = io.StringIO()
-        rows = zip(self.names, self.matrix.tolist(), strict=True)
-        csv.writer(stream, lineterminator="\n").writerows(
-            [("parameter", *self.names), *((name, *row) for name, row in rows)]
-        )
-        return stream.getvalue().encode()
+        columns = dict(zip(self.names, self.matrix.T, strict=True))
+        return pl.DataFrame({"parameter": self.names, **columns}).write_csv().encode()
 
 
 def read_covariance(table: TomlTable, folder: Path) -> Covariance | None:
@@ -183,55 +177,40 @@ def read_covariance(table: TomlTable, folder: Path) -> Covariance | None:
         return None
     path = folder / table.text("covariance")
     try:
-        head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
-        matrix = np.array([[float(x) for x in row[1:]] for row in rows])
+        frame = pl.read_csv(path.read_bytes(), has_header=False, infer_schema=False)
+        names, matrix = frame.row(0)[1:], frame[1:, 1:].cast(pl.Float64).to_numpy()
     except OSError as error:
         raise table.error(f"covariance = '{path.name}': {error.strerror}, in {folder}") from None
-    except (ValueError, csv.Error) as error:
-        raise MechanismError(f"{path}: {error}; give numbers below the names") from None
-    names = tuple(head[1:])
-    if tuple(row[0] for row in rows) != names or matrix.shape != (len(names),) * 2:
+    except pl.exceptions.PolarsError as error:
+        raise MechanismError(f"{path}: {line_of(error)}; give numbers below the names") from None
+    good = tuple(frame[1:, 0]) == names and np.isfinite(matrix).all()
+    if not good or not np.allclose(matrix, matrix.T, rtol=1e-6, atol=0.0):
         raise MechanismError(
-            f"{path}: {len(rows)} rows for {len(names)} names; give the same names in the first "
-            "row and the first column"
+            f"{path}: a covariance is finite and symmetric, with the same names in its first row "
+            "and its first column"
         )
-    if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-6, atol=0.0):
-        raise MechanismError(f"{path}: is not finite and symmetric, as a covariance is")
     return Covariance(names, matrix)
 
 
 def read_consistency(table: TomlTable, bodies: Bodies) -> Consistency:
     """Return `bounds` and `total_mass` of [parameters]."""
-    given = table.data.get("bounds", {})
-    if not isinstance(given, dict):
-        raise table.error(f'bounds = {given!r}; write {{ "link.m" = [0.4, 0.6] }}')
     bounds = {}
-    for name, pair in given.items():
+    for name, pair in table.table("bounds", '"link.m" = [0.4, 0.6]').data.items():
         bodies.check(name, f"{table.where} bounds")
-        if not isinstance(pair, list) or len(pair) != 2 or not all(map(_is_real, pair)):
+        two = isinstance(pair, list) and len(pair) == 2
+        if not two or not all(type(x) in (int, float) for x in pair):
             raise MechanismError(
                 f'{table.where} bounds: "{name}" = {pair!r}; give two numbers, [lowest, highest]; '
                 "-inf and inf are valid"
             )
         bounds[name] = (float(pair[0]), float(pair[1]))
     mass = table.data.get("total_mass")
-    if mass is not None and not _is_real(mass):
+    if "total_mass" in table and not is_number(mass):
         raise table.error(f"total_mass = {mass!r}; give a number of kilograms")
     try:
-        return Consistency(bounds, None if mass is None else float(mass))
+        return Consistency(bounds, mass and float(mass))
     except MechanismError as error:
         raise table.error(str(error)) from None
-
-
-def _is_real(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def dynamic_parameters(model: pin.Model) -> np.ndarray:
-    """The ten of every body (10 · bodies,) of Pinocchio's model, in Γ's order."""
-    return np.concatenate(
-        [model.inertias[i].toDynamicParameters() for i in range(1, model.njoints)]
-    )
 
 
 def fixed_parameters(model: pin.Model, joint: int) -> np.ndarray:
@@ -248,12 +227,6 @@ def split(pi: Sequence[float] | np.ndarray) -> tuple[float, np.ndarray, np.ndarr
     return m, np.array([mx, my, mz]), L
 
 
-def join(m: float, moments: np.ndarray, L: np.ndarray) -> np.ndarray:
-    """The inverse of `split`: ten parameters (10,)."""
-    upper = (L[0, 0], L[0, 1], L[1, 1], L[0, 2], L[1, 2], L[2, 2])
-    return np.array([m, *moments, *upper])
-
-
 def about_origin(m: float, moments: np.ndarray) -> np.ndarray:
     """m (|c|² 1 − c cᵀ) (3, 3) with c = moments / m: what L has beyond I; zero for m = 0."""
     if m == 0:
@@ -262,11 +235,9 @@ def about_origin(m: float, moments: np.ndarray) -> np.ndarray:
 
 
 def beyond_centroidal(pi: np.ndarray) -> np.ndarray:
-    """L − I in the places of the ten parameters: what moments about the frame's origin have more
-    than those about the centre of mass.
-    """
-    m, moments, _ = split(pi)
-    return join(0.0, np.zeros(3), about_origin(m, moments))
+    """L − I in the places of the ten parameters."""
+    L = about_origin(*split(pi)[:2])
+    return np.array([0.0, 0.0, 0.0, 0.0, *L[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
 
 
 def pseudo_inertia(pi: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -284,10 +255,9 @@ FAR = 1e3  # range: [m] a centre of mass beyond belongs to a mass of rounding er
 
 
 def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Γ (n, nv, 10 · bodies) of q (n, nq), v (n, nv), a (n, nv).
+    """Γ (n, nv, 10 · bodies) of q (n, nq), v (n, nv), a (n, nv); gravity is in it.
 
-    Γ π are the joint torques of rigid bodies with gravity. Samples are contiguous in memory, as the
-    filter of the rows wants them: a column of one row is one stretch.
+    Samples are contiguous in memory, as the filter of the rows wants them.
     """
     data, gamma = model.createData(), np.zeros((model.nv, COUNT * (model.njoints - 1), len(q)))
     some, spans = np.empty((TURNED, *gamma.shape[:2])), row_spans(model)
@@ -333,8 +303,7 @@ class Rigid:
     the difference π⁺ − π⁻ of two sets with positive masses where that is necessary.
     """
 
-    # (sign, model, data) whose signed sum it is
-    terms: tuple[tuple[float, pin.Model, pin.Data], ...]
+    terms: tuple[tuple[float, pin.Model, pin.Data], ...]  # (sign, model, data)
 
     @classmethod
     def of(cls, model: pin.Model, pi: np.ndarray) -> Rigid:

@@ -27,7 +27,7 @@ from ident.mechanism.parameters import Covariance
 def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
     """Append effects to the mechanism.toml, which a bare URDF gets beside it; return its path.
 
-    An effect that was there with known values is replaced. Python files are copied beside it.
+    One that was there with known values is replaced. Python files are copied beside it.
     """
     path = mechanism.toml or mechanism.urdf.parent / "mechanism.toml"
     if mechanism.toml is None and path.exists():
@@ -55,9 +55,7 @@ def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
 
 def _beside(folder: Path, effect: Effect, files: dict[str, bytes]) -> str | None:
     """Return the path of an effect's file within a mechanism's folder, where it is copied if it is
-    not; None of an effect of the library.
-
-    A result's folder, where a law may come from, is written again by the next command.
+    not, as results' folders are written again; None of an effect of the library.
     """
     if effect.file and effect.file.resolve().is_relative_to(folder.resolve()):
         return Path(os.path.relpath(effect.file, folder)).as_posix()
@@ -81,8 +79,7 @@ def folder_files(
     """Return a mechanism folder's files by name, its mechanism.toml taken over from a mechanism.
 
     `urdf` is the content of the URDF, or of the file in its place; `effects` come with their known
-    values; `unknown` is for [parameters], where None leaves it as it is; `found` are values of
-    effects by label, of which a law's file is written; `covariance` is of the known values.
+    values; `unknown` None leaves [parameters] as they are; of `found` a law's file is written.
     """
     document = _document(mechanism)
     source = read_description(mechanism.urdf)

@@ -29,8 +29,8 @@ OPEN = 1e-10  # numerics: [m | rad] largest equation at which a configuration co
 STEPS = 12  # work
 FARTHEST = 1000.0  # range: [rad | m] from the start to the nearest sample; beyond, a unit is wrong
 BENT = 0.2  # numerics: share of a step by which the tangents at its ends may mispredict it
-LEAP = 20.0  # range: [rad | m] from one sample to the next
 PARALLEL = 1e-6  # numerics: sine of the angle between axes that are meant to be parallel
+LEAP = 20.0  # range: [rad | m] from one sample to the next
 
 
 def pseudo_inverse(K: np.ndarray) -> np.ndarray:
@@ -127,11 +127,7 @@ class LoopSolver:
         return v, a
 
     def follow(self, target: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """All configurations (n, nq) along the targets (n, d), on the branch of the start.
-
-        Raises:
-            MotionError: where the closures cannot follow, with time and joints.
-        """
+        """All configurations (n, nq) along the targets (n, d), on the branch of the start."""
         assembled = self.mechanism.assembled
         y = self.coordinates(assembled[None]).value[0]
         first = int(np.abs(target - y).max(axis=1).argmin())  # the branch is surest there
@@ -143,11 +139,7 @@ class LoopSolver:
         return np.concatenate([before[::-1], q[None], after])
 
     def onward(self, q: np.ndarray, y: np.ndarray, target: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Configurations (n, nq) along the targets (n, d), which come after q (nq,) at y (d,).
-
-        Raises:
-            MotionError: where the closures cannot follow, with time and joints.
-        """
+        """Configurations (n, nq) along the targets (n, d), which come after q (nq,) at y (d,)."""
         n, model = len(target), self.mechanism.model
         path, target = np.tile(q, (n + 1, 1)), np.concatenate([y[None], target])
         if 0 < n < STRIDE:
@@ -281,11 +273,11 @@ def independent_joints(mechanism: Mechanism, preferred: Iterable[str]) -> tuple[
 
 
 def best_conditioned(mechanism: Mechanism, q: np.ndarray) -> tuple[str, ...]:
-    """The independent joints in which a motion q (n, nq) is compared with measurements.
-
-    Driven joints before passive ones; among as many driven joints as are to be had, those in which
-    the motion stays farthest from a singular position.
+    """The independent joints in which a motion q (n, nq) is compared with measurements: driven
+    before passive ones, and of those the farthest from a singular position.
     """
+    if not mechanism.closures:
+        return tuple(joint.name for joint in mechanism.joints)
     d = mechanism.degrees_of_freedom
     q = q[:: max(1, len(q) // 200)]
     fixed = independent_joints(mechanism, mechanism.driven)
@@ -309,11 +301,7 @@ def best_conditioned(mechanism: Mechanism, q: np.ndarray) -> tuple[str, ...]:
 
 
 def check_freedom(mechanism: Mechanism) -> None:
-    """Refuse a mechanism that its loops hold still.
-
-    Raises:
-        MechanismError: if they leave no degree of freedom, with the axes that stand apart.
-    """
+    """Refuse a mechanism that its loops hold still, with the axes that stand apart."""
     if mechanism.degrees_of_freedom > 0:
         return
     name, model = mechanism.name, mechanism.model

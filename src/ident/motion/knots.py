@@ -35,17 +35,14 @@ from ident.motion.state import State
 
 STEPS = 5  # work: of the alternation between δ and the sizes of both noises
 STRETCHES = 10  # work: of a log, lest one jump decides
-# tuned: share of a joint's squared r that the others must predict, in half of all cases
-PREDICTED = 0.2
+PREDICTED = 0.2  # tuned: share of a joint's squared r that others predict, in half of all cases
 ROUGH = 0.3  # tuned: of 2 δ² that its steps must be: what a spline misses of a corner is smooth
 
 
 def without_time_errors(
     signals: LogSignals, derived: Derived, names: Sequence[str]
 ) -> tuple[LogSignals, float] | None:
-    """The log with positions and rates at its stamps, and the rms of its time errors [s]; None if
-    the joints `names` have none in common.
-    """
+    """The log without the time errors of the joints `names`, and their rms [s]; None for none."""
     smooth, log = derived.smooth, signals.log
     moving = [n for n in names if smooth is not None and n in smooth.names]
     t = np.asarray(log.t)
@@ -106,9 +103,7 @@ EQUATIONS = 12_000  # work: of all joints: with more than twelve fewer samples a
 
 
 def doubtful(derived: Sequence[Derived], band: Band) -> bool:
-    """Whether smoothing leaves more of a channel than white noise, or asks for the closest knots
-    that it may choose.
-    """
+    """Whether smoothing leaves more than white noise, or asks for the closest knots there are."""
     return any(
         each.smooth is not None
         and (
@@ -120,24 +115,20 @@ def doubtful(derived: Sequence[Derived], band: Band) -> bool:
 
 
 def by_torques(
-    mechanism: Mechanism,
-    logs: Sequence[LogSignals],
-    names: tuple[str, ...],
-    band: Band,
-    derived: Sequence[Derived],
-    given: bool,
+    mechanism: Mechanism, logs: list[LogSignals], band: Band, derived: list[Derived], given: bool
 ) -> Band:
-    """The band with the knots of the least error, if it is clearly less than with the present ones,
-    those of `derived`. A cut-off that is not given leaves rows enough, and is below what the knots
-    pass; knots pass one that is given.
+    """The band with the knots of the least error, if that is clearly less than with those of
+    `derived`. A cut-off that is not given leaves rows enough, and is below what knots pass.
     """
     start = float(np.median([each.smooth.spacing for each in derived if each.smooth]))
     closest = max(band.knots[0], 2 * max(each.dt for each in logs))
-    coarsest = min(usual_run(each) for each in logs) / (FEWEST if given else LOST * FILTER)
+    lengths = [np.array([run.stop - run.start for run in runs(each.usable)]) for each in logs]
+    usual = [np.median(np.repeat(n, n)) * each.dt for n, each in zip(lengths, logs, strict=True)]
+    coarsest = float(min(usual)) / (FEWEST if given else LOST * FILTER)
     if given and band.cutoff:
         coarsest = min(coarsest, 0.5 / band.cutoff)
-    both = [*zip(logs, derived, strict=True)]
-    scenes = [_scene(mechanism, signals, names, each) for signals, each in both]
+    both, names = [*zip(logs, derived, strict=True)], derived[0].names
+    scenes = [_scene(mechanism, signals, each) for signals, each in both]
 
     def error(spacing: float) -> float:
         """Mean of the logarithms of all rms errors."""
@@ -170,17 +161,8 @@ def by_torques(
     return replace(band, cutoff=band.cutoff if fast else cutoff, knots=knots)
 
 
-def usual_run(signals: LogSignals) -> float:
-    """Return the duration [s] of runs without a gap that half of the samples lie in or beyond."""
-    lengths = np.sort([run.stop - run.start for run in runs(signals.usable)])[::-1]
-    middle = int(np.searchsorted(np.cumsum(lengths), 0.5 * lengths.sum()))
-    return float(lengths[middle]) * signals.dt
-
-
-def _scene(
-    mechanism: Mechanism, signals: LogSignals, names: tuple[str, ...], derived: Derived
-) -> State:
-    at = np.flatnonzero(signals.usable)
+def _scene(mechanism: Mechanism, signals: LogSignals, derived: Derived) -> State:
+    names, at = derived.names, np.flatnonzero(signals.usable)
     most = min(SAMPLES, EQUATIONS // mechanism.model.nv)
     at = at[:: max(1, len(at) // most)]
     none = np.zeros(len(signals.t))  # of a torque that is not measured
@@ -189,15 +171,11 @@ def _scene(
         name=signals.log.name, t=signals.t, tau=np.stack(tau, axis=1), usable=signals.usable,
         logged=names, independent=names,
     ).at(mechanism, derived.known, names, start="follow").at_samples(at)  # fmt: skip
-    if mechanism.closures:
-        e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
-    return e
+    return e.transmitted(mechanism, best_conditioned(mechanism, e.q))
 
 
 def torque_errors(mechanism: Mechanism, e: State) -> np.ndarray:
-    """Rms (d,) held out of the torques that rigid bodies, viscous and dry friction and offsets
-    predict in each independent coordinate.
-    """
+    """Rms (d,) held out of the torques that bodies, friction and offsets predict."""
     gamma, lever = regressor(mechanism.model, e.q, e.v, e.a), e.leverage
     if e.loop is not None:
         gamma = e.pinv[:, :, -lever.shape[2] :].transpose(0, 2, 1) @ gamma

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -13,13 +13,12 @@ from ident.display import Displayed, Progress, render
 from ident.errors import LogError, MotionError, one_of
 from ident.information.chance import BEYOND, LEAVES
 from ident.log import Log, read_log
-from ident.log.log import NoTime, entries_for, entry_for
+from ident.log.log import NoTime, entry_for
 from ident.log.read import distinct
 from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
 from ident.motion.knots import by_torques, doubtful, without_time_errors
-from ident.motion.noise import grain, noise_level
 from ident.motion.recipe import (
     AUTO,
     CLEAN,
@@ -31,8 +30,9 @@ from ident.motion.recipe import (
     standstill,
     still_speeds,
 )
-from ident.motion.signals import LogSignals, Smoothed, measure, runs, without_repeats
+from ident.motion.signals import LogSignals, measure, runs, without_repeats
 from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
+from ident.motion.spline import Smoothed, grain, noise_level
 from ident.motion.state import State, wrenches
 from ident.text import some
 
@@ -180,7 +180,7 @@ def complete(
     if smoothing == AUTO and complete_torques and not white:
         if progress:
             progress("choosing knots by the torques", 0.0)
-        before, band = band, by_torques(mechanism, measured, names, band, derived, cutoff != "auto")
+        before, band = band, by_torques(mechanism, measured, band, derived, cutoff != "auto")
         if band != before:
             derived = derived_with(band)
             if np.isfinite(band.knots[1]):
@@ -192,17 +192,16 @@ def complete(
     for i, (signals, each) in enumerate(zip(measured, derived, strict=True)):
         if progress:
             progress(f"completing {signals.log.name}", i / len(measured))
-        experiment, more = state_of(mechanism, signals, names, band, each)
+        experiment, more = state_of(mechanism, signals, each)
         experiments.append(experiment)
         notes += more
-    independent, worst = names, 0.0
-    if mechanism.closures:
-        independent = best_conditioned(mechanism, np.concatenate([e.q for e in experiments]))
-        for i, experiment in enumerate(experiments):
-            experiments[i] = experiment.transmitted(mechanism, independent)
-            notes += left_out(experiment, experiments[i])
-            error = np.abs(mechanism.kinematics.closure_rows(experiment.q).value).max()
-            worst = max(worst, float(error))
+    independent = best_conditioned(mechanism, np.concatenate([e.q for e in experiments]))
+    worst = 0.0
+    for i, experiment in enumerate(experiments):
+        experiments[i] = experiment.transmitted(mechanism, independent)
+        notes += left_out(experiment, experiments[i])
+        error = np.abs(mechanism.kinematics.closure_rows(experiment.q).value).max(initial=0.0)
+        worst = max(worst, float(error))
     states = tuple(
         replace(e, still=standstill(mechanism, signals, e, names))
         for signals, e in zip(measured, experiments, strict=True)
@@ -213,15 +212,12 @@ def complete(
 
 
 def part_of(mechanism: Mechanism, signals: LogSignals, recipe: Recipe) -> State | None:
-    """The state over a part of a log with margins, as the whole log would have it; None if no
-    sample is usable. The mechanism is assembled where the part begins.
-    """
+    """The state over a part of a log with margins, as the whole has it; None without samples."""
     if not signals.usable.any():
         return None
     derived = derive(signals, recipe.logged, recipe.band, recipe.smoothing, recipe)
-    e, _ = state_of(mechanism, signals, recipe.logged, recipe.band, derived, recipe)
-    if mechanism.closures:
-        e = e.transmitted(mechanism, recipe.independent, recipe.singular)
+    e, _ = state_of(mechanism, signals, derived, recipe)
+    e = e.transmitted(mechanism, recipe.independent, recipe.singular)
     still = np.full(len(mechanism.joints), 1e-9) if recipe.still is None else recipe.still
     return replace(e, still=still) if e.usable.any() else None
 
@@ -244,18 +240,14 @@ def prescribed(
         name=name, t=t, tau=np.zeros((len(t), len(mechanism.driven))),
         usable=np.ones(len(t), dtype=bool), logged=joints, independent=joints,
     ).at(mechanism, known, joints, start="follow")  # fmt: skip
-    if mechanism.closures:
-        e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
+    e = e.transmitted(mechanism, best_conditioned(mechanism, e.q))
     e = replace(e, still=still_speeds(e))
     return Motion((e,), e.independent, Band(0.0, 0.0, None), 0.0, mechanism=mechanism)
 
 
 def log_of(mechanism: Mechanism, given: Given) -> Log:
-    """Return a log with its columns as a mechanism maps them.
-
-    Raises:
-        LogError: where `read_log` would; of a log without a time, with all entries of [log] that
-            its columns seem to need.
+    """Return a log with its columns as a mechanism maps them; the error of one without a time has
+    all entries of [log] that its columns suggest.
     """
     if isinstance(given, Log):
         return given
@@ -264,17 +256,26 @@ def log_of(mechanism: Mechanism, given: Given) -> Log:
             return read_log(given, mechanism.sources)
         return Log.from_frame(given, columns=mechanism.sources)
     except NoTime as error:
-        entries = entries_for(_unmapped_joints(mechanism, error.columns), error.columns)
+        entries = _entries(mechanism, error.columns)
         raise LogError(f"{error}{entries and f' and {entries}'}") from None
 
 
-def _unmapped_joints(mechanism: Mechanism, columns: Iterable[str]) -> dict[str, list[str]]:
-    """The joints, by channel, that have no column in a log."""
+def _unused(mechanism: Mechanism, columns: Iterable[str]) -> list[str]:
+    """The columns of a log that are no channel of a joint."""
     joints = [joint.name for joint in mechanism.joints]
-    channels = {"q": joints, "v": joints, "tau": mechanism.driven}
-    has = {*columns, *mechanism.columns}
-    lacking = {c: [x for x in own if f"{c}.{x}" not in has] for c, own in channels.items()}
-    return {c: own for c, own in lacking.items() if own}
+    names = {"t", *(f"{c}.{name}" for c in ("q", "v", "a", "tau") for name in joints)}
+    return [x for x in columns if x not in names and not x.startswith("wrench.")]
+
+
+def _entries(mechanism: Mechanism, columns: Collection[str]) -> str:
+    """The entries of [log] that columns suggest for all channels that a log lacks."""
+    joints = [joint.name for joint in mechanism.joints]
+    has, free = {*columns, *mechanism.columns}, _unused(mechanism, columns)
+    found = (
+        entry_for(channel, [name for name in own if f"{channel}.{name}" not in has], free)
+        for channel, own in (("q", joints), ("v", joints), ("tau", mechanism.measured))
+    )
+    return " and ".join(filter(None, found))
 
 
 def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) -> list[str]:
@@ -282,29 +283,21 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
     missing = [name for name in mechanism.measured if f"tau.{name}" not in columns]
     moved = any(f"q.{joint.name}" in columns for joint in mechanism.joints)
     if missing and needed and moved:  # else no position is mapped either, which is said first
-        name, free = missing[0], _unmapped(mechanism, columns)
+        name, free = missing[0], _unused(mechanism, columns)
         lacking = f"there is no column 'tau.{name}'"
         lacking += f" ({one_of('tau.' + name, free)})" * bool(free)
         if f"tau.{name}" in signals.log.columns:
             lacking = f"column 'tau.{name}' has no value in any of {len(signals.log.t)} rows"
-        entry = f"[log] {entry_for('tau', missing, free)}".strip()
+        entry = entry_for("tau", missing, free)
         raise MotionError(
-            f"{log}: joint '{name}' is driven, but {lacking}; log it, map it in mechanism.toml: "
-            f"{entry}, put '{name}' among the passive joints, or hold it: "
+            f"{log}: joint '{name}' is driven, but {lacking}; log it, map it in mechanism.toml"
+            f"{entry and f': [log] {entry}'}, put '{name}' among the passive joints, or hold it: "
             f"--lock {name}, in Python load(…, locked={{'{name}': None}})"
             + f"; without a sensor, leave out its equation: --unmeasured {name}"
             * (not mechanism.closures)
         )
     shown = ", ".join(f"tau.{name}" for name in missing)
     return [f"{log}: has no {shown}: a motion, no experiment"] if missing else []
-
-
-def _unmapped(mechanism: Mechanism, columns: Iterable[str]) -> list[str]:
-    """The columns of a log that are no channel of a joint."""
-    names = {"t"} | {
-        f"{c}.{joint.name}" for c in ("q", "v", "a", "tau") for joint in mechanism.joints
-    }
-    return [name for name in columns if name not in names and not name.startswith("wrench.")]
 
 
 def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str, ...]:
@@ -320,19 +313,19 @@ def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str,
         for name in joints
         if name not in logged and len(independent_joints(mechanism, [*names, name])) > len(names)
     ]
-    fixed = [name for name in logged if not independent_joints(mechanism, [name])]
     fewest = min(measured, key=lambda each: sum(f"q.{name}" in each.columns for name in joints))
+    fixed = [name for name in logged if not independent_joints(mechanism, [name])]
     given, wanted, still = (", ".join(f"q.{n}" for n in each) for each in (logged, free, fixed))
-    check = f": the closures let {still} not move at all, check them" if fixed else ""
-    columns = _unmapped(mechanism, fewest.log.columns)
-    entries = entry_for("q", free, columns)
+    columns = _unused(mechanism, fewest.log.columns)
     if not logged and columns:
-        entries = entries_for(_unmapped_joints(mechanism, fewest.log.columns), columns)
+        entries = _entries(mechanism, fewest.log.columns)
         entries = entries or f'"q.{free[0]}" = "…", and so on for the others'
         raise MotionError(
             f"{fewest.log.name}: no column is the position of a joint; write in mechanism.toml: "
             f"[log] {entries}; columns that are not used: {some(columns)}"
         )
+    entries = entry_for("q", free, columns)
+    check = f": the closures let {still} not move at all, check them" if fixed else ""
     other = f"; or hold what did not move, as --lock {free[0]} does" if free else ""
     other += f"; or map columns that it has in mechanism.toml: [log] {entries}" if entries else ""
     raise MotionError(
@@ -346,18 +339,10 @@ def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str,
 
 
 def state_of(
-    mechanism: Mechanism,
-    signals: LogSignals,
-    names: tuple[str, ...],
-    band: Band,
-    derived: Derived,
-    recipe: Recipe | None = None,
+    mechanism: Mechanism, signals: LogSignals, derived: Derived, recipe: Recipe | None = None
 ) -> tuple[State, list[str]]:
-    """The experiment of a log from the joints `names`, and notes on what was derived or left out.
-
-    `recipe` is that of the whole log, if this is a part of one.
-    """
-    n, log, columns = len(signals.t), signals.log.name, signals.columns
+    """The state of a log, or by a `recipe` of its part, from some joints; and notes."""
+    n, log, columns, names = len(signals.t), signals.log.name, signals.columns, derived.names
     driven = [f"tau.{name}" for name in mechanism.driven]
     tau = np.zeros((n, len(driven)))
     for i, name in enumerate(driven):
@@ -380,7 +365,7 @@ def state_of(
         if recipe is None:  # a part may hardly move, and then disagree by noise alone
             notes = _disagreements(mechanism, experiment, names, derived.known[0])
         if derived.smooth is not None:
-            experiment = together(mechanism, signals, experiment, band, recipe)
+            experiment = together(mechanism, signals, experiment, recipe)
     treated: dict[str, list[str]] = {}
     for channel in experiment.channels:
         if channel.how != AS_LOGGED:
@@ -408,19 +393,21 @@ def state_of(
 
 
 def _in_steps(mechanism: Mechanism, signals: LogSignals, channels: Sequence[Smoothed]) -> list[str]:
+    """Notes on positions whose noise is mostly that of being rounded to steps."""
     found: dict[str, list[tuple[str, float]]] = {}
     for each in channels:
         if not each.spacing or not each.column.startswith("q."):
             continue
         step = grain(signals.log.series(each.column)[1])
-        if step**2 / 12 < MOSTLY * each.residual**2 or not step:
+        noise = step / np.sqrt(12)
+        if not step or noise**2 < MOSTLY * each.residual**2:
             continue
         joint = mechanism.joint(each.column.partition(".")[2])
         words = f"{1e3 * step:.3g} m{joint.unit}"
         if joint.rotational:
             words += f" ({2 * np.pi / step:.0f} a turn, {np.log2(2 * np.pi / step):.3g} bit)"
-        words += f": {1e3 * step / np.sqrt(12):.2g} m{joint.unit} rms"
-        found.setdefault(words, []).append((each.column, step / np.sqrt(12) / each.residual))
+        words += f": {1e3 * noise:.2g} m{joint.unit} rms"
+        found.setdefault(words, []).append((each.column, noise / each.residual))
     return [
         f"{signals.log.name}: {', '.join(name for name, _ in same)}: rounded to steps of {words}, "
         f"{min(1.0, max(share for _, share in same)):.0%} of the noise that smoothing takes off"

@@ -15,7 +15,8 @@ import numpy as np
 from ident.errors import MotionError
 from ident.information import linear
 from ident.mechanism.mechanism import Mechanism
-from ident.motion.noise import (
+from ident.motion.signals import Clock, LogSignals
+from ident.motion.spline import (
     acceleration_size,
     grain,
     is_white,
@@ -23,7 +24,6 @@ from ident.motion.noise import (
     noise_level,
     noise_share,
 )
-from ident.motion.signals import Clock, LogSignals
 from ident.motion.state import HOPELESS, State, largest_nearness, nearness
 
 AUTO = "auto"
@@ -62,8 +62,7 @@ class Recipe:
 
     clock: Clock
     noisy: tuple[str, ...] = ()  # joints that are smoothed
-    # joints of the splines; others than `noisy` where more are logged than needed
-    carriers: tuple[str, ...] = ()
+    carriers: tuple[str, ...] = ()  # of the splines, if others than `noisy`
     knots: float = 0.0  # their distance [s]; one is at the clock's first instant
     noise: Mapping[str, float] = field(default_factory=dict)  # of the smoothed channels, by column
     ends: float = 0.0  # time [s] at the ends of a run where splines are not to be trusted
@@ -84,11 +83,7 @@ def band_of(
 
     The cut-off is five times the bandwidth of the motion, so that accelerations pass and what lies
     above (quantisation, ripple, vibration) does not, or less, down to twice, where accelerations
-    would be noisy; where the channels are clean nothing is filtered, as is right for simulated
-    logs.
-
-    Raises:
-        MotionError: with AUTO, if one log is too slow for the filter that all need together.
+    would be noisy; where the channels are clean nothing is filtered.
     """
     # of each joint and log, order, series, step and grain of its channels
     joints = [
@@ -160,14 +155,10 @@ def checked_cutoff(cutoff: float | str, measured: Sequence[LogSignals]) -> float
     slowest = max(measured, key=lambda signals: signals.dt)
     nyquist = 0.5 / slowest.dt
     lowest = 1 / max(float(np.ptp(signals.t)) for signals in measured)
-    if 0 < value < lowest:
+    if not lowest <= value < nyquist:
         raise MotionError(
-            f"cut-off {value:g} Hz: no log is long enough for it; valid: above {lowest:.3g} Hz"
-        )
-    if not 0 < value < nyquist:
-        raise MotionError(
-            f"{slowest.log.name}: cut-off {value:g} Hz; valid: above 0 and below {nyquist:.4g} Hz, "
-            "half this log's rate, or none"
+            f"cut-off {value:g} Hz; valid: above {lowest:.3g} Hz, for which a log is long enough, "
+            f"and below {nyquist:.4g} Hz, half the rate of {slowest.log.name}, or none"
         )
     return value
 
@@ -201,8 +192,7 @@ def standstill(
 ) -> np.ndarray:
     """(J,) speeds below which joints stand still; one that moves by noise alone never moves.
 
-    Noise of the logged joints `names` is in the others' speeds too, through the closures, by how
-    fast they move for a unit of its rate.
+    Noise of the logged joints `names` is in the others' speeds too, by the closures' transmission.
     """
     at = [mechanism.joint_index[name] for name in names]
     noise = np.array([NOISE * _speed_noise(signals, e, name) for name in names])
@@ -257,10 +247,8 @@ def recipe_of(states: Sequence[State], band: Band, clock: Clock | None = None) -
         independent=e.independent,
         band=band,
         still=np.max([each.still for each in states], axis=0),
-        farthest=np.max([np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0) for e in loops], 0)
+        farthest=np.max([np.abs(x.leverage[x.usable]).max(axis=0, initial=0.0) for x in loops], 0)
         if loops
         else None,
-        singular=largest_nearness(np.concatenate([nearness(x) for x in loops]))
-        if loops
-        else np.inf,
+        singular=largest_nearness(np.concatenate([*map(nearness, loops)])) if loops else np.inf,
     )

@@ -14,11 +14,10 @@ import numpy as np
 from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
-from ident.motion.noise import grain, noise_level
+from ident.motion.spline import ORDERS, Channel, grain, noise_level, rms
 from ident.text import listed, some
 
 PREFIXES = ("q", "v", "a", "tau", "wrench")
-ORDERS = "qva"
 LARGEST = 1e30  # range: in any unit; what some loggers write for "no value" lies beyond
 # tuned: times the 99 % quantile of a signal's distance from its median: no sensor's range is so
 # much larger than what it measures
@@ -53,8 +52,7 @@ class Clock:
     step: float  # [s]
     count: int  # of instants
     even: bool  # whether the log's own times are uniform, and taken as they are
-    # instants between those at which parts may begin, so that all filter at the same ones
-    grid: int = 1
+    grid: int = 1  # instants between those at which parts may begin
 
     @classmethod
     def of(cls, log: Log) -> Clock:
@@ -80,9 +78,7 @@ class Clock:
 
 
 def longest_step(at: np.ndarray) -> float:
-    """Return the longest step of times [s] that is no gap: many times one that few exceed, which
-    half of all cells that are missing at random hardly change.
-    """
+    """Return the longest step of times [s] that is no gap: many times one that few exceed."""
     median, large = np.quantile(np.diff(at), (0.5, 0.9))
     return GAP * float(min(large, GAP * median))
 
@@ -171,14 +167,8 @@ def measure(
     clock: Clock | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
 ) -> LogSignals:
-    """A log's columns on a uniform clock of its median step.
-
-    `clock` and `limits` of torques are those of the whole log, checked before, if this is a part of
-    one.
-
-    Raises:
-        MotionError: if a column's unit or sign contradicts another column, or one that is needed
-            is missing.
+    """A log's columns on a uniform clock of its median step; or, of a part of a log, on the `clock`
+    and with the `limits` of torques of the whole, which was checked before.
     """
     own = dict(log.columns)  # this robot's own names become ident's
     for name, source in mechanism.sources.items():
@@ -212,10 +202,16 @@ def measure(
     own_clock = clock or Clock.of(log)
     t, even = own_clock.within(log), own_clock.even
     n, dt = len(t), float(np.median(np.diff(log.t)))
-    notes += _unevenness(log.t, n, even)
+    step = np.diff(log.t)
+    off = np.abs(step - dt)[step <= longest_step(log.t)]
+    if not even and off.max(initial=0.0) > UNEVEN * dt:
+        notes.append(
+            f"time stamps are uneven (step {1e3 * dt:.4g} ms ± {1e3 * rms([off]):.2g} ms rms, "
+            f"largest {1e3 * off.max():.3g} ms); everything is evaluated on a uniform clock of {n} "
+            "samples"
+        )
     usable = ~gaps(t, log.t)
     if (count := int((~usable).sum())) > 0:
-        step = np.diff(log.t)
         holes = np.flatnonzero(step > longest_step(log.t))
         several = f"{len(holes)} gaps of up to" if len(holes) > 1 else "a gap of"
         first = log.t[holes].min(initial=np.inf)
@@ -276,30 +272,16 @@ def measure(
     return signals
 
 
-def _unevenness(t: np.ndarray, count: int, even: bool) -> list[str]:
-    """Say how far the steps of t are from uniform, but for gaps, if the clock is another one."""
-    step, dt = np.diff(t), float(np.median(np.diff(t)))
-    off = np.abs(step - dt)[step <= longest_step(t)]
-    largest, rms = off.max(initial=0.0), np.sqrt((off**2).mean())
-    if even or largest <= UNEVEN * dt:
-        return []
-    return [
-        f"time stamps are uneven (step {1e3 * dt:.4g} ms ± {1e3 * rms:.2g} ms rms, largest "
-        f"{1e3 * largest:.3g} ms); everything is evaluated on a uniform clock of {count} samples"
-    ]
-
-
 def _rates_of_nothing(own: dict[str, np.ndarray]) -> list[str]:
     """Take out velocities that are always zero though the position moves, beyond its noise, where
     no acceleration says otherwise; return their names.
     """
-    zero = [name for name, x in own.items() if name.startswith("v.") and not np.nansum(abs(x))]
-    still = [name for name in zero if f"a.{name[2:]}" not in own]
     found = []
-    for name in still:
+    for name in [name for name in own if name.startswith("v.") and f"a.{name[2:]}" not in own]:
         q = own.get(f"q.{name[2:]}", np.zeros(0))
         q = q[np.isfinite(q)]
-        if len(q) > 1 and np.ptp(q) > MOVED * max(noise_level(q), NIL):
+        moves = len(q) > 1 and np.ptp(q) > MOVED * max(noise_level(q), NIL)
+        if moves and not np.nansum(abs(own[name])):
             found.append(name)
             del own[name]
     return found
@@ -330,10 +312,7 @@ def absurd_samples(x: np.ndarray) -> np.ndarray:
 
 
 def at_limit(x: np.ndarray) -> np.ndarray:
-    """Return where (n,) a torque (n,) stays at an extreme of its channel; nowhere if that is rare.
-
-    Of a signal that turns there, as many samples are one step below the extreme.
-    """
+    """Return where (n,) a torque (n,) stays at an extreme of its channel, not only turns there."""
     found = np.zeros(len(x), dtype=bool)
     for y in (x, -x):
         known = y[np.isfinite(y)]
@@ -394,10 +373,7 @@ def is_signal(name: str) -> bool:
 
 
 def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: Joint) -> None:
-    """Refuse q, v, a of a joint that disagree by a factor of two, and q in degrees.
-
-    The columns of the log `name` are uniform, of step dt [s].
-    """
+    """Refuse q, v, a of a joint, on a clock of step dt [s], that disagree, and q in degrees."""
     for low, high in (("q", "v"), ("v", "a")):
         first, second = columns.get(f"{low}.{joint.name}"), columns.get(f"{high}.{joint.name}")
         if first is None or second is None:
@@ -434,57 +410,18 @@ def check_units(name: str, columns: Mapping[str, np.ndarray], dt: float, joint: 
 
 
 def _wrong_unit(ratio: float, letters: str, joint: Joint) -> str:
-    """Return which of two channels, whose ratio should be 1, may be in which unit, in brackets."""
+    """Return which of two channels, of which this ratio should be 1, may be in which unit."""
     off = {
-        (which, unit): abs(np.log(ratio * size**power))
+        (letter, unit): abs(np.log(ratio * size**power))
         for unit, size in (TURNING if joint.rotational else SLIDING).items()
-        for which, letter, power in zip(("first", "second"), letters, (1, -1), strict=True)
+        for letter, power in zip(letters, (1, -1), strict=True)
         if letter == "v" or unit != RPM
     }
-    which, unit = near = min(off, key=off.__getitem__)
-    return f" (the {which} in {unit}?)" if off[near] < 0.1 else ""
+    letter, unit = near = min(off, key=off.__getitem__)
+    return f" ({letter} in {unit}?)" if off[near] < 0.1 else ""
 
 
 # --- channels of the motion ----------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Channel:
-    """The logged samples of one derivative of one joint's coordinate."""
-
-    joint: str
-    order: int  # 0 position, 1 velocity, 2 acceleration
-    t: np.ndarray  # (n,) [s], as logged
-    x: np.ndarray  # (n,), as logged
-    sigma: float  # standard deviation of its noise
-    spread: float  # standard deviation of x
-
-    @property
-    def column(self) -> str:
-        """Its name in the log."""
-        return f"{ORDERS[self.order]}.{self.joint}"
-
-    @property
-    def noise(self) -> float:
-        """Its noise as a share of its spread; 0 for a constant."""
-        return self.sigma / self.spread if self.spread > 0 else 0.0
-
-    def within(self, t: np.ndarray) -> Channel:
-        """Its samples in a run of the clock t (n,)."""
-        margin = 0.75 * (t[1] - t[0]) if len(t) > 1 else 0.0
-        a, b = np.searchsorted(self.t, (t[0] - margin, t[-1] + margin))
-        return replace(self, t=self.t[a:b], x=self.x[a:b])
-
-
-@dataclass(frozen=True)
-class Smoothed:
-    """The result of smoothing a channel."""
-
-    column: str  # of the log
-    how: str  # in words
-    noise: float  # estimated, white; a channel that the others contradict weighs less
-    residual: float  # rms of measured minus smoothed; 0 where it was taken as logged
-    spacing: float = 0.0  # of the knots [s]; 0 where there are none
 
 
 def channels_of(signals: LogSignals, names: Sequence[str]) -> list[Channel]:

@@ -28,18 +28,21 @@ from ident.information.time_bases import Basis
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import best_conditioned
 from ident.motion.recipe import AUTO, CLEAN, Band, Recipe
-from ident.motion.signals import Channel, LogSignals, Smoothed, channels_of, runs
+from ident.motion.signals import LogSignals, channels_of, runs
 from ident.motion.spline import (
     DEGREE,
     WIDTH,
+    Channel,
     Observations,
     Smooth,
+    Smoothed,
     Spline,
     basis_over,
     fitted,
     interpolate,
     residuals,
     reweighted,
+    rms,
     solved,
     weighted,
 )
@@ -102,7 +105,8 @@ def _criterion(basis: Basis, channels: Sequence[Channel]) -> float:
 class Derived:
     """The motion of some joints on the clock of a log."""
 
-    known: np.ndarray  # (3, n, d) coordinates, rates, accelerations of the joints, in their order
+    names: tuple[str, ...]  # of the joints
+    known: np.ndarray  # (3, n, d) their coordinates, rates, accelerations
     ends: float  # time [s] at the ends of a run where a spline has data on one side only
     smooth: Smooth | None  # of the joints with noisy channels; None where there is none
     table: list[Smoothed]  # one a channel
@@ -110,17 +114,16 @@ class Derived:
 
 def derive(
     signals: LogSignals,
-    names: Sequence[str],
+    names: tuple[str, ...],
     band: Band,
     spacing: float | str | None = AUTO,
     recipe: Recipe | None = None,
 ) -> Derived:
-    """Coordinates, rates and accelerations of logged joints.
+    """Coordinates, rates, accelerations of logged joints; `recipe`: of the whole log, for a part.
 
     Clean channels, as simulations have them, are taken as they are; what is missing beside them is
-    interpolated. The others are smoothed, by knots every `spacing` [s], "auto" or None as asked
-    for. Every run between gaps has splines of its own; inside gaps a coordinate goes straight from
-    one side to the other, for the closures to be followed. `recipe`: of the whole log, for a part.
+    interpolated. The others are smoothed, by splines with knots every `spacing` [s] in every run
+    between gaps; inside gaps a coordinate goes straight, for the closures to be followed.
     """
     channels, t = channels_of(signals, names), signals.t
     joints = {name: [each for each in channels if each.joint == name] for name in names}
@@ -128,7 +131,10 @@ def derive(
     noisy: list[str] = []
     table: list[Smoothed] = []
     for i, (name, own) in enumerate(joints.items()):
-        as_logged = spacing is None or _as_logged(own, band, signals.exact)
+        still, worst = all(c.spread == 0 for c in own), max(c.noise for c in own)
+        exact = worst <= WHOLE and len(own) == 3 and signals.exact
+        alone = worst <= ALONE and len(own) == 1 and band.cutoff is None
+        as_logged = spacing is None or still or exact or alone
         if name in recipe.noisy if recipe else not as_logged:
             noisy.append(name)
             continue
@@ -137,8 +143,11 @@ def derive(
         table += done
     if noisy:
         own = [channel for channel in channels if channel.joint in noisy]
-        smooth, done = smoothed(signals, own, tuple(noisy), band, spacing, recipe)
-        at = [list(names).index(name) for name in noisy]
+        h = recipe.knots if recipe else spacing
+        if isinstance(h, str) or h is None:
+            h = resolution(own, max((t[run] for run in runs(signals.usable)), key=len), band)
+        smooth, done = smoothed(signals, own, tuple(noisy), h, recipe)
+        at = [names.index(name) for name in noisy]
         for run, spline in smooth.runs:
             known[:, run, at] = spline.at(t[run])
         table += done
@@ -150,25 +159,23 @@ def derive(
         known[0, gap, i] = np.interp(t[gap], t[~gap], known[0, ~gap, i])
     order = [channel.column for channel in channels]
     table.sort(key=lambda each: order.index(each.column))
-    return Derived(known, recipe.ends if recipe else ends, smooth, table)
+    return Derived(names, known, recipe.ends if recipe else ends, smooth, table)
 
 
 def smoothed(
     signals: LogSignals,
     channels: Sequence[Channel],
     names: tuple[str, ...],
-    band: Band,
-    spacing: float | str | None,
+    h: float,
     recipe: Recipe | None = None,
 ) -> tuple[Smooth, list[Smoothed]]:
-    """One spline a run through all channels of the joints, and what it leaves of each."""
+    """One spline a run, with knots every h [s], through all channels; what it leaves of each."""
     spans = [(run, signals.t[run]) for run in runs(signals.usable)]
     if recipe:
-        h, origin = recipe.knots, recipe.clock.t0
+        origin = recipe.clock.t0
         noise = {each.column: each.sigma for each in channels} | dict(recipe.noise)
     else:
         t, origin = max((t for _, t in spans), key=len), None
-        h = resolution(channels, t, band) if spacing in (AUTO, None) else float(spacing or 0.0)
         inside = [channel.within(t) for channel in channels]
         agreeing = weighted(basis_over(t[0], t[-1], h), inside, names)
         noise = {channel.column: channel.sigma for channel in agreeing}
@@ -184,21 +191,6 @@ def smoothed(
         Smoothed(channel.column, how, channel.sigma, rms(off), h)
         for channel, off in zip(channels, zip(*missed, strict=True), strict=True)
     ]
-
-
-def rms(parts: Sequence[np.ndarray]) -> float:
-    """Root mean square of all numbers in some arrays; 0 where there are none."""
-    every = np.concatenate(parts)
-    return float(np.sqrt((every**2).sum() / max(len(every), 1)))
-
-
-def _as_logged(channels: Sequence[Channel], band: Band, exact: bool) -> bool:
-    worst = max(channel.noise for channel in channels)
-    if all(channel.spread == 0 for channel in channels):  # it stands still
-        return True
-    if len(channels) == 3 and exact:
-        return worst <= WHOLE
-    return worst <= ALONE and len(channels) == 1 and band.cutoff is None
 
 
 def _unsmoothed(
@@ -245,19 +237,14 @@ def along(mechanism: Mechanism, e: State, smooth: Smooth) -> State:
     return replace(e.at(mechanism, known, names), smooth=smooth)
 
 
-def together(
-    mechanism: Mechanism, signals: LogSignals, e: State, band: Band, recipe: Recipe | None
-) -> State:
-    """One smooth motion made by the channels of all joints, of a state that is smoothed.
-
-    Its knots are those that the channels of single joints asked for.
-    """
+def together(mechanism: Mechanism, signals: LogSignals, e: State, recipe: Recipe | None) -> State:
+    """One smooth motion of a smoothed state, with its knots, made by the channels of all joints."""
     assert e.smooth is not None
     names = best_conditioned(mechanism, e.q) if recipe is None else recipe.carriers
     channels = channels_of(signals, e.logged)
     through = through_motion(mechanism, e, names)
     own = recipe and replace(recipe, noise={})
-    e = along(mechanism, e, smoothed(signals, through, names, band, e.smooth.spacing, own)[0])
+    e = along(mechanism, e, smoothed(signals, through, names, e.smooth.spacing, own)[0])
     white = [channel.sigma for channel in channels]
     if recipe is not None:
         channels = [
@@ -277,10 +264,7 @@ def together(
 
 
 def finer(mechanism: Mechanism, e: State, times: int) -> Smooth:
-    """The splines of an experiment with so many knots for one, of which its own motion is one.
-
-    Fewer where samples are too far apart for that.
-    """
+    """The splines of an experiment with `times` as many knots, fewer if samples are too few."""
     smooth, surplus = e.smooth, len(e.logged) > mechanism.degrees_of_freedom
     assert smooth is not None
     times, runs = max(1, min(times, int(smooth.spacing * e.rate / SAMPLES))), []
@@ -304,10 +288,7 @@ def through_motion(mechanism: Mechanism, e: State, names: tuple[str, ...]) -> li
 
 
 def fused(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> Smooth:
-    """The splines of an experiment's independent joints, fitted to channels of all joints.
-
-    The steps set out from the experiment's own splines.
-    """
+    """The splines of independent joints, from the experiment's own, fitted to all channels."""
     assert e.smooth is not None
     smooth = e.smooth
     for _ in range(STEPS):

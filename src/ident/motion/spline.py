@@ -1,4 +1,4 @@
-"""One smooth motion of a run of samples, fitted to all channels that were measured of it.
+"""Channels of a motion: their noise and bandwidth, and one smooth motion fitted to all of a run.
 
     min_c Σ_k |x_k − u^(k)(t_k)|² / σ_k²,     u(t) = B(t) c,    u̇ = Ḃ c,    ü = B̈ c
 
@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,164 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from ident.information.chance import LOUD
 from ident.information.time_bases import Basis
-from ident.motion.signals import Channel
 
 DEGREE = 5  # range
 WIDTH = DEGREE + 1  # range: functions that are nonzero at a time
 BRIDGE = 1e-12  # numerics: weight of smoothness, which decides only where a few samples are missing
 DOUBLINGS = 12  # work
 HEAVIEST = 1e6  # numerics: rows of a channel over another's, whose squares rounding can add
+ORDER = 6  # numerics: of the difference that leaves little but noise
+POWER = 0.999  # range: share of the velocities' power that is the motion's
+VISIBLE = 200.0  # tuned: times the mean power of noise; real noise (steps, jitter) is not white
+# numerics: neighbouring frequencies over which that is the mean, twice the width of a line under
+# the window: a lone one is a vibration or the mains; a motion's lines are thousands of times larger
+NEIGHBOURS = 9
+LARGEST = 1e30  # numerics: ratio where there is no noise at all
+GRAINS = 20  # work: changes of a signal from which its quantisation can be known
+MOST = 1000.0  # numerics: steps between two samples beyond which multiples are no sign of anything
+ORDERS = "qva"
+
+
+# --- noise, quantisation and bandwidth of a uniformly sampled signal ------------------------------
+
+
+def rms(parts: Sequence[np.ndarray]) -> float:
+    """Root mean square of all numbers in some arrays; 0 where there are none."""
+    every = np.concatenate(parts)
+    return float(np.sqrt((every**2).sum() / max(len(every), 1)))
+
+
+def noise_level(x: np.ndarray) -> float:
+    """Standard deviation of white noise in a smooth, uniformly sampled signal (n,).
+
+    The 6th difference of a smooth signal is small, that of noise is large (√924 times the noise);
+    a quantile of it makes rare jumps, such as friction at reversals, harmless, and is not zero
+    where a quantised signal stands still for a while.
+    """
+    difference = np.diff(x, ORDER)
+    if not len(difference):
+        return 0.0
+    gain = np.sqrt(924.0)  # Σ binomial(6, k)²
+    return float(np.quantile(np.abs(difference), 0.8) / 1.2816 / gain)
+
+
+def is_white(x: np.ndarray, longest: int) -> bool:
+    """Whether the noise of a smooth signal (n,) is the same in differences over 1, 2, 4, …, up to
+    `longest` samples, as white noise is; false where there are not two of them.
+
+    Medians: what few samples feel, such as friction at reversals, is no noise.
+    """
+    sizes, k = [], 1
+    while k <= longest and len(x) > ORDER * k:
+        difference = x
+        for _ in range(ORDER):
+            difference = difference[k:] - difference[:-k]
+        sizes.append(float(np.median(np.abs(difference))))
+        k *= 2
+    return len(sizes) > 1 and max(sizes) < LOUD * sizes[0]
+
+
+def noise_share(x: np.ndarray, differences: int = 0) -> float:
+    """Noise over signal in differences of x (n,), as they would be without smoothing; 0 for a
+    constant.
+    """
+    spread = float(np.std(np.diff(x, differences)))
+    gain = np.sqrt(float(comb(2 * differences, differences)))
+    return gain * noise_level(x) / spread if spread > 0 else 0.0
+
+
+def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
+    """Frequency [Hz] below which 99.9 % of the power of the velocity lies.
+
+    The noise's own share, measured in the upper half of the spectrum, is taken off first: what
+    does not stand out of it by VISIBLE, alone and with its NEIGHBOURS, cannot be told from it.
+    x (n,) of step dt [s] is the position (order 0), velocity (1) or acceleration (2).
+    """
+    x = np.diff(x) / dt if order == 0 else x
+    n = len(x)
+    f = np.fft.rfftfreq(n, dt)
+    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(n))) ** 2
+    # of white noise in the channel: differenced, as it is, or integrated
+    shape = (2 * np.sin(np.pi * f * dt)) ** 2 if order == 0 else np.ones(len(f))
+    high = slice(max(n // 4, 1), None)
+    noise = np.median(power[high] / shape[high]) / np.log(2) * shape
+    ratio = np.divide(power, noise, out=np.where(power > 0, LARGEST, 0.0), where=noise > 0)
+    ratio[0] = ratio[min(1, len(f) - 1)]  # differenced noise has none at f = 0
+    width = min(NEIGHBOURS, len(f))
+    together = np.convolve(np.minimum(ratio, LARGEST), np.full(width, 1 / width), "same")
+    power = np.where(np.minimum(ratio, together) > VISIBLE, power - noise, 0.0)
+    if order == 2:
+        power = power / np.maximum(2 * np.pi * f, 2 * np.pi * f[1]) ** 2
+    total = np.cumsum(power)
+    if total[-1] <= 0:
+        return 0.0
+    return float(f[min(np.searchsorted(total, POWER * total[-1]), n // 2)])
+
+
+def acceleration_size(q: np.ndarray, dt: float, below: float) -> float:
+    """rms of the second derivative of q (n,) below a frequency [Hz]."""
+    n, window = len(q), np.hanning(len(q))
+    x = (q - np.polyval(np.polyfit(np.arange(n), q, 1), np.arange(n))) * window
+    f = np.fft.rfftfreq(n, dt)
+    power = 2 * np.abs(np.fft.rfft(x)) ** 2 * (2 * np.pi * f) ** 4
+    return float(np.sqrt(power[f <= below].sum() / n / (window**2).sum()))
+
+
+def grain(x: np.ndarray) -> float:
+    """The step of a signal (n,) that only takes multiples of one; 0 for others."""
+    steps = np.abs(np.diff(x))
+    stays = steps == 0
+    again = np.count_nonzero(stays[1:] & ~stays[:-1]) >= GRAINS
+    steps = steps[~stays]
+    if len(steps) < GRAINS or steps.min() * MOST < steps.max():
+        return 0.0
+    off = steps / steps.min()
+    whole = np.round(off)
+    multiples = (np.abs(off - whole) < 0.01 * off).all()
+    # a ramp has one step, too, but does not stay at its values again and again
+    return float(steps.min()) if multiples and (again or np.ptp(whole) > 0) else 0.0
+
+
+# --- splines through channels ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """The logged samples of one derivative of one joint's coordinate."""
+
+    joint: str
+    order: int  # 0 position, 1 velocity, 2 acceleration
+    t: np.ndarray  # (n,) [s], as logged
+    x: np.ndarray  # (n,), as logged
+    sigma: float  # standard deviation of its noise
+    spread: float  # standard deviation of x
+
+    @property
+    def column(self) -> str:
+        """Its name in the log."""
+        return f"{ORDERS[self.order]}.{self.joint}"
+
+    @property
+    def noise(self) -> float:
+        """Its noise as a share of its spread; 0 for a constant."""
+        return self.sigma / self.spread if self.spread > 0 else 0.0
+
+    def within(self, t: np.ndarray) -> Channel:
+        """Its samples in a run of the clock t (n,)."""
+        margin = 0.75 * (t[1] - t[0]) if len(t) > 1 else 0.0
+        a, b = np.searchsorted(self.t, (t[0] - margin, t[-1] + margin))
+        return replace(self, t=self.t[a:b], x=self.x[a:b])
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """The result of smoothing a channel."""
+
+    column: str  # of the log
+    how: str  # in words
+    noise: float  # estimated, white; a channel that the others contradict weighs less
+    residual: float  # rms of measured minus smoothed; 0 where it was taken as logged
+    spacing: float = 0.0  # of the knots [s]; 0 where there are none
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,18 +241,16 @@ def basis_over(start: float, stop: float, spacing: float, origin: float | None =
     return Basis.with_count(start, stop, intervals + DEGREE, DEGREE)
 
 
-def evaluated(basis: Basis, c: np.ndarray, t: np.ndarray) -> np.ndarray:
+def evaluated(
+    basis: Basis, c: np.ndarray, t: np.ndarray, orders: Sequence[int] = range(3)
+) -> np.ndarray:
     """u, u̇, ü (3, n, d) of coefficients c (count, d) at times t (n,); beyond the ends, theirs."""
-    return np.stack([derivative(basis, c, t, order) for order in range(3)])
-
-
-def derivative(basis: Basis, c: np.ndarray, t: np.ndarray, order: int) -> np.ndarray:
-    """A derivative (n, d) of coefficients c (count, d) at times t (n,)."""
-    first, B = basis.window(np.clip(t, basis.t0, basis.t_end), order)
-    u = np.zeros((len(t), c.shape[1]))
-    for r in range(WIDTH):
-        u += B[:, r, None] * c[first + r]
-    return u
+    t, found = np.clip(t, basis.t0, basis.t_end), np.zeros((len(orders), len(t), c.shape[1]))
+    for u, order in zip(found, orders, strict=True):
+        first, B = basis.window(t, order)
+        for r in range(WIDTH):
+            u += B[:, r, None] * c[first + r]
+    return found
 
 
 def solved(basis: Basis, rows: Sequence[Observations], d: int) -> Spline:
@@ -162,7 +312,7 @@ def residuals(
     """Measured minus smoothed (n_k,) of each channel."""
     at = {name: spline.c[:, [i]] for i, name in enumerate(names)}
     return [
-        each.x - derivative(spline.basis, at[each.joint], each.t, each.order)[:, 0]
+        each.x - evaluated(spline.basis, at[each.joint], each.t, (each.order,))[0, :, 0]
         for each in channels
     ]
 

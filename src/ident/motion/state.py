@@ -6,8 +6,9 @@ and gives K⁺ = [J; W_u]⁺ and the velocity transmission ∂ẏ/∂u̇ that be
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,8 +18,8 @@ from ident.errors import MotionError, one_of
 from ident.information import linear
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.closures import LoopSolver, pseudo_inverse
-from ident.motion.signals import Smoothed, runs
-from ident.motion.spline import Smooth
+from ident.motion.signals import runs
+from ident.motion.spline import Smooth, Smoothed
 
 SINGULAR = 50.0  # tuned: times the log's median ‖K⁺‖: beyond, a sample is near a singular position
 HOPELESS = 1e6  # numerics: ‖K⁺‖ at which a position is singular whatever the median is
@@ -32,8 +33,7 @@ class Store:
     _used: ClassVar[int] = 0
 
     def __init__(self) -> None:
-        self._arrays: dict[object, tuple[object, Any]] = {}
-        self._size = 0
+        self._arrays: dict[object, tuple[object, Sequence[np.ndarray]]] = {}
 
     def get(self, key: object, owner: object) -> Any:
         """The entry of a key and this very owner; None if there is none."""
@@ -45,7 +45,6 @@ class Store:
         size = sum(x.nbytes for x in value)
         if self.fits(size) and key not in self._arrays:
             Store._used += size
-            self._size += size
             self._arrays[key] = owner, value
 
     @classmethod
@@ -54,22 +53,18 @@ class Store:
         return cls._used + size <= cls.LIMIT
 
     def __del__(self) -> None:
-        Store._used -= self._size
+        Store._used -= sum(x.nbytes for _, value in self._arrays.values() for x in value)
 
     def __reduce__(self) -> tuple[type[Store], tuple[()]]:
         return Store, ()  # a copy in another process starts empty
 
 
-def _none() -> np.ndarray:
-    return np.empty(0)
+_none = partial(np.empty, 0)
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """One log's motion on a uniform clock.
-
-    It has n samples, J named joints and d independent coordinates.
-    """
+    """One log's motion on a uniform clock: n samples, J joints, d independent coordinates."""
 
     name: str  # the log's
     t: np.ndarray  # (n,) [s], uniform
@@ -82,8 +77,7 @@ class State:
     yd: np.ndarray = field(default_factory=_none)
     ydd: np.ndarray = field(default_factory=_none)
     wrench: np.ndarray | None = None  # (n, nv) generalised forces of measured external wrenches
-    # (J,) speed below which a joint counts as standing still [rad/s | m/s]
-    still: np.ndarray = field(default_factory=_none)
+    still: np.ndarray = field(default_factory=_none)  # (J,) speed of standstill [rad/s | m/s]
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)  # the log's other columns
     logged: tuple[str, ...] = ()  # joints from whose coordinates the motion was completed
     independent: tuple[str, ...] = ()  # joints to which `leverage` refers
@@ -91,8 +85,7 @@ class State:
     smooth: Smooth | None = None  # splines behind the motion; None: the log was taken as it is
     channels: tuple[Smoothed, ...] = ()  # how each channel of the motion was smoothed
     ends: float = 0.0  # time [s] at the ends of a run where splines are not to be trusted
-    # `pinv` and `leverage`; None for a tree, in which both are the identity
-    loop: tuple[np.ndarray, np.ndarray] | None = None
+    loop: tuple[np.ndarray, np.ndarray] | None = None  # `pinv`, `leverage`; None for a tree
     store: Store = field(default_factory=Store, init=False)  # of what is slow to make from these
 
     def __len__(self) -> int:
@@ -119,9 +112,7 @@ class State:
         return (len(self.t) - 1) / float(self.t[-1] - self.t[0])
 
     def drive_torques(self, needed: np.ndarray, drives: Sequence[int]) -> np.ndarray:
-        """Torques (n, driven) of some joints that make `needed` (n, d) in the independent
-        coordinates; surplus drives share them.
-        """
+        """Torques (n, driven) of joints that make `needed` (n, d); surplus drives share them."""
         if self.loop is None:
             return needed[:, drives]
         L = self.leverage[:, drives]
@@ -133,20 +124,19 @@ class State:
 
     def at_samples(self, index: slice | np.ndarray) -> State:
         """Some samples only."""
+        arrays = {each.name: getattr(self, each.name) for each in fields(self)}
         cut: dict[str, Any] = {
-            each.name: value[index]
-            for each in fields(self)
-            if each.name != "still"
-            and isinstance(value := getattr(self, each.name), np.ndarray)
-            and len(value) == len(self)  # not yet completed ones are empty
+            name: x[index]
+            for name, x in arrays.items()
+            if name != "still" and isinstance(x, np.ndarray) and len(x) == len(self)  # completed
         }
         cut["extra"] = {name: x[index] for name, x in self.extra.items()}
         loop = None if self.loop is None else (self.loop[0][index], self.loop[1][index])
         return replace(self, **cut, loop=loop)
 
-    def segments(self) -> Iterator[slice]:
+    def segments(self) -> list[slice]:
         """Runs of usable samples; nothing is filtered or differentiated across their ends."""
-        yield from runs(self.usable)
+        return runs(self.usable)
 
     def known(self, mechanism: Mechanism, names: Sequence[str] = ()) -> np.ndarray:
         """Coordinates, rates, accelerations (3, n, d) of some joints, by default the logged."""
@@ -212,13 +202,15 @@ class State:
         """With K⁺ and velocity transmission in the independent coordinates.
 
         Args:
-            mechanism: with closures; independent: joints to which they refer.
+            mechanism: a tree has neither; independent: joints to which they refer.
             largest: ‖K⁺‖ from which on a sample is near a singular position and not usable;
                 default: of this state.
 
         Raises:
             MotionError: if every sample is near a singular position.
         """
+        if not mechanism.closures:
+            return self
         J = mechanism.kinematics.closure_rows(self.q).rate
         every = LoopSolver(mechanism, (j.name for j in mechanism.joints)).coordinates(self.q).rate
         W = every[:, [mechanism.joint_index[name] for name in independent]]
@@ -272,9 +264,7 @@ def joint_coordinates(
 def wrenches(
     mechanism: Mechanism, name: str, columns: Mapping[str, np.ndarray], q: np.ndarray
 ) -> np.ndarray | None:
-    """Generalised forces (n, nv) at q (n, nq) of the columns `wrench.<link>.<fx…mz>` of a log, in
-    the link's own frame; None without any.
-    """
+    """Generalised forces (n, nv) of columns `wrench.<link>.<fx…mz>`, in the link's frame."""
     parts = ("fx", "fy", "fz", "mx", "my", "mz")
     known = [f.name for f in mechanism.model.frames if f.type == pin.FrameType.BODY]
     frames: dict[str, np.ndarray] = {}

@@ -12,6 +12,7 @@ MODULES = {
     "mechanism": ("motion", "view"),
     "montecarlo": ("simulate",),
     "motion": ("motion",),
+    "show": ("html",),
     "simulate": ("simulate",),
     "streams": ("streams",),
 }

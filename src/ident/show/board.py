@@ -14,7 +14,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import copy_context
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,15 +34,13 @@ from ident.motion import Motion, complete
 from ident.show.card import Bar, Card, bars_of, next_command
 from ident.show.charts import Chart, pieces_of, scripts
 from ident.show.diagnosis import card, sheet
-from ident.show.diagnosis_report import plot_before_after
 from ident.show.exploration import Exploration, PredictedGain, fit_of
 from ident.show.fit import value_tables
-from ident.show.html import items, paragraph, table
+from ident.show.html import items, paragraph, piece, table
 from ident.show.ladder import changed, plot_rungs
 from ident.show.laws import law_words
 from ident.show.local import Place, Readers
-from ident.show.residual import failure_text, judged_of, plot_maps, plot_predictions
-from ident.show.template import piece
+from ident.show.residual import compared, failure_text, judged_of, plot_joint, plot_maps
 from ident.show.verdict import noise_errors
 from ident.text import some
 
@@ -73,17 +70,13 @@ def top(e: Exploration) -> Card:
     worst = max(bars, key=lambda bar: bar.sizes[1])
     line = f"{e.mechanism.name} on {logs}: not judged yet; the error is largest in {worst.joint}, "
     line += Bar("", worst.after or worst.before).words
-    known = "What each effect would change is being computed."
-    first = e.first
-    if first is not None and first.before and first.after:
-        change = Bar("", first.before, first.after).words.replace(" → ", " to ")
-        known = f"The first candidate is {named([first.effect])}, which would bring the error of "
-        known += f"{first.joints[0]} from {change}, as far as can be said before it is fitted."
-    elif e.candidates:
-        known = "No candidate lowers the error clearly."
+    known = e.summary if e.candidates else f"Effects are being compared. {UNJUDGED}"
+    if not e.offered and (x := e.first) is not None and x.before and x.after:
+        ends = Bar("", x.before, x.after).words.replace(" → ", " to ")
+        known = f"The first candidate is {named([x.effect])}, which would bring the error of "
+        known += f"{x.joints[0]} from {ends}, as far as can be said before it is fitted. {UNJUDGED}"
     change = "before the last change → now" * bool(before)
-    command = next_command("diagnose", _added(e))
-    return Card(line, f"{known} {UNJUDGED}", bars, command, change=change)
+    return Card(line, known, bars, next_command("diagnose", _added(e)), change=change)
 
 
 def _added(e: Exploration) -> list[Effect]:
@@ -101,11 +94,7 @@ def confirmed(e: Exploration) -> str:
 
 
 def effect_rows(e: Exploration) -> list[dict[str, Any]]:
-    """Return one row an effect that is announced or offered, group by group, the best first
-    in each, of equals the simplest.
-
-    Rows of one `set` in a group are one line of the page, whose button adds all of them.
-    """
+    """Return one row an effect, group by group, the best first; a `set` shares a button."""
     d = e.diagnosis
     marks = {} if d is None else {each.label: "as likely" for each in d.rivals}
     marks |= {} if d is None else {each.label: JUDGED for each in d.group}
@@ -166,12 +155,8 @@ def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
     """Return torque of one joint with the last two models, and its residual against signals."""
     last = [fit_of(rung).residual for rung in e.rungs[-2:]]
     models = Comparison(dict(zip(("before", "now")[-len(last) :], last, strict=True)), {})
-    u = e.fit.motion.independent.index(joint)
-    whole = plot_predictions(models)
-    words = f"Measured and predicted torque of {joint} over time"
-    torque = replace(whole, words=words, rows=whole.rows[2 * u : 2 * u + 2])
     text = paragraph(failure_text(e.fit.residual.failure(joint), judged=judged_of(e.fit)))
-    return [text, torque.thinned(POINTS), plot_maps({"now": e.fit.residual}, joint)]
+    return [text, plot_joint(models, joint).thinned(POINTS), plot_maps(compared(e.fit), joint)]
 
 
 File = str | os.PathLike[str]
@@ -211,10 +196,7 @@ class Board:
         self._address = ""
 
     def begin(self, make: Callable[[Progress], Exploration], progress: Progress) -> None:
-        """Fit the first model, show it, and announce what every effect would do.
-
-        What `make` raises is shown on the page too.
-        """
+        """Fit the first model, show it or what goes wrong, and announce what effects would do."""
         try:
             e = make(self._progress("reading", 0, part(progress, 0.0, 0.4)))
             logs = ", ".join(e.fit.motion.names)
@@ -379,7 +361,8 @@ class Board:
         effects = [e.effect(each) for each in label.split("\n")]
         after, joint = e.with_effect(effects, on_progress).fit, self._joint_of(e, effects[0])
         name = named(each for each in effects if isinstance(each, Effect))
-        chart = plot_before_after(e.fit.residual, after.residual, joint, name).thinned(POINTS)
+        models = {"as it is": e.fit.residual, f"with {name}": after.residual}
+        chart = plot_joint(Comparison(models, {}), joint).thinned(POINTS)
         self._tell(preview={"label": label, "shown": pieces_of([chart])})
 
     def _announce(self, turn: int, words: str = "", beside: Progress | None = None) -> None:

@@ -5,12 +5,12 @@ Shapes are no part of the mechanism: what cannot be shown is left out with a not
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import ParseResult, unquote, urlparse
+from urllib.parse import unquote
 
 import coal
 import numpy as np
@@ -21,10 +21,7 @@ from scipy.spatial import ConvexHull
 from ident.errors import MechanismError
 from ident.mechanism import Mechanism
 from ident.mechanism.closures import FrameClosure
-from ident.mechanism.description import align_z, read_urdf
-from ident.mechanism.tree import joint_axis
-from ident.mechanism.urdf import numbers
-from ident.text import some
+from ident.mechanism.description import align_z, joint_axis, numbers, read_urdf
 
 Colour = tuple[int, int, int]
 BODIES: tuple[Colour, ...] = (
@@ -43,8 +40,6 @@ LARGEST = 100_000_000  # bytes of a mesh; a larger one would take long to be rea
 SIDES = 12  # of a circle
 HULL = 150  # directions in which the outermost points of a mesh are its hull
 ROD, DISC, BAR, BALL = 0.012, 0.022, 0.15, 0.012  # sizes of marks over the mechanism's size
-ROUNDING = 0.01  # of an inertia, by which the digits of a URDF make a thin body impossible
-WIDEST, THINNEST = 0.05, 0.015  # half edges of an inertia's box over the size
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,15 +80,11 @@ def shapes_of(mechanism: Mechanism, q: np.ndarray) -> tuple[list[Shape], float, 
             frame = model.frames[model.getBodyId(link)]
             joint, place = frame.parentJoint, frame.placement * place
         add("body", link, joint, place, cloud, colour or colours[joint])
-    points, impossible = sites(mechanism), list[str]()
+    points = sites(mechanism)
     size = _size(mechanism, q, [*((x.joint, x.corners) for x in shapes), *enumerate(points)])
     for joint in set(range(model.njoints)) - {shape.joint for shape in shapes}:
         for place, cloud in simple_body(model.inertias[joint], points[joint], size):
             add("body", names[joint], joint, place, cloud, colours[joint])
-        if _half_edges(model.inertias[joint]) is None:
-            impossible.append(names[joint])
-    if impossible:
-        notes.append(f"{some(impossible)}: no box is drawn of an inertia that no body can have")
     disc = cylinder(DISC * size, 1.6 * DISC * size)
     bar = box(np.array([0.5 * DISC, 0.5 * DISC, BAR]) * size)
     for name, rotational, joint, place in pivots_of(mechanism):
@@ -129,10 +120,7 @@ def sphere(radius: float, count: int = SIDES * SIDES // 2) -> np.ndarray:
 
 
 def hull(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (n, 3) and the outward faces (m, 3) of their hull, of many only outer points.
-
-    A hull of some hundred faces is drawn by a browser without a graphics card, and shows a link.
-    """
+    """Return points (n, 3) and outward faces (m, 3) of their hull, of many only outer points."""
     if len(cloud) > HULL:
         cloud = cloud[np.unique((cloud @ sphere(1.0, HULL).T).argmax(axis=0))]
     found = ConvexHull(cloud, qhull_options="QJ Pp")  # joggled: flat ones too
@@ -152,10 +140,7 @@ def tied(mechanism: Mechanism) -> list[FrameClosure]:
 
 
 def pivots_of(mechanism: Mechanism) -> list[tuple[str, bool, int, pin.SE3]]:
-    """Return the mark of each joint: name, whether it turns, joint of the model, place, z its axis.
-
-    Joints of the tree, and those that closures leave free under a name of their own.
-    """
+    """Return the mark of each joint: name, whether it turns, joint of the model, its place."""
     model, marks = mechanism.model, []
     tree = {joint.name for joint in mechanism.joints if joint.in_tree}
     for index in range(1, model.njoints):
@@ -171,9 +156,7 @@ def pivots_of(mechanism: Mechanism) -> list[tuple[str, bool, int, pin.SE3]]:
 
 
 def poses_of(model: pin.Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations (n, joints, 3, 3) and origins (n, joints, 3) [m] of all joints at q (n, nq),
-    the ground first.
-    """
+    """Return rotations (n, joints, 3, 3) and origins (n, joints, 3) [m], the ground first."""
     data = model.createData()
     R, p = np.zeros((len(q), model.njoints, 3, 3)), np.zeros((len(q), model.njoints, 3))
     for k, each in enumerate(q):
@@ -186,7 +169,7 @@ def poses_of(model: pin.Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _size(mechanism: Mechanism, q: np.ndarray, points: Sequence[tuple[int, np.ndarray]]) -> float:
     """Return the diagonal [m] of the box around joints, closures, bodies and shapes at q."""
     bodies = list(enumerate(mechanism.model.inertias))[1:]
-    masses = [(i, x.lever[None]) for i, x in bodies if x.mass > 0 and _half_edges(x) is not None]
+    masses = [(i, x.lever[None]) for i, x in bodies if x.mass > 0]
     (R,), (origin,) = poses_of(mechanism.model, q[None])
     cloud = np.concatenate([x @ R[i].T + origin[i] for i, x in (*points, *masses)])
     diagonal = float(np.linalg.norm(np.ptp(cloud, axis=0)))
@@ -209,36 +192,17 @@ def sites(mechanism: Mechanism) -> list[np.ndarray]:
 def simple_body(
     inertia: pin.Inertia, points: np.ndarray, size: float
 ) -> list[tuple[pin.SE3, np.ndarray]]:
-    """Return places and points of rods from a body's joint to its other points (k, 3) [m], the
-    joint first, and to the box of its inertia, where a body can have it; `size` is that of the
-    mechanism [m].
+    """Return places and points of rods from a joint to its body's other points (k, 3) [m] and to
+    the centre of mass, and of a ball there.
     """
-    shapes, half = [], _half_edges(inertia)
-    half = half if inertia.mass > 0 else None
-    for point in [*points[1:], *([] if half is None or not len(points) else [inertia.lever])]:
+    centres, shapes = [inertia.lever] if inertia.mass > 0 and len(points) else [], []
+    for point in [*points[1:], *centres]:
         rod = point - points[0]
         if (length := float(np.linalg.norm(rod))) > 1e-6 * size:
             place = pin.SE3(align_z(rod), (points[0] + point) / 2)
             shapes.append((place, cylinder(ROD * size, length)))
-    if half is not None:  # smaller where it would hide the mechanism
-        _, axes = np.linalg.eigh(inertia.inertia)
-        half *= min(1.0, WIDEST * size / max(half.max(), 1e-300))
-        axes = axes * [1, 1, np.sign(np.linalg.det(axes))]
-        edges = 2 * np.maximum(half, THINNEST * size)
-        shapes.append((pin.SE3(axes, inertia.lever), box(edges)))
-    return shapes
-
-
-def _half_edges(inertia: pin.Inertia) -> np.ndarray | None:
-    """Return half the edges (3,) [m] of the box of even density with an inertia, along its axes in
-    the order of its moments: I_x = m (b² + c²) / 3; None of one that no body has.
-    """
-    moments = np.linalg.eigvalsh(inertia.inertia)
-    squares = 1.5 * (moments.sum() - 2 * moments) / (inertia.mass or 1.0)
-    least = -ROUNDING * np.abs(squares).max()
-    if inertia.mass < 0 or squares.min() < least:
-        return None
-    return np.sqrt(np.maximum(squares, 0.0))
+    ball = sphere(2 * BALL * size)
+    return shapes + [(pin.SE3(np.eye(3), centre), ball) for centre in centres]
 
 
 # --- shapes of a URDF -----------------------------------------------------------------------------
@@ -257,14 +221,17 @@ def urdf_shapes(urdf: Path) -> tuple[list[Drawn], list[str]]:
         robot = read_urdf(urdf)
     except MechanismError:
         return [], [f"{urdf.name}: is no URDF, so simple bodies are shown"]
-    colours = _colours(robot.findall("material"))
+    colours = _colours(robot.findall("material"), urdf.name)
     shapes: list[Drawn] = []
     left_out: list[str] = []
     for link in robot.findall("link"):
         name = link.get("name")
         for visual in link.findall("visual"):
             own = visual.findall("material")
-            known = [*_colours(own).values(), *(colours.get(each.get("name")) for each in own)]
+            known = [
+                *_colours(own, urdf.name).values(),
+                *(colours.get(each.get("name")) for each in own),
+            ]
             try:
                 shapes.append((name, *_shape(visual, urdf), next(filter(None, known), None)))
             except MechanismError as error:
@@ -301,9 +268,23 @@ def _shape(visual: etree._Element, urdf: Path) -> tuple[pin.SE3, np.ndarray]:
 
 def _mesh_file(name: str, urdf: Path) -> Path:
     """Return the file that a URDF calls `name`, by the ways in use; nothing is fetched."""
+    scheme, is_url, rest = name.partition("://")
+    package, _, inner = unquote(rest).partition("/")
+    above, given = urdf.resolve().parents, list[Path]()
+    for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
+        listed = os.environ.get(variable, "").split(os.pathsep)
+        given += [Path(place) / inside for place in listed if place]
+    files = [] if is_url else [urdf.parent / name]
+    if scheme == "file":
+        files = [Path("/" + inner if package == "localhost" else unquote(rest))]
+    elif scheme in ("package", "model"):
+        places = [place for folder in above for place in (folder, folder / "share")]
+        files = [place / package / inner for place in (*places, *given)]
+        files += [place / inner for place in given]
+        files += [place / inner for place in above if place.name == package]
+        files += [place / inner for place in above[:3]]  # a package that was renamed
     try:
-        url = urlparse(name)
-        path = next((path for path in _candidates(name, url, urdf) if path.is_file()), None)
+        path = next((path for path in files if path.is_file()), None)
     except (OSError, ValueError):  # a name too long, or with a zero in it
         path = None
     if path is None:
@@ -315,37 +296,13 @@ def _mesh_file(name: str, urdf: Path) -> Path:
     return path
 
 
-def _candidates(name: str, url: ParseResult, urdf: Path) -> list[Path]:
-    above = list(urdf.resolve().parents)
-    if url.scheme in ("http", "https"):
-        return []
-    if url.scheme == "file":
-        return [Path(unquote(url.path))]
-    if url.scheme not in ("package", "model"):
-        return [urdf.parent / name]
-    package, path = unquote(url.netloc), unquote(url.path).strip("/")
-    places = [place for folder in above for place in (folder, folder / "share")]
-    given: list[Path] = []
-    for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
-        listed = os.environ.get(variable, "").split(os.pathsep)
-        given += [Path(place) / inside for place in listed if place]
-    files = [place / package / path for place in (*places, *given)]
-    files += [place / path for place in given]
-    files += [folder / path for folder in above if folder.name == package]
-    return files + [folder / path for folder in above[:3]]  # a package that was renamed
-
-
-def _colours(materials: list[etree._Element]) -> Mapping[str, tuple[int, int, int]]:
-    """Colours by material's name, of the materials that state one."""
-    colours = {}
+def _colours(materials: list[etree._Element], where: str) -> dict[str, Colour]:
+    """Return colours by material's name, of the materials that state one."""
+    colours: dict[str, Colour] = {}
     for material in materials:
-        colour = material.find("color")
-        words = [] if colour is None else (colour.get("rgba") or "").split()
-        try:
-            rgb = [float(word) for word in words[:3]]
-        except ValueError:
-            continue
-        if len(rgb) == 3 and all(math.isfinite(part) for part in rgb):
-            r, g, b = (round(255 * min(max(part, 0.0), 1.0)) for part in rgb)
-            colours[material.get("name") or ""] = (r, g, b)
+        for colour in material.findall("color"):
+            with suppress(MechanismError):
+                shares = numbers(colour, "rgba", "", 4, where)[:3]
+                r, g, b = (round(255 * min(max(share, 0.0), 1.0)) for share in shares)
+                colours[material.get("name") or ""] = (r, g, b)
     return colours

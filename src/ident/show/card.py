@@ -47,22 +47,17 @@ class Bar:
         """Before, after and noise as shares of the measured torque; 0 where there is none. After
         and noise are those of one log, which may be another than that of before.
         """
-        error = self.before
-        if not error.relative or not error.rms:
+        before, after = self.before, self.after or self.before
+        if not before.relative or not before.rms:
             return 0.0, 0.0, None
-        torque = error.rms / error.relative
-        after = error if self.after is None else self.after
-        if after.relative and after.rms:
-            torque = after.rms / after.relative
+        torque = after.rms / after.relative if after.relative else before.rms / before.relative
         share = after.rms / torque if after.relative is None else after.relative
-        return error.relative, share, self.noise / torque if self.noise else None
+        return before.relative, share, self.noise / torque if self.noise else None
 
     @property
     def rises(self) -> bool:
         """Whether the error is larger after."""
-        before, after = self.before, self.after
-        if after is None:
-            return False
+        before, after = self.before, self.after or self.before
         if before.relative is None or after.relative is None:
             return after.rms > (1 + SAME) * before.rms
         return after.relative > (1 + SAME) * before.relative
@@ -104,8 +99,7 @@ def good_enough(
         errors, floor: by joint, of the model and what noise of the sensors makes [N m | N].
         away: rms away from reversals of joints with dry friction, as `Residual.away`.
         searched: whether nothing that is missing was found.
-        logs: names of those on which it is judged, where these are not the ones that were fitted.
-        doubts: what may be wrong with the data.
+        logs: other ones than those that were fitted; doubts: on the data.
     """
     own = acceptable.get()
     least = MATERIAL if own is None else own  # share of the torque that is acceptable
@@ -128,9 +122,11 @@ def good_enough(
         how = "As good as this data can show"
         how += f", at {_multiple(most)} times the noise of the sensors in {worst}"
         return f"{ask} {how if searched else f'Not in {some(words, 2)}'}{turns}."
-    if hidden := _hidden(judged, floor, least):
-        joint, noise = hidden
-        size = f"{percent(noise)} of the torque of {joint}"
+    share = {j: e.relative or 0.0 for j, e in judged.items()}
+    noise = {j: x * floor.get(j, 0.0) / max(judged[j].rms, 1e-300) for j, x in share.items()}
+    worst = max(judged, key=lambda j: max(share[j], noise[j]))  # a cause could hide there
+    if max(share[worst], noise[worst]) > max(LEAVES, least):
+        size = f"{percent(noise[worst])} of the torque of {worst}"
         return f"{ask} These logs cannot show it: noise is {size}."
     beside = f", or below {percent(least)} of the torque" * (most > NOISY)
     how = f"noise of the sensors{beside}" if beside else f"at most {most:.1f} times the noise"
@@ -149,9 +145,7 @@ def scale_doubts(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def spoiling(health: Health) -> list[Finding]:
-    """Return the faults of data that explain a log, and another unit of several torques: the factor
-    of their size is about that of a unit.
-    """
+    """Return the faults of data that explain a log, as does another unit of several torques."""
     units = [
         each
         for each in scale_doubts(health.findings)
@@ -163,9 +157,7 @@ def spoiling(health: Health) -> list[Finding]:
 
 
 def doubts_of(health: Health, findings: Iterable[Finding]) -> tuple[list[str], bool]:
-    """Return in words what looks wrong in the data of a fit, by their health and its findings, and
-    whether that explains the log.
-    """
+    """Return in words what looks wrong in the data of a fit, and whether that explains the log."""
     turned = [  # torques: driving friction, the negative of what the URDF's bodies need
         each
         for each in (*health.findings, *findings)
@@ -184,20 +176,9 @@ def enough(
     return "? Yes: " in good_enough(errors, floor, doubts=doubts)
 
 
-def _hidden(
-    errors: Mapping[str, Error], floor: Mapping[str, float], least: float
-) -> tuple[str, float] | None:
-    """Return the joint in whose noise a cause could hide most, and its share of the torque."""
-    relative = {j: e.relative or 0.0 for j, e in errors.items()}
-    noise = {j: x * floor.get(j, 0.0) / max(errors[j].rms, 1e-300) for j, x in relative.items()}
-    most = max(errors, key=lambda j: max(relative[j], noise[j]))
-    share = max(relative[most], noise[most])
-    return (most, noise[most]) if share > max(LEAVES, least) else None
-
-
 def too_large(errors: Mapping[str, Error], floor: Mapping[str, float], least: float) -> list[str]:
-    """Return the joints whose error is above a share `least` of their torque and above the noise of
-    the sensors, the loudest first. Noise that is not known is no excuse.
+    """Return the joints, the loudest first, whose error is above a share `least` of the torque, and
+    above the noise of the sensors. Noise that is not known is no excuse.
     """
     times = {joint: _times(e, floor.get(joint)) for joint, e in errors.items()}
     loud = [
@@ -209,9 +190,7 @@ def too_large(errors: Mapping[str, Error], floor: Mapping[str, float], least: fl
 
 
 def _multiple(times: float) -> str:
-    """Return a multiple of noise in words: of a log that was filtered, noise is not known to be so
-    small.
-    """
+    """Return a multiple of noise in words; noise of a filtered log is not known to be smaller."""
     return two_digits(times) if times < CLEAR else f"more than {CLEAR:.0f}"
 
 
@@ -253,9 +232,7 @@ class Card:
 
     @property
     def room(self) -> float:
-        """The error as long as the bars' column: the longest, or less where what stays of all, and
-        noise, could not be seen beside it.
-        """
+        """The error as long as the column: the longest, or less to show what stays."""
         sizes = [bar.sizes for bar in self.bars]
         longest = max((max(before, after, noise or 0.0) for before, after, noise in sizes))
         stays = max(max(min(before, after), noise or 0.0) for before, after, noise in sizes)
@@ -273,9 +250,7 @@ class Card:
         return before or 0.0, after or 0.0, noise
 
     def key(self, bars: Sequence[Bar], *words: str) -> str:
-        """Return the words for what the bars that are shown have, of those for: no change, a
-        change, a rise, the mark of noise, a cut.
-        """
+        """Return the words for what bars have: no change, a change, a rise, noise, a cut."""
         changes, rises = any(bar.after for bar in bars), any(bar.rises for bar in bars)
         noise = any(bar.sizes[2] is not None for bar in bars)
         has = (not changes, changes, rises, noise, any(map(self.cut, bars)))
@@ -318,9 +293,8 @@ def place_of(mechanism: Mechanism) -> str:
 
 
 def add_command(mechanism: Mechanism, effects: Iterable[Effect], files: Iterable[str] = ()) -> str:
-    """Return the command that adds effects, and laws in files, to a mechanism, ready to be copied.
-
-    What the command that runs was given `--with` is no part of the mechanism yet: it comes first.
+    """Return the command that adds effects, and laws in files, to a mechanism: first those that
+    the running command was given `--with`, which are no part of it yet.
     """
     options, files = getattr(inputs.get(), "options", ()), [*files]
     words = [word for name, word in pairwise(options) if name == "--with"]
@@ -330,9 +304,7 @@ def add_command(mechanism: Mechanism, effects: Iterable[Effect], files: Iterable
 
 
 def unused(name: str) -> str:
-    """Return the name of a file or folder, with a number where there is one of that name, or the
-    running command writes it: what a command offers must not overwrite anything.
-    """
+    """Return a name for a file or folder, with a number where it would overwrite another one."""
     path, taken, n = Path(name), folder.get(), 1
     while (taken and path == Path(taken)) or path.exists():
         path = Path(name).with_name(f"{Path(name).stem}_{(n := n + 1)}{Path(name).suffix}")
@@ -346,12 +318,10 @@ def next_command(
     known: bool = False,
     unmeasured: Iterable[str] = (),
 ) -> str:
-    """Return the command that goes on with a verb from the one that runs, ready to be copied.
+    """Return the command that goes on with a verb from the one that runs; nothing outside of one.
 
-    Nothing outside of a command, or where the verb does not take the options of the model, with
-    which stand the effects that were `added`. `separate`: two labels that excite is to tell apart.
-    `known`: with the bodies of an earlier fit, if one is compared. `unmeasured`: further joints
-    without a torque sensor.
+    `separate`: two labels that excite is to tell apart. `known`: with the bodies of an earlier fit.
+    `unmeasured`: further joints without a torque sensor.
     """
     if (given := inputs.get()) is None:
         return ""
@@ -393,9 +363,8 @@ def next_command(
 
 
 def body_words(parameters: Sequence[Value]) -> str:
-    """Return mass and centre of mass of a body by its ten parameters; none where the data do not
-    determine them, or of the centre what they do: in a plane two coordinates. The centre's errors
-    are the sums of those of the moment and of the mass.
+    """Return mass and centre of mass of a body by its ten parameters, of the centre what the data
+    determine. Its errors are the sums of those of the moment and of the mass.
     """
     own = {v.name.rpartition(".")[2]: v for v in parameters}
     moments = {axis: own[f"m{axis}"] for axis in "xyz" if f"m{axis}" in own}

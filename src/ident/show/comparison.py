@@ -38,7 +38,7 @@ from ident.show.residual import (
     time_label,
     told_apart,
 )
-from ident.text import WIDTH, listed, places, rounded, shortened, significant, two_digits
+from ident.text import WIDTH, listed, places, rounded, shortened, significant, some, two_digits
 
 SCHEMA = "ident.compare/1"
 COEFFICIENT = re.compile(r"(?<= )[\d.]+(?:e[+-]\d+)?(?= )")
@@ -63,9 +63,7 @@ def comparison_sheet(c: Comparison) -> Sheet:
 
 
 def comparison_card(c: Comparison) -> Card:
-    """Return the models, and how far the error falls from the first to the last, or from the fit
-    of the only one.
-    """
+    """Return the models, and how far the error falls from the first, or its fit, to the last."""
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
     shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
     alone, (_, errors) = first is last, judged(c, last.name)
@@ -79,21 +77,18 @@ def comparison_card(c: Comparison) -> Card:
     models = shown[first.name] if alone else f"{shown[first.name]} → {shown[last.name]}"
     line = f"{models} on {', '.join(trace.name for trace in first.traces)}"
     larger = [bar.joint for bar in bars if bar.rises and bar.joint not in changed and before]
-    grown = f"the error is larger in {places(larger)}, by no more than it differs from motion to "
-    grown += "motion"
+    more = f"the error is larger in {places(larger)}"
     if alone and changed:
         line += f": changed since it was fitted in {places(changed)}"
-        others = f"the error is larger in {places(larger)} too, less surely"
-        others = others if larger else "all other joints are as then"
+        others = f"{more} too, less surely" if larger else "all other joints are as then"
         line += f"; {others}" * (len(changed) + len(blind) < len(errors))
         if all(((bar.after or bar.before).relative or 0.0) > OTHERWISE for bar in bars):
             line += f", by much of its torque: {OTHER}"
-    elif alone:
-        if larger:
-            line += f": unchanged; {grown}"
-        elif before:
-            line += f": in all {'other ' * bool(blind)}joints as when it was fitted"
-    else:
+    elif alone and larger:
+        line += f": unchanged; {more}, by no more than it differs from motion to motion"
+    elif alone and before:
+        line += f": in all {'other ' * bool(blind)}joints as when it was fitted"
+    elif not alone:
         rises = [bar.joint for bar in bars if bar.rises]
         falls = [x.joint for x in bars if x.after and x.after.rms < (1 - SAME) * x.before.rms]
         ways = {"falls": falls, "rises": rises}
@@ -153,9 +148,7 @@ def comparison_files(c: Comparison, replay: Plotted | None = None) -> dict[str, 
 
 
 def _parameters(residuals: Models) -> tuple[Block, ...]:
-    """Return values ± standard errors, model beside model: effects, then the bodies' base
-    parameters, of which models may have different ones.
-    """
+    """Return values ± standard errors, model beside model: effects, then base parameters."""
     models, names = [each.model for each in residuals.values()], told_apart(residuals).values()
     shown: dict[str, str] = {}  # the first name of combinations that differ by rounding
     found = [
@@ -237,41 +230,34 @@ def comparison_json(c: Comparison, replay: Plotted | None = None) -> dict[str, A
 
 
 def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
-    """Return which parameters differ from those of an earlier fit, or that none does; `worse` are
-    the joints in which the model does worse than then, though it was fitted again.
-    """
+    """Return which parameters differ from an earlier fit; `worse`: joints it fits worse."""
     since, n = short(x.since), len(x.compared)
-    beside = f"the model does not explain what is new in {listed(worse)}"
     if not n:
         return f"Nothing can be compared with {since}: no parameter is determined by both logs."
     apart = f"; {len(x.apart)} more cannot be compared" * bool(x.apart)
     if not x.changed and worse:
-        return f"No parameter has changed since {since} beyond the errors of both, but {beside}."
+        none = f"No parameter has changed since {since} beyond the errors of both"
+        return f"{none}, but the model does not explain what is new in {listed(worse)}."
     if not x.changed:
         return (
             f"Nothing has changed since {since}: none of {n} parameters differs by more than "
             f"{x.least:.2g} standard errors, the most {two_digits(abs(x.compared[0].z))}{apart}."
         )
-    count = len(x.changed)
     bodies = [c for c in x.changed if c.effect is None]
     by_z = [(abs(c.z), _change_words(c)) for c in x.changed if c.effect is not None]
     if bodies:
         by_z.append((abs(bodies[0].z), _bodies_words(bodies)))
     words = [text for _, text in sorted(by_z, key=lambda each: -each[0])]
-    parts, more = words[: 2 if bodies else 3], max(len(words) - (2 if bodies else 3), 0)
-    rest = [f"{more} more"] * bool(more)
-    found = f"{listed([*parts, *rest])}: {count} of {n} parameters{apart}"
-    most = f" Most have: {OTHER}" * (2 * count > n)
+    found = f"{some(words, 2 if bodies else 3)}: {len(x.changed)} of {n} parameters{apart}."
+    found += f" Most have: {OTHER}" * (2 * len(x.changed) > n)
     if worse:  # what differs may stand in for a cause that the model does not have
         cause = f"New since {since}: in {listed(worse)} an effect that the model does not contain"
-        return f"{cause}. Changed, perhaps only to make up for it: {found}.{most}"
-    return f"Changed since {since}: {found}.{most}"
+        return f"{cause}. Changed, perhaps only to make up for it: {found}"
+    return f"Changed since {since}: {found}"
 
 
 def fitted_anew(fit: Fit) -> str:
-    """Return what has changed since an earlier fit, for a diagnosis in which it is no cause, since
-    its parameters were fitted anew.
-    """
+    """Return what has changed since an earlier fit, for a diagnosis that fitted everything anew."""
     assert fit.changes is not None
     words = changes_line(fit.changes).rstrip(".")
     cause = f"; for the cause: {next_command('diagnose')}" * bool(fit.changes.changed)
@@ -287,9 +273,7 @@ def _change_words(c: Change) -> str:
 
 
 def _bodies_words(changes: Sequence[Change]) -> str:
-    """Return what has changed of the bodies: one number, or of several the link that has part in
-    all of them, for a mass there changes all.
-    """
+    """Return what has changed of bodies: one number, or the link that has part in all of them."""
     first = _change_words(changes[0])
     if not changes[1:]:
         return first
@@ -333,12 +317,9 @@ def plot_forces(
     series: Mapping[str, tuple[np.ndarray, np.ndarray]],
     log: str = "",
 ) -> Chart:
-    """Draw λ(t) of a log, a panel a multiplier.
+    """Draw λ(t) of a log, a panel a multiplier with its unit.
 
-    Args:
-        names, units: of the multipliers.
-        series: times (n,) [s] and values (n, m) [N | N m] by label; `known` is drawn in grey.
-        log: the name of the log.
+    `series`: times (n,) [s] and values (n, m) [N | N m] by label; `known` is drawn in grey.
     """
     zero = zero_of(list(series.values())[-1][0])
     rows = []

@@ -64,13 +64,13 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
         # a model in which everything is known is a reference, and stays as it is
         again = "" if len(d.fit.columns) else next_command("diagnose", [*added, *d.group])
         command = again or add_command(d.fit.mechanism, [*added, *d.group])
-        planned = planning(d, added) if separable(d) else ""
+        planned = planning(d, added)
     elif d.laws:
         files = [f"{folder.get() or 'DIR'}/{law.option}" for law in d.laws]
         command = add_command(d.fit.mechanism, added, files)
     else:
-        command = planned = planning(d, added)
-        command = command or next_command("explore", added)
+        planned = planning(d, added)
+        command = next_command("explore", added)
     bars = tuple(Bar(j, e, after.get(j), d.floor[j]) for j, e in errors.items() if not e.unmeasured)
     searched, doubts = d.verdict == "nothing", d.health.findings
     good = good_enough(errors, d.floor, d.fit.residual.away, searched, doubts=doubts)
@@ -86,16 +86,13 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
     if not d.health.good:
         return Card(line, sentences, bars, first=felt)
     way = ", planned for all drives by this command; by hand" * bool(planned)
-    then = (
-        "" if left_before(d) and not d.best else _next(experiment_steps(d.next_experiment)[0], way)
-    )
+    first = experiment_steps(d.next_experiment)[0]
+    then = "" if left_before(d) and not d.best else _next(first, way)
     return Card(line, sentences, bars, planned or command, then, first=felt)
 
 
 def planning(d: Diagnosis, added: Sequence[Effect] = ()) -> str:
-    """Return the command that plans a motion that tells the best effect and a rival apart; nothing
-    where there are none that a motion tells apart.
-    """
+    """Return the command that plans a motion that tells the best effect and a rival apart."""
     pair = separable(d)
     return next_command("excite", added, pair) if d.health.good and pair else ""
 
@@ -118,34 +115,36 @@ def experiment_steps(advice: str) -> list[str]:
 def short(d: Diagnosis, top: Card | None = None) -> str:
     """Return what a person needs first, in twenty lines: verdict, errors, what to do.
 
-    Where there are more, `--verbose` has what is left out: first the formulas, then the reason for
-    the next experiment, then bars of joints down to FEW, then sentences, and at last further bars.
-    The experiment stays.
+    Of more, `--verbose` has what is left out: first the formulas, then the reason for the next
+    experiment, then bars of joints down to FEW, then sentences. The experiment stays.
     """
     shown: Card = top or card(d)
-    words, formula = laws(d), f"the formula{', which --out DIR writes' * (not folder.get())}, "
+    words, formula = laws(d), "the formula" + ", which --out DIR writes" * (not folder.get())
     if d.verdict in ("unexplained", "undecided") and not d.laws and not spoilt(d):
-        words, formula = [*_nearest(d), *curves(d)], "what comes nearest, "
-    count, steps = len(d.invisible), experiment_steps(d.next_experiment)
-    hidden = f", {count} effect{'s' * (count > 1)} this log hides" if count else ""
-    formula *= bool(words)
-    more = "more about the next experiment, " * (len(steps) > 1 and d.health.good)
+        words, formula = [*_nearest(d), *curves(d)], "what comes nearest"
+    further = len(experiment_steps(d.next_experiment)) > 1 and d.health.good
     title, *parts = shown.then.split(": ")
     step = f"{title}: {parts[0]}." if parts[1:] else shown.then  # without the reason for it
-    reason = formula + ("more about the next experiment, " if step != shown.then else more)
-
-    forms = [(shown, words, more), (shown, [], formula + more)]
     sentences, bars = SENTENCE_END.split(shown.sure), min(shown.most, len(shown.bars))
     few, count = min(FEW, bars), len(sentences)
     sizes = [(most, count) for most in range(bars, few - 1, -1)]
     sizes += [(few, n) for n in range(count - 1, 1, -1)]
     sizes += [(most, n) for n in (2, 1) for most in range(few, 0, -1)]
+    forms = [(shown, words), (shown, [])]
     for most, n in sizes:
         least = replace(shown, then=step, most=most, sure=" ".join(sentences[:n]))
-        forms.append((least, [], "the whole verdict, " * (n < count) + reason))
-    found = ""
-    for form, own, left_out in forms:
-        rest = f"--verbose: {left_out}more candidates{hidden}; {d.decision}"
+        forms.append((least, []))
+    hides, found = len(d.invisible), ""
+    for form, own in forms:
+        left_out = {
+            "the whole verdict": form.sure != shown.sure,
+            formula: own != words,
+            "more about the next experiment": further or form.then != shown.then,
+            "more candidates": any(mark(d, each) != "*" for each in d.candidates),
+            f"{hides} effect{'s' * (hides > 1)} this log hides": hides,
+        }
+        more = ", ".join(each for each, there in left_out.items() if there)
+        rest = f"--verbose: {more}; {d.decision}" if more else f"{d.decision}"
         found = Sheet(form, paragraphs=[*own, rest], indent="  ").text()
         if lines_of(found) <= LINES:
             break
@@ -170,26 +169,17 @@ def where_rows(d: Diagnosis) -> Rows:
     for f in d.where:
         error = errors_of(d.fit)[f.joint]
         signals = ", ".join(each.signal for each in f.depends_on[:2])
-        quiet = error.rms <= NOISY * d.floor[f.joint]
-        rows.append(
-            [
-                f.joint,
-                f"{significant(error.rms)} {f.unit}",
-                percent(error.relative),
-                f"{significant(d.floor[f.joint], 2)} {f.unit}",
-                f"{100 * f.share:.0f} %",
-                *(["" if f.repeats is None else f"{f.repeats:.2f}"] if repeats else []),
-                signals or ("noise" if f.white and quiet else "no single signal"),
-            ]
-        )
+        noise, quiet = d.floor[f.joint], error.rms <= NOISY * d.floor[f.joint]
+        sizes = [f"{significant(error.rms)} {f.unit}", percent(error.relative)]
+        sizes += [f"{significant(noise, 2)} {f.unit}", f"{100 * f.share:.0f} %"]
+        again = ["" if f.repeats is None else f"{f.repeats:.2f}"] * len(repeats)
+        signals = signals or ("noise" if f.white and quiet else "no single signal")
+        rows.append([f.joint, *sizes, *again, signals])
     return rows
 
 
 def candidate_rows(d: Diagnosis) -> Rows:
-    """Return a row a kind, best first, and below it one a candidate.
-
-    `*` marks what is named, `=` what this data cannot tell from it.
-    """
+    """Return a row a kind, best first, below it one a candidate; `*` is named, `=` its rivals."""
     rows = [["effect", "joint", "error", "explains", "by chance", "visible", "values"]]
     shown = [each for each in d.every if each in d.candidates or mark(d, each) == "*"]
     for group in alike(d, shown):
@@ -224,15 +214,8 @@ def _cells(d: Diagnosis, each: Explanation) -> list[str]:
     visible = f"{100 * e.refit.visible:.0f} %"
     chance = f"< {100 * RAREST:g} %" if e.p < RAREST else f"{two_digits(100 * e.p)} %"
     chance = "–" if np.isnan(e.p) else chance
-    gain, limit = (two_digits(100 * x) for x in (e.gain, e.limit))
-    return [
-        each.joint,
-        bar_of(d, each).words,
-        f"{gain} ({limit}) %",
-        chance,
-        visible,
-        numbers(each.parameters),
-    ]
+    share = f"{two_digits(100 * e.gain)} ({two_digits(100 * e.limit)}) %"
+    return [each.joint, bar_of(d, each).words, share, chance, visible, numbers(each.parameters)]
 
 
 def mark(d: Diagnosis, each: Explanation) -> str:
@@ -316,8 +299,8 @@ def _apart(d: Diagnosis, effect: Effect, rivals: tuple[Effect, ...]) -> str:
         f"The held-out errors of {named([effect, *rivals])} differ by less than "
         f"{d.decision.rival_se:g} standard errors."
     )
-    if all(set(each.joints) == set(effect.joints) for each in rivals):
-        return text + " They differ at other speeds, positions or loads than those of this motion."
+    if all({*each.joints} == {*effect.joints} for each in rivals):
+        return f"{text} They differ at other speeds, positions or loads than those of this motion."
     if not d.fit.mechanism.closures:
         return f"{text} In this motion they have almost equal torques."
     return (

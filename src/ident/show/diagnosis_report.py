@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,10 @@ from ident.diagnosis.unobservable import name_of
 from ident.display import renders, writing
 from ident.effects.library import by_kind, named
 from ident.files import json_bytes, plain, regular, write_all
-from ident.fit.prediction import predict
-from ident.fit.residual import Failure, Residual, residual_of
+from ident.fit.identify import Comparison
+from ident.fit.residual import Failure, residual_of
 from ident.show.card import Bar
-from ident.show.charts import FAINT, RAW, RESIDUAL, Chart, Dots, Level, Line, Panel
+from ident.show.charts import FAINT, RESIDUAL, Chart, Dots, Panel
 from ident.show.diagnosis import (
     alike,
     bar_of,
@@ -47,8 +48,8 @@ from ident.show.html import (
     report_page,
     table,
 )
-from ident.show.laws import curve_json, labels, law_blocks, numbers
-from ident.show.residual import plot_maps, time_label, view_of_fit
+from ident.show.laws import curve_json, law_blocks, numbers
+from ident.show.residual import plot_joint, plot_maps
 from ident.show.verdict import spoilt
 
 SCHEMA = "ident.diagnosis/1"
@@ -59,7 +60,8 @@ CLAIMS = {  # title of what each verdict says
     "undecided": "What comes nearest",
 }
 BARS = 12
-LOGS = 4  # whose residuals are drawn below each other
+OWN = re.compile(r"law\d*_[\w.-]*\.py|curve_[\w.-]*\.csv")  # files that a diagnosis writes
+LOGS = 4  # whose torques are drawn below each other
 MARKS = "* named; = this data cannot tell it from the one named."
 FALLS = (
     "Error: held out, of the joint that it mends most, without it → with it. Explains: share of "
@@ -104,31 +106,6 @@ def plot_candidates(d: Diagnosis) -> Chart:
     return Chart("The error of its joint, as it is and with each candidate", ((panel,),))
 
 
-def plot_before_after(before: Residual, after: Residual, joint: str, label: str) -> Chart:
-    """Draw the residual of a joint over time, without an effect and with it, log below log.
-
-    The pale band is the unfiltered one.
-    """
-    u = before.joints.index(joint)
-    axis = f"{joint} [{before.units[u]}]"
-    raw = predict(before.model.mechanism, before.motion, before.model.point)
-    rows = []
-    for a, b, p in list(zip(before.traces, after.traces, raw, strict=False))[:LOGS]:
-        zero = before.zero(a)
-        lines = (
-            Line(p.t - zero, np.where(p.usable, p.residual[:, u], np.nan), "unfiltered", RAW, 0.8),
-            Line(a.t - zero, a.residual[:, u], "as it is", RESIDUAL, 1.4),
-            Line(b.t - zero, b.residual[:, u], f"with {label}", 0, 1.4),
-        )
-        title = a.name if len(before.traces) > 1 else ""
-        rows.append((Panel((Level(), *lines), time_label(zero), axis, title),))
-    title = f"Residual of {joint} over time, as it is and with {label}"
-    if len(before.traces) > LOGS:
-        title += f"; the first {LOGS} of {len(before.traces)} logs"
-    clock = before.traces[0].name if len(rows) == 1 else ""
-    return Chart(title, tuple(rows), shared_x=True, clock=clock)
-
-
 # --- report ---------------------------------------------------------------------------------------
 
 
@@ -145,6 +122,11 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
         following += [code(each) for each in [planning(d)] if each]
     caption = "Joint by joint: held-out error, and what noise would leave"
     by_laws = bool(d.laws) and d.best is None  # what comes nearest matters less
+    m, felt = d.fit.mechanism, d.candidates[0].joint if d.best else ""
+    moved = dict(zip(m.bodies.links, [*m.model.names][1:], strict=True))  # by its joint
+    at = [(moved.get(x, x) if e.loaded_link else x, e) for e in d.group for x in e.joints]
+    marks = {joint if joint in m.joint_index else felt: e.label for joint, e in at}
+    marks = marks or {law.joint: f"formula: {law.joint}" for law in d.laws}
     idle = unsupported_words(d) if d.verdict == "nothing" else []
     return (
         Section("Health of the data", [paragraph(each) for each in health_words(d)]),
@@ -158,7 +140,7 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
         *([what] if by_laws else []),
         Section("Invisible in this data", _invisible(d)),
         Section("In the model, but not supported", [paragraph(each) for each in idle]),
-        *fit_sections(d.fit, first=d.candidates[0].joint if d.best else ""),
+        *fit_sections(d.fit, first=felt, marks=marks),
     )
 
 
@@ -181,14 +163,6 @@ def _candidates(d: Diagnosis) -> list[Block]:
     refitted = [each for each in d.candidates if each.fit is not None and d.verdict != "nothing"]
     options = {f"{mark(d, x)} {x.effect.label}".strip(): _option(d, x) for x in refitted}
     if options:
-        tree, best = d.fit.mechanism.joint_index, d.candidates[: d.best is not None]
-        links = zip(d.fit.mechanism.bodies.links, [*d.fit.mechanism.model.names][1:], strict=True)
-        moved = dict(links)  # by its joint
-        at = [(moved.get(x, x) if e.loaded_link else x, e) for e in d.group for x in e.joints]
-        marks = {joint: e.label for joint, e in at if joint in tree}
-        marks = marks or {x.joint: x.effect.label for x in best}
-        marks = marks or {law.joint: f"formula: {law.joint}" for law in d.laws}
-        blocks.append(view_of_fit(d.fit.residual, d.fit.predictions, marks))
         blocks += [headed("Its residual before and after"), Choice("Which candidate", options)]
     return blocks
 
@@ -200,15 +174,16 @@ def _option(d: Diagnosis, each: Explanation) -> list[Block]:
     change = f"held-out error of {joint}: {bar_of(d, each).words}"
     lines = [type(each.effect).summary(), change, numbers(each.parameters)]
     if each.rivals:
-        lines.append(f"not distinguishable from it in this data: {labels(each.rivals, 'or')}")
+        lines.append(f"not distinguishable from it in this data: {named(each.rivals, 'or')}")
     blocks: list[Block] = [headed(f"With {label}"), items(lines)]
-    blocks.append(plot_before_after(before, after, joint, label))
-    if each.effect.corrects:  # it has no torque of its own, which could be drawn
-        blocks.append(plot_maps({"as it is": before, "with it": after}, joint))
-    else:
-        models = {"without it": after.without(label), "with it": after}
-        blocks += [paragraph(EFFECT), plot_maps(models, joint, effect=label)]
-    return blocks
+    models = Comparison({"as it is": before, "with it": after}, {})
+    count = len(before.traces)
+    blocks += [paragraph(f"Drawn are the first {LOGS} of {count} logs.")] * (count > LOGS)
+    blocks += [plot_joint(models, joint, i) for i in range(min(LOGS, count))]
+    if label not in after.traces[0].parts:  # a correction has no torque, which could be drawn
+        return [*blocks, plot_maps(models, joint)]
+    models = Comparison({"without it": after.without(label), "with it": after}, {})
+    return [*blocks, paragraph(EFFECT), plot_maps(models, joint, label)]
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -221,9 +196,7 @@ def write_diagnosis(
     more: Mapping[str, bytes] | None = None,
     sections: Sequence[Section] = (),
 ) -> list[Path]:
-    """Write diagnosis.json, report.html, and a file for each curve and law; `more` files by name,
-    and further sections at the beginning of the report.
-    """
+    """Write diagnosis.json, report.html with `sections` first, files of laws, and `more`."""
     title = f"{d.fit.mechanism.name}: diagnosis"
     with writing(folder):
         report = report_page(title, card(d), (*sections, *diagnosis_sections(d)))
@@ -235,18 +208,15 @@ def write_instead(d: Diagnosis, folder: Path, files: Mapping[str, bytes]) -> lis
     """Write the files of a diagnosis; laws and curves that the folder's last one wrote are removed,
     unless the model uses them.
     """
-    try:
+    names: list[str] = []
+    with suppress(OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         last = json.loads(regular(folder / "diagnosis.json").read_text(encoding="utf-8"))
-        every = [str(each["effect"]).partition(":")[0] for each in last.get("laws", ())]
-        every += [str(each["file"]) for each in last.get("curves", ())]
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        every = []  # none, or no diagnosis
+        laws = [str(each["effect"]).partition(":")[0] for each in last.get("laws", ())]
+        names = laws + [str(each["file"]) for each in last.get("curves", ())]
     written = write_all(folder, files)
     used = {effect.file.resolve() for effect in d.fit.mechanism.effects if effect.file}
-    for name in every:
-        path = folder / name
-        own = re.fullmatch(r"(law\d*_[\w.-]*\.py|curve_[\w.-]*\.csv)", name)
-        if own and name not in files and path.resolve() not in used:
+    for path in (folder / name for name in names if name not in files and OWN.fullmatch(name)):
+        if path.resolve() not in used:
             path.unlink(missing_ok=True)
     return written
 

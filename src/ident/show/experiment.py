@@ -58,12 +58,7 @@ FOLLOWS = {  # by the first signal on which a residual depends
 
 
 def described(trial: Trial, now: Sequence[Move]) -> str:
-    """Return what to do, in the mechanism's own terms.
-
-    Args:
-        trial: the motion.
-        now: what the same joints did in the present log.
-    """
+    """Return what to do in a trial, where the same joints did `now` in the present log."""
     moves = trial.changed
     others = any(m.speed and m.joint.name not in trial.about for m in trial.moves)
     rest = ", the other joints as now" if others and trial.kind != "alone" else ""
@@ -97,10 +92,9 @@ def next_experiment(d: Diagnosis) -> Advice:
 def _advice(d: Diagnosis) -> Advice:
     rivals = contenders(d)
     if len(rivals) > 1:
-        tried = attempts(d, rivals)
-        answered = any(proposal(d, tried, pairs) for pairs in questions(rivals))
-        if d.best is not None or answered:
-            return _between(d, rivals, tried)
+        advice = _between(d, rivals, attempts(d, rivals))
+        if d.best is not None or advice.apart:
+            return advice
     slowly = _slowly(d, at_reversals(d))
     if d.reversing:
         return Advice(slowly)
@@ -112,13 +106,11 @@ def _advice(d: Diagnosis) -> Advice:
                 "cause: compare both fits there."
             )
         return unexplained(d)
-    first = (
-        f"Add {named(d.group)} and diagnose again: no other effect explains it as well."
-        if d.best
-        else ""
-    )
+    first = ""
     if d.best and d.health.faults:  # of the clock, the only one beside a name
         first = f"Compare t with another clock, and measure {named(d.group)}."
+    elif d.best:
+        first = f"Add {named(d.group)} and diagnose again: no other effect explains it as well."
     return Advice(" ".join(filter(None, (first, slowly, unseen(d)))) or NOTHING)
 
 

@@ -23,7 +23,7 @@ from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.grow import Step
 from ident.diagnosis.result import Law, announced_errors, errors_of
 from ident.diagnosis.search import Search
-from ident.diagnosis.selection import Decision, Evidence, Ranking, as_good, rank, simplicity
+from ident.diagnosis.selection import Evidence, Ranking, as_good, rank, simplicity
 from ident.diagnosis.unobservable import invisible, unsupported
 from ident.display import Displayed, Progress, quiet
 from ident.effects import KINDS, Effect
@@ -52,11 +52,10 @@ class PredictedGain:
         effect: which; present: whether it is in the model, with an unknown in it.
         fall: of the held-out squares, as a share: what adding it would take away, or what it takes
             away now. None where that cannot be said.
-        joints: whose errors it lowers, the one it lowers most first; before, after: the held-out
-            error of that one without it and with it.
-        gain: fall of the squares as a diagnosis weighs them, by which candidates are ordered behind
-            the one that it would name first; below zero of one whose values no such effect can
-            have. z: its standard errors.
+        joints: whose errors it lowers, most first; before, after: the held-out error of the first
+            of them without it and with it.
+        gain: fall of the squares as a diagnosis weighs them; below zero of one whose values no such
+            effect can have. z: its standard errors.
         shape: of a search, from which a refit sets out.
         why: it cannot be seen in this data, or should not be in the model; "" for most.
     """
@@ -87,13 +86,11 @@ def rows_of(
     fit: Fit, effects: Sequence[Effect] = (), progress: Progress | None = None,
     earlier: Contest | None = None,
 ) -> Contest:  # fmt: skip
-    """Return the rows of a fit away from reversals, with the columns of some effects; those that
-    are the same in an `earlier` model's are taken from there.
-    """
+    """Return the rows of a fit with the columns of effects; an `earlier` model's are used again."""
     return Contest.of(fit, effects, progress or quiet, curved=False, earlier=earlier)
 
 
-def simplest_first(first: Ranking, every: Sequence[Evidence], decision: Decision) -> list[Evidence]:
+def simplest_first(first: Ranking, every: Sequence[Evidence]) -> list[Evidence]:
     """Return what explains most first; of what explains the same part as well, the effect with the
     fewest numbers, and of these the one that the library has first.
     """
@@ -103,7 +100,7 @@ def simplest_first(first: Ranking, every: Sequence[Evidence], decision: Decision
     while left:
         best = left[0]
         sound = [each for each in left if each is best or each.sensible]
-        equal = as_good(best, sound, first.regression.rows, decision)
+        equal = as_good(best, sound, first.contest)
         best = min(equal, key=lambda e: (*simplicity(e)[:3], place.get(e.effect.kind, len(place))))
         ordered.append(best)
         left.remove(best)
@@ -112,18 +109,18 @@ def simplest_first(first: Ranking, every: Sequence[Evidence], decision: Decision
 
 def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
     """Return all effects that could be missing, then those of the model; each part best first."""
-    fit, regression, decision = contest.fit, contest.regression, Decision()
+    fit, regression = contest.fit, contest.regression
     every, independent = possible(fit.mechanism, fit.motion), fit.motion.independent
-    chance = Chance({}, {}, decision.alpha, LEAST)
-    first = rank(contest, regression, None, decision, 0, curved=False, chance=chance)
+    chance = Chance({}, {}, contest.decision.alpha, LEAST)
+    first = rank(contest, curved=False, chance=chance)
     hidden = {each.effect.label: each.why for each in invisible(first)}
     errors, losses = errors_of(fit), regression.losses.sum(axis=0)
     total = max(float(losses.sum()), 1e-300)
     open_ = []
-    shown = [each for each in first.every(decision) if each.effect.label not in hidden]
-    for each in simplest_first(first, shown, decision):
+    shown = [each for each in first.every if each.effect.label not in hidden]
+    for each in simplest_first(first, shown):
         left = each.refit.loss.sum(axis=0)
-        mends = sorted(each.mends, key=lambda u: -each.refit.by[u])
+        mends = sorted(each.refit.mends, key=lambda u: -each.refit.by[u])
         joint = independent[each.coordinate]
         open_.append(
             PredictedGain(
@@ -134,10 +131,10 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
             )
         )  # fmt: skip
     given = [effect.label for effect in fit.mechanism.effects]
-    lead = Search(contest, None, decision, 0, given, quiet).led(first)
+    lead = Search(contest, given, quiet).led(first)
     open_.sort(key=lambda each: each.label != lead)
     shut = [PredictedGain(e, why=hidden[e.label]) for e in every if e.label in hidden]
-    doubts = {x.effect.label: x.why for x in unsupported(fit, contest, decision)}
+    doubts = {x.effect.label: x.why for x in unsupported(first)}
     present = []
     for effect, places in fit.columns.effects:
         mine = np.array([p for p in places if p >= 0], dtype=int)
@@ -166,7 +163,7 @@ class Exploration(Displayed):
         diagnosis: of the present model; None before `judged`.
         before: what it was before the last change; None at the beginning.
         refused: labels of laws and curves that are not offered again.
-        contest: columns of all effects beside the model that was screened last.
+        contest: columns of all effects, made for the model that was screened last.
     """
 
     rungs: tuple[Step, ...]
@@ -180,7 +177,7 @@ class Exploration(Displayed):
     def of(
         cls, mechanism: Mechanism, motion: Motion, progress: Progress | None = None
     ) -> Exploration:
-        """The first rung: the mechanism as it is given, fitted to a motion; progress is reported.
+        """Fit the mechanism as it is given to a motion: the first rung; progress is reported.
 
         Raises:
             FitError: if there are no equations to identify with.
@@ -219,9 +216,8 @@ class Exploration(Displayed):
         if best is None:
             sure = "the verdict is under Verdict" if judged else "judge it to be sure"
             return f"No effect lowers the error by more than chance would; {sure}."
-        rest = "; the verdict on it is under Verdict" if judged else (
-            ". A falling error is no proof: judge it"
-        )  # fmt: skip
+        proof = ". A falling error is no proof: judge it"
+        rest = "; the verdict on it is under Verdict" if judged else proof
         return f"The first candidate is {named([best.effect])}{rest}."
 
     @property
@@ -315,7 +311,7 @@ class Exploration(Displayed):
         return replace(self, diagnosis=diagnose(self.fit, progress=progress))
 
     def write(self, folder: str | Path) -> list[Path]:
-        """The present mechanism's folder with its fit; with its diagnosis, where there is one.
+        """Write the present mechanism's folder with its fit, and its diagnosis, where there is one.
 
         Returns:
             The files written, all of them or none.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -108,16 +108,12 @@ def health_sheet(h: Health) -> Sheet:
 
 
 def error_table(fit: Fit) -> tuple[str, Rows]:
-    """Return a caption, and the errors in training, held out, on other logs, unfiltered, and with
-    the rows of standstill.
-    """
-    errors = dict(fit.errors)
-    cut = fit.motion.band.cutoff
+    """Return a caption, and errors in training, held out, on other logs, unfiltered, at rest."""
+    errors, cut, judged = dict(fit.errors), fit.motion.band.cutoff, fit.held_out or fit.train
     if cut:
         errors["unfiltered"] = fit.unfiltered
-    whole = {joint: each.with_standstill for joint, each in (fit.held_out or fit.train).items()}
-    still = any(each.rms != (fit.held_out or fit.train)[joint].rms for joint, each in whole.items())
-    if still:
+    whole = {joint: each.with_standstill for joint, each in judged.items()}
+    if still := any(each.rms != judged[joint].rms for joint, each in whole.items()):
         errors["at standstill too"] = whole
     caption = "error of the predicted torque" + (f" below {cut:.3g} Hz" if cut else "")
     return caption + ", in motion" * still, error_rows(errors)
@@ -171,20 +167,19 @@ def _multiplier_rows(fit: Fit) -> Rows:
     kinematics = fit.mechanism.kinematics
     for name, unit, y in zip(kinematics.multipliers, kinematics.units, values.T, strict=True):
         x = y[np.isfinite(y)]
-        sizes = (np.sqrt(np.mean(x**2)), np.abs(x).max()) if len(x) else ()
-        rows.append([name, *([significant(size, 4) for size in sizes] or ["–", "–"]), unit])
+        sizes = [significant(f(x**2) ** 0.5, 4) for f in (np.mean, np.max) if len(x)]
+        rows.append([name, *(sizes or ["–", "–"]), unit])
     return rows
 
 
 def headline(fit: Fit) -> str:
     """Return how well it predicts, in one line."""
     errors = fit.held_out or fit.train
-    known = {name: e.relative for name, e in errors.items() if e.relative is not None}
+    known = sorted((e.relative, name) for name, e in errors.items() if e.relative is not None)
     if not known:
         return "No torque was measured that could be compared."
-    best, worst = min(known, key=lambda n: known[n]), max(known, key=lambda n: known[n])
     what = "held out" if fit.held_out else "in the data that were fitted"
-    ends = [f"{percent(known[name])} ({name})" for name in dict.fromkeys((best, worst))]
+    ends = [f"{percent(x)} ({name})" for x, name in dict.fromkeys((known[0], known[-1]))]
     return f"The predicted torque is off by {' to '.join(ends)}, {what}."
 
 
@@ -265,9 +260,7 @@ def card(fit: Fit) -> Card:
 def _worst(
     fit: Fit, size: Callable[[Error, float], Any]
 ) -> tuple[dict[str, Error], dict[str, float]]:
-    """Return by joint the error, and the noise, of the validation log in which `size` of both is
-    largest.
-    """
+    """Return error and noise by joint in the validation log in which `size` of both is largest."""
     errors, floor = dict[str, Error](), dict[str, float]()
     for j in fit.train:
         sizes = [(e[j], fit.noise_on(log)[j]) for log, e in fit.validation.items()]
@@ -282,11 +275,7 @@ def summary(fit: Fit) -> str:
 
 @renders(Fit, "plot_parameters")
 def plot_parameters(fit: Fit) -> Chart:
-    """Draw effects and identified parameters ± 1.96 standard errors beside the prior, by unit.
-
-    Raises:
-        FitError: if there are none.
-    """
+    """Draw identified values ± 1.96 standard errors beside the prior; a FitError without any."""
     own = [value for effect in fit.effects for value in effect.parameters]
     own += [value for value in fit.parameters if value.identifiable]
     known = [v for v in own if v.stderr and np.isfinite(v.stderr)]  # 0: of what was given
@@ -309,11 +298,7 @@ def plot_parameters(fit: Fit) -> Chart:
 
 @renders(Fit, "plot_multipliers")
 def plot_multipliers(fit: Fit, experiment: int = 0) -> Chart:
-    """Draw λ(t), the reaction forces of the closures.
-
-    Raises:
-        FitError: of a mechanism without closures.
-    """
+    """Draw λ(t), the reaction forces of the closures; a FitError without closures."""
     kinematics = fit.mechanism.kinematics
     if not kinematics.multipliers:
         raise FitError(f"{fit.mechanism.name}: has no closures, so no multipliers")
@@ -342,9 +327,16 @@ def urdf_of(fit: Fit) -> Saved:
 
 
 def fit_sections(
-    fit: Fit, known: Reactions | None = None, more: Sequence[Section] = (), first: str = ""
+    fit: Fit,
+    known: Reactions | None = None,
+    more: Sequence[Section] = (),
+    first: str = "",
+    marks: Mapping[str, str] | None = None,
 ) -> tuple[Section, ...]:
-    """Return warnings, parameters, errors, where it fails, multipliers, and what went in."""
+    """Return warnings, parameters, errors, where it fails, multipliers, and what went in.
+
+    `first`: joint that comes first. `marks`: words beside joints of the mechanism in 3-D.
+    """
     notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
     prior = predict(fit.mechanism, fit.motion, urdf_of(fit).point)
     changed = [html_table(*each[::-1]) for each in change_tables(fit.changes, 120).items()]
@@ -353,7 +345,7 @@ def fit_sections(
         Section("Warnings", [items(notes)] if notes else []),
         Section("Parameters", _parameters(fit) if len(fit.columns) else ()),
         errors_section(error_table(fit)[1]),
-        *residual_sections(compared(fit), first, prior),
+        *residual_sections(compared(fit), first, prior, marks),
         *more,
         Section("Multipliers", _multipliers(fit, known)),
         understood(fit.mechanism, fit.motion),

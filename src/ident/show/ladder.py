@@ -59,9 +59,9 @@ def _columns(joints: Sequence[str]) -> list[str]:
 
 def _room(joints: Sequence[str]) -> int:
     """Return the characters of the column of effects: one of a joint is whole, if there is room."""
-    longest = len(LONG) + max(map(len, joints), default=0)
+    longest = max([NAME, *(len(LONG) + len(joint) for joint in joints)])
     wide = longest + sum(2 + max(CELL, len(name)) for name in _columns(joints))
-    return max(NAME, longest) if wide <= width() else NAME
+    return longest if wide <= width() else NAME
 
 
 def _row(first: str, cells: Sequence[str], joints: Sequence[str], last: str = "") -> str:
@@ -97,9 +97,7 @@ def changed(step: Step) -> str:
 def noise_rung(history: History) -> str:
     """Return the last row of the ladder: what noise alone would leave."""
     joints = history.fit.motion.independent
-    noise, train = noise_errors(history.fit), history.fit.train
-    noise = {j: e for j, e in noise.items() if not train[j].unmeasured}
-    return _row(NOISE, cells(noise, joints), joints)
+    return _row(NOISE, cells(noise_errors(history.fit), joints), joints)
 
 
 def cells(errors: Mapping[str, Error], joints: Sequence[str]) -> list[str]:
@@ -208,19 +206,17 @@ def _added(history: History) -> str:
 
 def _larger(history: History) -> str:
     """Return which errors on validation logs were clearly smaller on an earlier rung."""
-    text, fits = "", history.fits
+    text = ""
     for log, errors in history.fit.validation.items():
         rises = []
         for joint, error in errors.items():
-            least = min(fit.validation[log][joint].rms for fit in fits)
+            least = min(fit.validation[log][joint].rms for fit in history.fits)
             if error.relative and error.rms > HIGHER * least:
                 before = percent(least / error.rms * error.relative)
                 rises.append(f"{joint} ({before} instead of {percent(error.relative)})")
         if rises:
-            text += (
-                f"On {log} an earlier rung predicts {some(rises, 3)} better: not all that was "
-                "added after it helps there. "
-            )
+            text += f"On {log} an earlier rung predicts {some(rises, 3)} better: "
+            text += "not all that was added after it helps there. "
     return text
 
 
@@ -239,8 +235,6 @@ renders(History, "short")(lambda history: short(history.diagnosis, history_card(
 @renders(History, "files")
 def write(history: History, place: str | Path) -> list[Path]:
     """Write the grown mechanism's folder, with the last fit, diagnosis and a report of the ladder.
-
-    Unknown parameters stay unknown in it: values are in fit.json.
 
     Raises:
         IdentError: if it is the folder of the mechanism itself, or cannot be written.
@@ -277,8 +271,8 @@ def history_json(history: History) -> dict[str, Any]:
 
 
 def model_files(fit: Fit) -> dict[str, bytes]:
-    """Return the folder of a fit's mechanism, its unknowns unknown, with fit.json, multipliers and
-    identified/, in which all is known; without that where no URDF can state the inertias.
+    """Return the folder of a fit's mechanism, its unknowns unknown, and identified/, where all is
+    known; without that where no URDF can state the inertias.
     """
     mechanism = fit.mechanism
     effects = [(effect, effect.values) for effect in mechanism.effects]
@@ -291,11 +285,7 @@ def model_files(fit: Fit) -> dict[str, bytes]:
 
 
 def refuse_own(mechanism: Mechanism, folder: Path) -> None:
-    """Refuse to replace what a person wrote by what a program has grown.
-
-    Raises:
-        IdentError: if `folder` holds the mechanism's own files.
-    """
+    """Refuse, as an IdentError, to replace what a person wrote by what a program has grown."""
     for path in (mechanism.toml, mechanism.urdf):
         if path is not None and path.parent.resolve() == folder.resolve():
             raise IdentError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -50,11 +50,6 @@ def numbers(parameters: Sequence[Value]) -> str:
         value = f"{name} = {number} {v.unit}".removesuffix(" 1")
         found.append(value + " (not determined)" * unknown)
     return some(found)
-
-
-def labels(effects: Iterable[Effect], word: str = "and") -> str:
-    """Return effects as commands take them."""
-    return listed([effect.label for effect in effects], word)
 
 
 def curve_name(curve: Effect) -> str:
@@ -108,7 +103,7 @@ def laws(d: Diagnosis) -> list[str]:
     for each in d.laws:
         law = each.found
         before, after = (errors[each.felt].relative for errors in (each.before, each.after))
-        with_ = f" with {labels(each.beside)} beside it" if each.beside else ""
+        with_ = f" with {listed(e.label for e in each.beside)} beside it" if each.beside else ""
         falls = (after or 0.0) < (before or 0.0)
         way = f"{'falls' if falls else 'rises'} from {percent(before)} to {percent(after)}"
         share = f"; {100 * law.explained:.0f} % of what exceeds the noise away from reversals"
@@ -119,15 +114,13 @@ def laws(d: Diagnosis) -> list[str]:
         instead = f" It takes the place of {listed(law.replaced)}." if law.replaced else ""
         head = f"A formula {does}:" if d.best is None else "A formula explains more:"
         head = head if each.beside or d.best is None else "A formula could stand in its place:"
-        curve = next((one for one in d.curves if one.joint == each.joint), None)
-        not_all = ""
-        if d.best is None and curve is not None and before and after:
-            left = before * math.sqrt(curve.ratio)
-            if left < CLEARLY * after:
-                not_all = (
-                    f" The {curve_name(curve.effect)} leaves {percent(left)}, so the formula is "
-                    f"not all of it: `--with {curve.effect.label}:pieces={curve.effect.pieces}`."
-                )
+        curve, not_all = next((x for x in d.curves if x.joint == each.joint), None), ""
+        left = (before or 0.0) * math.sqrt(curve.ratio) if curve and d.best is None else math.inf
+        if curve and left < CLEARLY * (after or 0.0):
+            not_all = (
+                f" The {curve_name(curve.effect)} leaves {percent(left)}, so the formula is not "
+                f"all of it: `--with {curve.effect.label}:pieces={curve.effect.pieces}`."
+            )
         same = [other.joint for other in d.of_same_form(each)]
         one = f" {listed(same)} has the same form, with constants of its own." if same else ""
         found.append(
@@ -176,10 +169,8 @@ def plot_curve(curve: FoundCurve, law: Law | None) -> Chart:
 
 
 def _on_curve(curve: FoundCurve, law: Law) -> np.ndarray | None:
-    """Return the formula on a curve's signal, up to what a spline of the model can absorb.
-
-    None where it depends on other signals than the curve. Offset and slope, which the model's own
-    parameters often make, are taken from the curve; of a product, for a speed of 1, the offset.
+    """Return the formula on a curve's signal, with the curve's offset and slope, which the model's
+    parameters often make; None where it depends on other signals than the curve.
     """
     formula, effect = law.effect, curve.effect
     if len(formula.joints) > 1 or effect.arity > 1 or formula.depends_on != effect.depends_on:
@@ -196,13 +187,10 @@ def _on_curve(curve: FoundCurve, law: Law) -> np.ndarray | None:
 def plot_front(law: Law) -> Chart:
     """Draw complexity against the squared error that is left."""
     cost, left, _ = zip(*law.found.front, strict=True)
-    x, y = np.array(cost, float), 100 * np.array(left)
+    front = Line(np.array(cost, float), 100 * np.array(left), "formulas", 0, 1.4, dotted=True)
     chosen = Level(float(law.effect.cost), upright=True, label="chosen", dashed=True)
-    panel = Panel(
-        (Line(x, y, "formulas", 0, 1.4, dotted=True), chosen),
-        "complexity: operators and constants", "squared error left [%]",
-        logarithmic=True, height=3.6,
-    )  # fmt: skip
+    axes = "complexity: operators and constants", "squared error left [%]"
+    panel = Panel((front, chosen), *axes, logarithmic=True, height=3.6)
     return Chart(f"Formulas for {law.joint}: complexity against error", ((panel,),), width=6.5)
 
 

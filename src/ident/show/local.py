@@ -10,20 +10,18 @@ from __future__ import annotations
 
 import errno
 import logging
-import os
 import secrets
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
 
 from ident.errors import IdentError
 from ident.show.charts import scripts
-from ident.show.template import piece
+from ident.show.html import piece
 
 HOST = "127.0.0.1"
 TOKEN = 16  # random bytes of the path: 128 bits, which nobody guesses
@@ -37,35 +35,30 @@ def wait() -> None:
 
 
 class Place:
-    """A port that is taken, and the random path below which its page is.
+    """A port that is taken, and the page that is served there until `stop()`; also a context.
 
     Attributes:
-        port: on 127.0.0.1.
-        address: of the page, with its token.
+        port: on 127.0.0.1; address: of the page, with its token, to open in a browser.
     """
 
     def __init__(self, port: int = 0) -> None:
         """Take the port; 0 takes a free one. One that cannot be opened is an IdentError."""
         if not 0 <= port <= 65535:
             raise IdentError(f"port {port}: there is none; valid: 1 to 65535, or 0 for a free one")
-        self.socket = socket.socket()
-        if os.name == "posix":  # elsewhere it would let two programs share a port
-            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            self.socket.bind((HOST, port))
-            self.socket.listen()
+            self.socket = socket.create_server((HOST, port))
         except OSError as error:
-            self.socket.close()
             why = "is taken" if error.errno == errno.EADDRINUSE else f"cannot be opened: {error}"
             raise IdentError(
                 f"port {port}: {why} on {HOST}; give another one, or none for a free one"
             ) from None
         self.port: int = self.socket.getsockname()[1]
         self._token = secrets.token_urlsafe(TOKEN)
+        self._shut: Callable[[], None] | None = None
         self.address = f"http://{HOST}:{self.port}/{self._token}/"
 
-    def serve(self, page: str, talk: Callable[[Any], None]) -> Served:
-        """Serve one page of HTML; each of its web sockets talks in a thread of its own."""
+    def serve(self, page: str, talk: Callable[[Any], None]) -> Place:
+        """Serve one page of HTML until `stop()`; each web socket talks in a thread of its own."""
         from websockets.exceptions import ConnectionClosed  # loaded only where a page is served
         from websockets.sync.server import serve
 
@@ -101,41 +94,27 @@ class Place:
         log.addFilter(faulty)
         server = serve(talk, sock=self.socket, process_request=answer, close_timeout=1, logger=log)
         threading.Thread(target=server.serve_forever, name="ident page", daemon=True).start()
-        return Served(self.port, self.address, server.shutdown)
-
-
-@dataclass(repr=False)
-class Served:
-    """A page on this machine, until it is stopped; also a context.
-
-    Attributes:
-        port: on 127.0.0.1; address: to open in a browser; shut: closes the page.
-    """
-
-    port: int
-    address: str
-    shut: Callable[[], None] | None
+        self._shut = server.shutdown
+        return self
 
     def stop(self) -> None:
         """Close the page; once is enough."""
-        if self.shut:
-            self.shut()
-            self.shut = None
+        if self._shut:
+            self._shut()
+            self._shut = None
 
-    def __enter__(self) -> Served:
+    def __enter__(self) -> Place:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.stop()
 
     def __repr__(self) -> str:
-        return self.address + " (ended)" * (self.shut is None)
+        return self.address + " (ended)" * (self._shut is None)
 
 
 class Readers:
-    """Web sockets of the pages that are open: each gets `first` when it connects, then what all are
-    told; `heard` takes what it says.
-    """
+    """Web sockets of open pages: each gets `first`, then what all are told; `heard` listens."""
 
     def __init__(
         self, first: Callable[[], str], heard: Callable[[str], None] = lambda text: None
@@ -174,10 +153,7 @@ class Readers:
 
 @contextmanager
 def live_page(title: str, port: int, state: Callable[[], str]) -> Iterator[str]:
-    """Serve a page on 127.0.0.1 inside this context, which gives its address.
-
-    It draws what `state`, which is called now and then, returns as `MonitorHistory.live` does.
-    """
+    """Serve a page inside this context, which gives its address; it draws what `state` returns."""
     readers, ended = Readers(state), threading.Event()
 
     def tell() -> None:

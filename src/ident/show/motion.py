@@ -91,8 +91,10 @@ def joint_rows(mechanism: Mechanism, motion: Motion | None = None) -> list[list[
 
 
 def beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
-    """Return a note on the joints that a motion takes beyond the URDF's limits, one for all."""
-    found = []
+    """Return a note on the joints that a motion takes beyond the URDF's limits, and one on torques
+    that no drive of it could make: their unit is another.
+    """
+    found, torques = list[str](), list[str]()
     for x in joints_json(mechanism, motion):
         off = ROUNDING + ROUNDING * abs(x["to"] - x["from"])
         unit, lower, upper, most = x["unit"], x["lower"], x["upper"], x["speed_limit"]
@@ -101,26 +103,20 @@ def beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
             found.append(f"{x['joint']} {span} (limits {lower:.4g} to {upper:.4g})")
         if 0 < most < x["top_speed"] * (1 - ROUNDING):  # 0: not stated
             found.append(f"{x['joint']} {x['top_speed']:.3g} {unit}/s (limit {most:.3g})")
-    why = (
-        "the machine must not be asked for this motion; if it was measured, check the encoder's "
-        "zero, sign and scale"
-    )
-    notes = [f"beyond the limits of the URDF: {'; '.join(found)}: {why}"] if found else []
-    return notes + _beyond_effort(mechanism, motion)
-
-
-def _beyond_effort(mechanism: Mechanism, motion: Motion) -> list[str]:
-    """Return a note on the torques that no drive of the URDF could make: their unit is another."""
-    found = []
     for i, name in enumerate(mechanism.driven):
-        limit = mechanism.joint(name).effort
+        limit, unit = mechanism.joint(name).effort, mechanism.joint(name).force_unit
         most = max(float(np.abs(e.tau[:, i]).max(initial=0.0)) for e in motion.experiments)
         if 0 < limit < most / IMPOSSIBLE:
-            unit = mechanism.joint(name).force_unit
-            found.append(f"tau.{name} {significant(most)} {unit} (limit {limit:.4g})")
-    why = "check their units (mN m, counts, currents?), and the effort limits of the URDF"
-    text = f"over {IMPOSSIBLE:g} times the effort limits of the URDF: {'; '.join(found)}: {why}"
-    return [text] if found else []
+            torques.append(f"tau.{name} {significant(most)} {unit} (limit {limit:.4g})")
+    beyond = (
+        f"beyond the limits of the URDF: {'; '.join(found)}: the machine must not be asked for "
+        "this motion; if it was measured, check the encoder's zero, sign and scale"
+    )
+    above = (
+        f"over {IMPOSSIBLE:g} times the effort limits of the URDF: {'; '.join(torques)}: check "
+        "their units (mN m, counts, currents?), and the effort limits of the URDF"
+    )
+    return [beyond] * bool(found) + [above] * bool(torques)
 
 
 # --- mechanisms ---------------------------------------------------------------------------------
@@ -187,9 +183,7 @@ def understood(mechanism: Mechanism, motion: Motion) -> Section:
 
 
 def made_of(mechanism: Mechanism, motion: Motion | None, more: Sequence[Path] = ()) -> Section:
-    """Return how to reproduce a result: the command, the versions, and hashes of the mechanism's
-    files, of `more`, and of the logs' bytes.
-    """
+    """Return how to reproduce a result: command, versions, and hashes of files, logs and `more`."""
     files = [path for path in (mechanism.urdf, mechanism.toml) if path and path != Path()]
     rows = [["file", "SHA-256"]]
     for file in (*files, *more):
@@ -218,10 +212,7 @@ def _assembled(mechanism: Mechanism) -> np.ndarray:
 def check_card(
     mechanism: Mechanism, motion: Motion | None, found: Mapping[str, Any], wrong: Sequence[Finding]
 ) -> Card:
-    """Return whether a log can be used for identification, what is most important about it, and the
-    next command; without a motion, what a log could be used for. `found` is of `identifiable`,
-    `wrong` are findings on the channels.
-    """
+    """Return whether a log can be used for identification, what to look at first, and what next."""
     rank, unknowns = found["rank"], found["unknowns"]
     if motion is None:
         words = f"a motion can identify {rank} base parameters of {unknowns} unknowns"
@@ -278,9 +269,7 @@ def _empty_rows(motion: Motion) -> Iterator[str]:
 
 
 def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
-    """Return whether a log can be used, joints, what was measured and done to it, and what the
-    motion identifies.
-    """
+    """Return whether a log can be used, joints, what was measured, and what it identifies."""
     found = identifiable(mechanism, motion)
     wrong = data_findings(mechanism, motion)
     column = ["assembled", *(f"{x:.4g}" for x in _assembled(mechanism))]
@@ -298,8 +287,7 @@ def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
 
 def data_findings(mechanism: Mechanism, motion: Motion | None) -> list[Finding]:
     """Return what looks wrong in logged data: in channels by themselves, and, where all torques are
-    measured, in torques beside the motion, by a fit with the effects that every machine has; also
-    where that leaves much of a torque.
+    measured, beside a fit with the effects that every machine has.
     """
     if motion is None:
         return []
@@ -320,10 +308,7 @@ def data_findings(mechanism: Mechanism, motion: Motion | None) -> list[Finding]:
 
 
 def _channels(mechanism: Mechanism, motion: Motion) -> list[list[str]]:
-    """Return the noise of each channel, and the rms of measured less smoothed.
-
-    Both are equal where channels agree with each other, the closures and the knots of the splines.
-    """
+    """Return the noise of each channel, and the rms of measured less smoothed."""
     units = {"q": "", "v": "/s", "a": "/s²"}
     rows = [["channel", "noise", "residual", "unit", "", "log"]]
     for e in motion.experiments:

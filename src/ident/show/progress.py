@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from ident.display import Progress
 
 if TYPE_CHECKING:
-    from rich.console import Console
     from rich.progress import Progress as Bar
 
 AFTER = 0.5  # s of work before a notebook gets a bar
@@ -24,10 +23,7 @@ R = TypeVar("R")
 
 
 def watched(verb: Callable[P, R]) -> Callable[P, R]:
-    """Give a verb that is called without `display` a bar, in a notebook or a terminal.
-
-    Called in a worker process, or with standard error in a file, it shows nothing.
-    """
+    """Give a verb that is called without `progress` a bar, in a notebook or a terminal."""
 
     @wraps(verb)
     def shown(*args: P.args, **options: P.kwargs) -> R:
@@ -48,32 +44,28 @@ def _shown() -> Iterator[Progress | None]:
     if multiprocessing.current_process().name != "MainProcess":
         yield None
     elif hasattr(shell, "kernel"):
-        bar = NotebookBar()
-        try:
-            yield bar
-        finally:
-            bar.end()
+        with notebook_bar() as on_progress:
+            yield on_progress
     elif sys.stderr is not None and sys.stderr.isatty():
-        from rich.console import Console
-
-        with terminal_bar(Console(stderr=True)) as (_, on_progress):
+        with terminal_bar() as (_, on_progress):
             yield on_progress
     else:
         yield None
 
 
 @contextmanager
-def terminal_bar(console: Console) -> Iterator[tuple[Bar, Progress]]:
-    """Show a bar in a terminal while something long runs; nothing where that is no terminal."""
+def terminal_bar() -> Iterator[tuple[Bar, Progress]]:
+    """Show a bar on standard error while something long runs; nothing where that is no terminal."""
+    from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
 
     with Bar(
         TextColumn("{task.description}", markup=False),
         BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
-        console=console,
+        console=Console(stderr=True),
         transient=True,
-        disable=not console.is_terminal,
+        disable=not sys.stderr.isatty(),
         redirect_stdout=False,  # to where the user sends it, not to the bar's terminal
         redirect_stderr=False,
     ) as bar:  # fmt: skip
@@ -81,37 +73,30 @@ def terminal_bar(console: Console) -> Iterator[tuple[Bar, Progress]]:
         yield bar, lambda what, share: bar.update(task, description=what, completed=share)
 
 
-class NotebookBar:
-    """A bar below the cell of a notebook, with the present step and the time left; needs no widget.
+@contextmanager
+def notebook_bar() -> Iterator[Progress]:
+    """Show a bar below a notebook's cell after some work; it needs no widget, leaves nothing."""
+    from IPython.display import HTML, display
 
-    It comes after some work, and leaves nothing.
-    """
+    start = time.monotonic()
+    handle, due = None, start + AFTER
 
-    def __init__(self) -> None:
-        self._start = self._last = time.monotonic()
-        self._handle: Any = None
-
-    def __call__(self, what: str, share: float) -> None:
-        """Show a step and the share of the whole work that is done."""
+    def on_progress(what: str, share: float) -> None:
+        nonlocal handle, due
         now = time.monotonic()
-        spent = now - self._start
-        if spent < AFTER or (self._handle is not None and now - self._last < EVERY):
+        if now < due:
             return
-        self._last = now
+        spent, due = now - start, now + EVERY
         left = f", {spent * (1 - share) / share:.0f} s left" if share > 0 else ""
         words = escape(f"{what}: {100 * share:.0f} %, {spent:.0f} s{left}")
-        bar = f'<progress value="{share:.4f}" max="1"></progress> {words}'
-        self._show({"text/html": bar, "text/plain": ""})
-
-    def end(self) -> None:
-        """Remove it."""
-        if self._handle is not None:
-            self._show({"text/plain": ""})
-
-    def _show(self, data: dict[str, str]) -> None:
-        from IPython.display import display
-
-        if self._handle is None:
-            self._handle = display(data, raw=True, display_id=True)
+        bar = HTML(f'<progress value="{share:.4f}"></progress> {words}')
+        if handle is None:
+            handle = display(bar, display_id=True)
         else:
-            self._handle.update(data, raw=True)
+            handle.update(bar)
+
+    try:
+        yield on_progress
+    finally:
+        if handle is not None:
+            handle.update({"text/plain": ""}, raw=True)

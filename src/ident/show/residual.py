@@ -54,12 +54,10 @@ def error_rows(named: Mapping[str, Mapping[str, Error]]) -> list[list[str]]:
         first = named[titles[0]].get(joint)
         if first is not None and first.unmeasured:
             continue
-        errors = (named[title].get(joint) for title in titles)
-        cells = (
-            (f"{significant(e.rms)} {e.unit}", percent(e.relative)) if e else ("", "")
-            for e in errors
-        )
-        rows.append([joint, *(cell for pair in cells for cell in pair)])
+        rows.append([joint])
+        for title in titles:
+            e = named[title].get(joint)
+            rows[-1] += [f"{significant(e.rms)} {e.unit}", percent(e.relative)] if e else ["", ""]
     return rows
 
 
@@ -104,9 +102,7 @@ def judged(c: Comparison, name: str) -> Judged:
 
 @renders(Failure, "text")
 def failure_text(failure: Failure, several: bool = True, judged: Judged | None = None) -> str:
-    """Return how a model fails in one joint, with its error as it is judged, else in these rows, on
-    what its residual depends, and when, of `several` logs in which, it is worst.
-    """
+    """Return how a model fails in one joint: its error, on what that depends, when it is worst."""
     what, errors = judged or ("residual", {})
     error = errors.get(failure.joint, failure)
     size = f"{significant(error.rms)} {failure.unit} ({percent(error.relative)})"
@@ -170,8 +166,7 @@ def told_apart(names: Iterable[str]) -> dict[str, str]:
 
 def _common(paths: Iterable[Sequence[str]]) -> int:
     """Return with how many equal parts all begin."""
-    columns = zip(*paths, strict=False)
-    return sum(1 for _ in takewhile(lambda parts: len(set(parts)) == 1, columns))
+    return len([*takewhile(lambda parts: len({*parts}) == 1, zip(*paths, strict=False))])
 
 
 def compared(fit: Fit) -> Comparison:
@@ -183,13 +178,9 @@ def compared(fit: Fit) -> Comparison:
 def plot_predictions(
     c: Comparison, experiment: int = 0, first: str = "", prior: Sequence[Prediction] = ()
 ) -> Chart:
-    """Draw measured torque and every model's prediction, with residuals below, per joint.
+    """Draw measured torque and every model's prediction of a log, with residuals below, per joint.
 
-    Args:
-        c: the models; of one alone the unfiltered residual is a pale band.
-        experiment: number of the log.
-        first: joint that is drawn first, as the others are in the mechanism's order.
-        prior: what the URDF predicts.
+    `first`: joint that is drawn first. `prior`: what the URDF predicts.
     """
     shown, alone = told_apart(c.predictions), len(c.predictions) == 1
     if (given := len(next(iter(c.predictions.values())))) <= experiment:
@@ -206,20 +197,28 @@ def plot_predictions(
         above = [line(one, one.measured[:, u], "measured", MEASURED, BELOW)]
         for p in prior[experiment:][:1]:
             above.append(line(p, p.predicted[:, u], "the URDF alone", 5, 1.0))
-        below = []
-        if alone:
-            below.append(line(one, one.residual[:, u], "difference, unfiltered", RAW, 0.8))
+        band = "difference" if alone else next(iter(shown.values()))
+        below = [line(one, one.residual[:, u], f"{band}, unfiltered", RAW, 0.8)]
         for i, (name, p) in enumerate(models.items()):
-            trace = c.residuals[name].traces[experiment]
             label = "predicted" if alone else shown[name]
             above.append(line(p, p.predicted[:, u], label, i, 1.1))
             label, colour = ("difference", RESIDUAL) if alone else ("", i)
-            y = broken(trace, trace.residual[:, u])
-            below.append(Line(trace.t - zero, y, label, colour, 1.3))
+            for trace in c.residuals[name].traces:
+                if trace.name == p.name:  # else it is too short for the filter
+                    y = broken(trace, trace.residual[:, u])
+                    below.append(Line(trace.t - zero, y, label, colour, 1.3))
         rows.append((Panel(tuple(above), clock, f"{joint} [{c.units[u]}]"),))
         rows.append((Panel((Level(), *below), clock, f"difference [{c.units[u]}]", height=1.5),))
     words = f"Measured and predicted torque of every joint over time, {one.name}"
     return Chart(words, tuple(rows), shared_x=True, clock=one.name)
+
+
+def plot_joint(c: Comparison, joint: str, experiment: int = 0) -> Chart:
+    """Draw measured torque and every model's prediction of one joint, with residuals below."""
+    whole = plot_predictions(c, experiment, joint)
+    words = whole.words.replace("every joint", joint)
+    words += f": {listed([*c.residuals])}" * (len(c.residuals) > 1)
+    return replace(whole, words=words, rows=whole.rows[:2])
 
 
 def broken(trace: Trace, y: np.ndarray) -> np.ndarray:
@@ -259,83 +258,81 @@ def plot_parts(c: Comparison, experiment: int = 0) -> Chart:
     return Chart(f"{words}, {log}", tuple(rows), shared_x=True, width=width, clock=log)
 
 
-def plot_maps(residuals: Models, joint: str, effect: str = "") -> Chart:
-    """Draw a joint's residual and its mean against t, q, v, a and load, a row a model.
+@renders(Comparison, "plot_maps")
+def plot_maps(c: Comparison, joint: str | None = None, effect: str = "") -> Chart:
+    """Draw the residual of a joint, by default that in which the last model fails most.
 
-    If it depends most on a signal of another joint, against that too; the most important is framed.
-    With the label of an `effect` of the last model, that is the one of which its torque is a
-    function, and the means of it are drawn through the points of the first model, against time and
-    in the frame.
+    Against t, q, v, a, load, and the signal of another joint on which it depends most, if there is
+    one, with its mean; a row a model, the most important framed. With the label of an `effect` of
+    the last model, that is the one of which its torque is a function, and the torque is drawn
+    through the points of the first model, in the frame and against time.
+
+    Raises:
+        FitError: if the joint is not an independent one.
     """
-    models = list(residuals.values())
-    own = _own_signal(models[-1], joint, effect) if effect else ""
+    residuals, last = c.residuals, list(c.residuals.values())[-1]
+    joint = last.where[0].joint if joint is None else joint
+    if joint not in last.joints:
+        raise FitError(f"no residual of joint '{joint}'; {one_of(joint, last.joints)}")
+    torque, own = np.zeros(0), ""
+    if effect:
+        u = last.joints.index(joint)
+        torque = np.concatenate([trace.parts[effect][:, u] for trace in last.traces])
+        own = _own_signal(last, effect, torque)
     # one measure is enough, and what is left beside an effect is described elsewhere
     scores = [
-        {} if own or (effect and i) else _scores(each, joint) for i, each in enumerate(models)
+        {} if own or (effect and i) else _scores(each, joint)
+        for i, each in enumerate(residuals.values())
     ]
     names = ["t", *(f"{kind}.{joint}" for kind in OWN)]
     foreign = [(x.r2, name) for each in scores for name, x in each.items() if name not in names]
     names += [own] if own and own not in names else [max(foreign)[1]] if foreign else []
     shown, framed = told_apart(residuals), list[str]()
     rows: list[tuple[Panel, ...]] = []
-    for title, residual, score in zip(residuals, models, scores, strict=True):
-        first = not rows
-        most = own if own and first else next((name for name in score if name in names), "")
+    for (title, residual), score in zip(residuals.items(), scores, strict=True):
+        most = next((name for name in score if name in names), "" if rows else own)
         if most in score:
-            model = f"{shown[title]}, " * (len(models) > 1)
+            model = f"{shown[title]}, " * (len(residuals) > 1)
             framed.append(f"{score[most].signal} ({model}R² {score[most].r2:.2f})")
-        curve = models[-1] if effect and first else None
-        curved = {"t", most} if most else {*names}  # signals of which the effect is a function
-        row = [
-            _map(residual, joint, x, score, x == most, curve if x in curved else None, effect)
-            for x in names
-        ]
+        through = (["t", most] if most else names) if effect and not rows else []
+        drawn = dict.fromkeys(through, torque)
+        row = [_map(residual, joint, x, score, x == most, drawn.get(x)) for x in names]
         unit = f"{joint} [{residual.units[residual.joints.index(joint)]}]"
         label = unit if len(residuals) == 1 else f"{shown[title]}\n{unit}"
         rows.append((replace(row[0], y=label), *row[1:]))
     words = f"Residual of {joint} against time, its position, speed, acceleration and load"
-    if own:
-        words += f"; framed: {own}, on which the effect depends"
-    elif framed:
-        words += f"; framed: {listed(framed)}, on which it depends most"
-    if effect:
-        words += f"; the line: {effect}"
+    words += f"; framed: {own}, on which the effect depends" * bool(own)
+    words += f"; framed: {listed(framed)}, on which it depends most" * bool(framed)
+    words += f"; the line: {effect}" * bool(effect)
     return Chart(words, tuple(rows), shared_y=True, width=2.6 * len(names))
 
 
-def _own_signal(residual: Residual, joint: str, effect: str) -> str:
+def _own_signal(residual: Residual, effect: str, torque: np.ndarray) -> str:
     """Return the signal in its law that means in bins show best in the torque of an effect."""
-    mine = next((x for x in residual.model.mechanism.effects if x.label == effect), None)
-    if mine is None or not all(effect in trace.parts for trace in residual.traces):
-        return ""
+    mine = next(x for x in residual.model.mechanism.effects if x.label == effect)
     law = mine.equation.partition(";")[0]
     size = law.replace("sign(v)", "")  # of the torque; the direction alone tells little
-    kinds = [kind for kind in OWN if re.search(rf"\b{kind}\b", size)]
-    kinds = kinds or [kind for kind in OWN if re.search(rf"\b{kind}\b", law)]
+    found = ([kind for kind in OWN if re.search(rf"\b{kind}\b", x)] for x in (size, law))
+    kinds = next(filter(None, found), [])
     known = {kind: residual.joints if kind == "load" else residual.signals for kind in kinds}
     own = [f"{kind}.{each}" for kind in kinds for each in mine.joints if each in known[kind]]
-    u = residual.joints.index(joint)
-    y = np.concatenate([trace.parts[effect][:, u] for trace in residual.traces])
 
-    def unexplained(name: str) -> float:
-        mean, _, at, _ = _means(np.concatenate(residual.signal(name)[0]), y)
-        return float(np.var(y - mean[at]))
+    def explained(name: str) -> float:
+        _, mean, count = _means(np.concatenate(residual.signal(name)[0]), torque)
+        return float(count @ mean**2)
 
-    return min(own, key=unexplained, default="")
+    return max(own, key=explained, default="")
 
 
-def _means(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return means and counts of y in bins of x, the bin of each row, and the bins' middles."""
-    edges = np.linspace(x.min(), x.max(), BINS + 1)
-    at = np.digitize(x, edges[1:-1])
-    count, total = (np.bincount(at, weights, BINS) for weights in (None, y))
-    return total / np.maximum(count, 1), count, at, (edges[1:] + edges[:-1]) / 2
+def _means(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the middles of bins of x, the means of y in them, and their counts."""
+    count, edges = np.histogram(x, BINS)
+    total, _ = np.histogram(x, edges, weights=y)
+    return (edges[1:] + edges[:-1]) / 2, total / np.maximum(count, 1), count
 
 
 def _scores(residual: Residual, joint: str) -> dict[str, Dependence]:
-    """Return on what a residual depends, the largest R² first, by the signal in whose map it is
-    drawn (sign(v) in v's).
-    """
+    """Return on what a residual depends, the largest R² first, by the signal of its map."""
     found: dict[str, Dependence] = {}
     for each in residual.failure(joint).depends_on:
         found.setdefault(each.signal.replace("sign(v)", "v"), each)
@@ -344,9 +341,9 @@ def _scores(residual: Residual, joint: str) -> dict[str, Dependence]:
 
 def _map(
     residual: Residual, joint: str, name: str, scores: Mapping[str, Dependence], marked: bool,
-    model: Residual | None, effect: str,
+    torque: np.ndarray | None,
 ) -> Panel:  # fmt: skip
-    """Draw points, one colour an experiment, and means in bins: theirs, or those of an effect."""
+    """Draw points, one colour an experiment, and means in bins: theirs, or an effect's torque's."""
     u = residual.joints.index(joint)
     x, unit = residual.signal(name)
     if name == "t":
@@ -357,38 +354,23 @@ def _map(
     title = f"R² {scores[name].r2:.2f}" if name in scores else ""
     if title and scores[name].signal != name:
         title = f"sign(v) {title}"
-    whole, torque, label, colour = np.concatenate(x), np.concatenate(r), "mean", "mean"
-    parts = [np.full(len(torque), True)]
-    if model is not None and all(effect in trace.parts for trace in model.traces):
-        label, colour = "the effect itself", RESIDUAL
-        torque = np.concatenate([trace.parts[effect][:, u] for trace in model.traces])
-        if own == "load":  # a torque against either direction
-            parts = [part for part in (torque > 0, torque <= 0) if part.any()]
+    every, y, style = np.concatenate(x), np.concatenate(r), ("mean", "mean")
+    sides = [np.full(len(y), True)]
+    if torque is not None:
+        y, style = torque, ("the effect itself", RESIDUAL)
+        if own == "load":  # against either direction
+            sides = [side for side in (y > 0, y <= 0) if side.any()]
     lines = []
-    for part in parts:
-        mean, count, _, middle = _means(whole[part], torque[part])
-        lines.append(Line(middle[count >= 3], mean[count >= 3], label, colour, 1.8))
+    for side in sides:
+        middle, mean, count = _means(every[side], y[side])
+        lines.append(Line(middle[count >= 3], mean[count >= 3], *style, 1.8))
     axis = f"{own} [{unit}]" if unit else own
     return Panel((Level(), *clouds, *lines), axis, title=title, marked=marked, height=2.4)
 
 
-@renders(Comparison, "plot_maps")
-def plot_maps_of(c: Comparison, joint: str | None = None) -> Chart:
-    """Draw a joint's residual against its signals; by default where the last model fails most.
-
-    Raises:
-        FitError: if the joint is not an independent one.
-    """
-    last = list(c.residuals.values())[-1]
-    joint = last.where[0].joint if joint is None else joint
-    if joint not in last.joints:
-        raise FitError(f"no residual of joint '{joint}'; {one_of(joint, last.joints)}")
-    return plot_maps(c.residuals, joint)
-
-
 renders(Fit, "plot")(lambda fit, experiment=0: plot_predictions(compared(fit), experiment))
 renders(Fit, "plot_parts")(lambda fit, experiment=0: plot_parts(compared(fit), experiment))
-renders(Fit, "plot_maps")(lambda fit, joint=None: plot_maps_of(compared(fit), joint))
+renders(Fit, "plot_maps")(lambda fit, joint=None: plot_maps(compared(fit), joint))
 
 
 # --- sections of reports --------------------------------------------------------------------------
@@ -405,20 +387,20 @@ def errors_section(rows: Sequence[Sequence[str]]) -> Section:
 
 
 def residual_sections(
-    c: Comparison, first: str = "", prior: Sequence[Prediction] = ()
+    c: Comparison,
+    first: str = "",
+    prior: Sequence[Prediction] = (),
+    marks: Mapping[str, str] | None = None,
 ) -> tuple[Section, ...]:
     """Return measured against predicted, where the models fail, and the sum taken apart.
 
-    Args:
-        c: the models.
-        first: joint that comes first; default: the one in which the last model fails most.
-        prior: what the URDF predicts.
+    `first`: joint that comes first, else the one in which the last model fails most.
     """
     last = list(c.residuals.values())[-1]
     first = first or last.where[0].joint
     logs = [trace.name for trace in last.traces]
     shown = told_apart(c.residuals)
-    machine = view_of_fit(last, list(c.predictions.values())[-1], {first: first})
+    machine = view_of_fit(last, list(c.predictions.values())[-1], marks or {first: first})
     options: dict[str, list[Block]] = {}
     for failure in sorted(last.where, key=lambda each: each.joint != first):
         blocks: list[Block] = []
@@ -426,11 +408,12 @@ def residual_sections(
             own = residual.failure(failure.joint)
             text = failure_text(own, len(logs) > 1, judged(c, name))
             blocks.append(paragraph(f"{shown[name]}, {text}" if len(shown) > 1 else text))
-        blocks.append(plot_maps(c.residuals, failure.joint))
+        blocks.append(plot_maps(c, failure.joint))
         options[failure.joint] = blocks
     parts: list[Block] = [html_table(*each[::-1]) for each in all_parts(c.residuals).items()]
     parts += by_log(logs, lambda i: plot_parts(c, i))
-    torques = by_log(logs, lambda i: plot_predictions(c, i, first, prior))
+    every = [each.name for each in last.motion.experiments]
+    torques = by_log(every, lambda i: plot_predictions(c, i, first, prior))
     return (
         Section("Measured against predicted", (machine, *torques)),
         Section("Residual maps", (paragraph(MAPS), Choice("Of which joint", options))),
@@ -455,7 +438,7 @@ def view_page(c: Comparison) -> Any:
     """Return the mechanism in 3-D above charts of its torques, which share a cursor."""
     residual = list(c.residuals.values())[-1]
     worst = residual.where[0].joint
-    logs = [trace.name for trace in residual.traces]
+    logs = [each.name for each in residual.motion.experiments]
     charts = by_log(logs, lambda i: plot_predictions(c, i, worst))
     machine = view_of_fit(residual, list(c.predictions.values())[-1], {worst: worst}, 2 * FILM)
     return replace(machine, charts=charts)

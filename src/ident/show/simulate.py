@@ -221,7 +221,7 @@ def study_sheet(x: MonteCarlo, most: int | None = ROWS) -> Sheet:
     if rows := multiplier_rows(x):
         tables[FORCES] = rows
     more = len(x.parameters) - (most or len(x.parameters))
-    lines = [f"… and {more} parameters more"] if more > 0 else []
+    lines = [f"… and {more} parameters more"] * (more > 0)
     basis = {"noise": ", ".join(plan.columns), "truth": "; ".join(plan.truth.words)}
     facts = basis | {each.name: each.words for each in plan.estimators}
     return Sheet(title, facts=facts, tables=tables, lines=lines, notes=x.notes)
@@ -297,8 +297,8 @@ def plot_study(x: MonteCarlo, parameters: Sequence[str] | None = None) -> Chart:
     rows = tuple(tuple(panels[i : i + ACROSS]) for i in range(0, len(panels), ACROSS))
     words = f"{x.plan.mechanism.name}: {x.runs} runs at each SNR; thin lines: the lowest and "
     words += "highest 5 % of them; dashed: the truth"
-    if parameters is None and len(x.parameters) > len(names):
-        words += f"; {len(x.parameters) - len(names)} parameters more are not drawn"
+    if parameters is None and (more := len(x.parameters) - len(names)) > 0:
+        words += f"; {more} parameters more are not drawn"
     return Chart(words, rows, width=13)
 
 

@@ -21,9 +21,8 @@ from ident.mechanism import Mechanism
 from ident.show.card import Bar, Card, good_enough, next_command
 from ident.show.charts import FAINT, RESIDUAL, Chart, Level, Line, Mark, Panel, pieces_of
 from ident.show.fit import summary
-from ident.show.html import ROWS, Block, Section, Sheet, paragraph, report_page, table
+from ident.show.html import ROWS, Block, Section, Sheet, paragraph, piece, report_page, table
 from ident.show.motion import made_of
-from ident.show.template import piece
 from ident.streams.charts import OFTEN
 from ident.streams.gather import Gathered
 from ident.streams.many_logs import Disagreement, LogComparison, Verdict, Verdicts
@@ -47,8 +46,7 @@ BLIND = 10.0  # times a change: a standard error beyond which it is not printed
 @renders(LogComparison, "sentence")
 def who_disagrees(x: LogComparison) -> str:
     """Return how many logs disagree, and at which rate logs that are alike would."""
-    own = [each.own for each in x.used if each.own is not None]
-    typical = float(np.median(own)) if own else 0.0
+    typical = float(np.median([each.own for each in x.used if each.own is not None] or [0.0]))
     if not x.odd and typical > POOR:
         return (
             f"no log disagrees with the others by more than what the model leaves in each, "
@@ -166,9 +164,7 @@ def forces_text(x: Forces) -> str:
 
 @renders(Snapshot, "line")
 def snapshot_line(x: Snapshot) -> str:
-    """Return the errors, the last parameters that are identified, which are those of effects, and
-    the multipliers, in one line.
-    """
+    """Return errors, the last identified parameters (of effects) and multipliers in a line."""
     errors = [f"{name} {percent(e.relative)}" for name, e in x.errors.items()]
     known = [str(value) for value in x.identified]
     more = [f"{len(known) - LAST} more parameters"] if len(known) > LAST else []
@@ -277,11 +273,7 @@ SETTLED = 10.0  # times its median: a standard error above, at the beginning, is
 
 
 class ThinnedSeries:
-    """Values over time in bounded memory, evenly thinned as they come.
-
-    Attributes:
-        rows: (t [s], values) of at most `MOST` moments.
-    """
+    """Values over time (t [s], values) in bounded memory, evenly thinned as they come."""
 
     def __init__(self) -> None:
         self.rows: list[tuple[float, np.ndarray]] = []
@@ -304,7 +296,7 @@ class ThinnedSeries:
 
 
 class MonitorHistory:
-    """Snapshots, reaction forces and alarms of a running machine, as charts and as a report.
+    """Snapshots, reaction forces and `alarms` of a running machine, as charts and as a report.
 
     `silent` states why there are no alarms; empty where the machine is watched.
     """
@@ -312,7 +304,7 @@ class MonitorHistory:
     def __init__(self, mechanism: Mechanism, silent: str) -> None:
         self._mechanism, self._silent = mechanism, silent
         self._parameters, self._errors, self._forces = (ThinnedSeries() for _ in range(3))
-        self._alarms: list[Alarm] = []
+        self.alarms: list[Alarm] = []
         self._lock = threading.RLock()  # a page is drawn while samples come
         self._last: Snapshot | None = None
         self._last_forces: Forces | None = None
@@ -321,10 +313,10 @@ class MonitorHistory:
         """Take a snapshot, and the multipliers of the samples since the one before."""
         with self._lock:
             self._last = found
-            both = [(v.value, np.nan if v.stderr is None else v.stderr) for v in found.parameters]
-            self._parameters.add(found.t, np.array(both).reshape(-1, 2))
-            errors = (e.relative for e in found.errors.values())
-            self._errors.add(found.t, np.array([np.nan if e is None else e for e in errors]))
+            both = [(v.value, v.stderr) for v in found.parameters]
+            self._parameters.add(found.t, np.array(both, float).reshape(-1, 2))
+            errors = [e.relative for e in found.errors.values()]
+            self._errors.add(found.t, np.array(errors, float))
             self.add_forces(forces)
 
     def add_forces(self, forces: Forces | None) -> None:
@@ -336,34 +328,24 @@ class MonitorHistory:
             for t, value, stderr in zip(forces.t, forces.values, forces.stderr, strict=True):
                 self._forces.add(float(t), np.stack([value, stderr], axis=1))
 
-    def alarm(self, alarm: Alarm) -> None:
-        """Take an alarm."""
-        self._alarms.append(alarm)
-
     @property
     def card(self) -> Card:
         """How it is: alarms first, then the error by joint."""
         if self._last is None:
             return Card(f"{self._mechanism.name}: no sample yet")
         head = f"{self._mechanism.name} at t = {stamp(self._last.t)} s: "
-        if self._alarms:
-            last = self._alarms[-1].headline
-            count = f"{n} alarms, the last" if (n := len(self._alarms)) > 1 else "1 alarm"
-            head += f"{count}: {last}"
-        else:
-            head += self._silent or "no alarm"
         errors, noise = self._last.errors, self._last.noise
         bars = tuple(Bar(joint, e, noise=noise[joint]) for joint, e in errors.items())
-        good = good_enough(errors, noise)
-        fine = not self._alarms and "Not in" not in good
-        given = inputs.get()
-        short = self._silent and given and given.like  # they would raise no alarm then either
-        command = next_command("monitor" if fine else "diagnose") if not (fine and short) else ""
-        if self._alarms:  # its own model is fitted to the changed machine
+        if self.alarms:  # its own model is fitted to the changed machine
+            count = f"{n} alarms, the last" if (n := len(self.alarms)) > 1 else "1 alarm"
             how = "Identify the log of normal operation with --out DIR: `ident diagnose "
             how += "DIR/identified` on this log then compares the machine with its normal values."
-            return Card(head, how, bars)
-        return Card(head, good, bars, command)
+            return Card(f"{head}{count}: {self.alarms[-1].headline}", how, bars)
+        good, given = good_enough(errors, noise), inputs.get()
+        fine = "Not in" not in good
+        short = self._silent and given and given.like  # they would raise no alarm then either
+        command = next_command("monitor" if fine else "diagnose") if not (fine and short) else ""
+        return Card(head + (self._silent or "no alarm"), good, bars, command)
 
     @property
     def sections(self) -> tuple[Section, ...]:
@@ -372,9 +354,9 @@ class MonitorHistory:
         if found is None:
             return ()
         rows = [["alarm", "sure at [s]", "named at [s]"]]
-        rows += [[x.headline, f"{x.detected:.2f}", f"{x.named:.2f}"] for x in self._alarms]
+        rows += [[x.headline, f"{x.detected:.2f}", f"{x.named:.2f}"] for x in self.alarms]
         bodies = set(self._mechanism.bodies.names)  # what has changed and may wear comes first
-        suspects = [s.removeprefix("payload:") for x in self._alarms for s in x.suspects]
+        suspects = [s.removeprefix("payload:") for x in self.alarms for s in x.suspects]
         changed = tuple(f"{each.replace(':', '.', 1)}." for each in suspects)
         identified = sorted(
             found.identified, key=lambda v: (not v.name.startswith(changed), v.name in bodies)
@@ -407,16 +389,14 @@ class MonitorHistory:
         """Return an upright line at each alarm among times t (n,) [s]."""
         return [
             Level(x.onset, True, f"alarm: {(x.suspects or ('changed',))[0]}", RESIDUAL)
-            for x in self._alarms
+            for x in self.alarms
             if len(t) and t[0] <= x.onset <= t[-1]
         ]
 
     def _charts(
         self, words: str, curve: ThinnedSeries, known: dict[str, tuple[int, str]], most: int
     ) -> tuple[Chart, ...]:
-        """Draw values with bands of 95 %, a panel each of the first `most` names that have been
-        determined; nothing where there is none.
-        """
+        """Draw the first `most` names that are determined, with bands of 95 %, a panel each."""
         if not curve.rows:
             return ()
         t, values = curve.series

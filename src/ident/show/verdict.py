@@ -23,18 +23,13 @@ PART = 0.5  # share that stays beyond noise, from which a name may be that of an
 RAREST = 0.01  # chance below which a hundred draws say no more than that it is rarer
 
 
-def by_chance(e: Evidence) -> str:
-    """Return how many logs in which nothing is missing would show as much, in words."""
-    count = f"fewer than 1 in {1 / RAREST:,.0f}" if e.p < RAREST else f"1 in {1 / e.p:.0f}"
-    return f"{count} logs in which nothing is missing would show as much"
-
-
 def noise_errors(fit: Fit) -> dict[str, Error]:
     """Return what noise alone would leave in each joint, beside the errors of its fit."""
     return {
         n: replace(e, rms=x, relative=e.relative and e.relative * x / max(e.rms, 1e-300))
         for n, e in errors_of(fit).items()
         for x in [fit.noise[n]]
+        if not fit.train[n].unmeasured
     }
 
 
@@ -47,9 +42,7 @@ def failing(d: Diagnosis) -> list[Failure]:
 
 
 def spoilt(d: Diagnosis) -> list[Finding]:
-    """Return the faults of the data that explain the log, and another unit of several torques,
-    where no effect is named beside them.
-    """
+    """Return the faults of the data that explain the log, where no effect is named beside them."""
     return [] if d.best else spoiling(d.health)
 
 
@@ -99,9 +92,7 @@ def known_values(best: Explanation) -> str:
 
 
 def _stays(d: Diagnosis, after: Mapping[str, Error]) -> float:
-    """Return the share of the squares beyond noise that the group leaves where the first name acts;
-    0 where no more than noise is left with the whole set.
-    """
+    """Return the share of squares beyond noise that the group leaves where the first name acts."""
     joint = d.candidates[0].joint
     if joint not in d.loud:
         return 0.0
@@ -121,9 +112,8 @@ def open_between(d: Diagnosis) -> bool:
 
 
 def left_before(d: Diagnosis) -> list[str]:
-    """Return the joints, with errors, in which an earlier model left more than noise in its own
-    log and leaves no more here, the most first; none where no earlier fit is known, or it does
-    worse in some joint than then.
+    """Return the joints, with errors, in which an earlier model left more than noise in its log
+    and leaves no more here; none where it does worse in some joint than then.
     """
     earlier = d.fit.earlier
     errors = earlier.errors if isinstance(earlier, Saved) else {}
@@ -134,9 +124,8 @@ def left_before(d: Diagnosis) -> list[str]:
 
 
 def separable(d: Diagnosis) -> tuple[str, ...]:
-    """Return the best effect and a rival, at another place if there is one, where a motion tells
-    them apart that `ident excite` can plan. Of bodies it cannot: only some of the ten parameters of
-    one differ from those of another.
+    """Return the best effect and a rival that `ident excite` can tell apart, at another place if
+    there is one. Of bodies it cannot: only some of their ten parameters differ.
     """
     single = [x for x in d.advice.apart if not (x.signal or x.loaded_link) and x.kind in KINDS]
     best, apart = d.best, {each.label for each in single}
@@ -170,15 +159,17 @@ def certainty(d: Diagnosis) -> str:
         certain = f"Which of these it is remains open. It is {certain.lower()} that one is missing"
     value = f"{named([d.best])}: " if len(d.group) > 1 or open_between(d) else ""
     known = f", in the model {known_values(best)}" * bool(best.known)
-    found = f"{certain}: {by_chance(best.evidence)}; {value}{numbers(best.parameters)}{known}."
+    p, rare = best.evidence.p, best.evidence.p < RAREST
+    logs = f"fewer than 1 in {1 / RAREST:,.0f}" if rare else f"1 in {1 / p:.0f}"
+    chance = f"{logs} logs in which nothing is missing would show as much"
+    found = f"{certain}: {chance}; {value}{numbers(best.parameters)}{known}."
     alone = {each.effect.label: each.evidence.p for each in d.every}
     weak = [each for each in d.group if alone.get(each.label, 0.0) > d.decision.alpha]
-    if not weak:
-        return found
-    return (
-        f"{found} By itself {named(weak)} explains no more than chance can: it is named for what "
-        "it explains beside the others."
+    beside = (
+        f" By itself {named(weak)} explains no more than chance can: it is named for what it "
+        "explains beside the others."
     )
+    return found + beside * bool(weak)
 
 
 def _not_named(d: Diagnosis, some: Sequence[Evidence]) -> str:
@@ -193,9 +184,7 @@ def _not_named(d: Diagnosis, some: Sequence[Evidence]) -> str:
 
 
 def at_reversals(d: Diagnosis) -> list[str]:
-    """Return the joints in which more than noise is left, where nothing is named and rows at
-    reversals fit worse.
-    """
+    """Return joints where nothing is named, more than noise is left, and reversals fit worse."""
     if d.reversing:
         return [*d.loud]
     worse = {j for each in d.fit.all_findings if each.code == "reversals" for j in each.where}

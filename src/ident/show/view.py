@@ -22,13 +22,11 @@ from ident.errors import IdentError, MechanismError
 from ident.files import write_all
 from ident.fit.residual import zero_of
 from ident.mechanism import Mechanism
-from ident.mechanism.closures import FrameClosure
-from ident.mechanism.tree import Placement
+from ident.mechanism.closures import FrameClosure, Placement
 from ident.show.bodies import ENDS, UNKNOWN, Shape, poses_of, shapes_of, sites, tied
 from ident.show.charts import Arrays, script_json
-from ident.show.html import Block, Section, report_page
-from ident.show.local import Place, Served
-from ident.show.template import piece
+from ident.show.html import Block, Section, piece, report_page
+from ident.show.local import Place
 
 MOST = 1000  # pictures of all films
 WIDTH = 0.1  # [s] over which a residual is averaged, so that colours do not flicker
@@ -42,7 +40,6 @@ COLD = 1e-3  # share of the residual below which no joint is to glow
 ROBUST = 99.0  # percentile of residuals that gets the last colour
 LONGEST = 0.4  # of the mechanism's size, for the largest reaction
 ANGLE = np.radians(35.0)  # vertical angle of view
-ASPECTS = 0.5, 1.0, 2.0  # width over height of windows, between which distances are interpolated
 MARGIN = 1.05  # room around
 LOOKED_AT = 40  # moments of a film that decide what the camera sees
 FLAT = 0.35  # thickness over width below which a mechanism is looked at face on
@@ -53,8 +50,7 @@ class Film:
     """A mechanism at n moments of one experiment.
 
     Attributes:
-        name: of the experiment.
-        t: (n,) [s]; q: (n, nq) of the mechanism's model.
+        name, t, q: of the experiment, (n,) [s] and (n, nq).
         gap: (n,) largest |Φ| [m | rad].
         at, force: points of action [m] and reaction forces [N] in world axes (n, K, 3), of each
             closure that ties two frames first on a, then on b; NaN where λ is not known.
@@ -74,9 +70,7 @@ class Film:
 
 
 def film_of(mechanism: Mechanism, experiment: Any, prediction: Any, most: int) -> Film:
-    """Return an experiment, with `name`, `t` (n,) [s] and `q` (n, nq), as a film of at most some
-    moments. Residuals of its prediction are taken relative to the rms of the measured torque.
-    """
+    """Return at most some moments of an experiment, with `name`, `t` [s] and `q` (n, nq)."""
     t, p = experiment.t, prediction
     moments = frames(t, most)
     q = np.asarray(experiment.q, float)[moments]
@@ -100,12 +94,8 @@ def film_of(mechanism: Mechanism, experiment: Any, prediction: Any, most: int) -
 def reactions(
     mechanism: Mechanism, q: np.ndarray, multipliers: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (n, K, 3) [m] and reaction forces (n, K, 3) [N] of closures of two frames.
-
-    Args:
-        mechanism: the mechanism.
-        q: configurations (n, nq).
-        multipliers: (n, m) λ.
+    """Return points (n, K, 3) [m] and reaction forces (n, K, 3) [N] of closures of two frames, at
+    configurations q (n, nq) with multipliers λ (n, m).
     """
     n, (R, p) = len(q), poses_of(mechanism.model, q)
     at: list[np.ndarray] = []
@@ -131,8 +121,7 @@ def _reaction(closure: FrameClosure) -> ca.Function:
     pa, pb = ca.SX.sym("pa", 3), ca.SX.sym("pb", 3)
     phi = closure.between(Placement(Ra, pa), Placement(Rb, pb)).phi
     multipliers = ca.SX.sym("lambda", phi.numel())
-    work = ca.dot(phi, multipliers)
-    forces = [-ca.gradient(work, each) for each in (pa, pb)]
+    forces = [-ca.jtimes(phi, each, multipliers, True) for each in (pa, pb)]
     return ca.Function("reaction", [Ra, Rb, pa, pb, multipliers], forces)
 
 
@@ -140,9 +129,7 @@ def frames(t: np.ndarray, most: int) -> np.ndarray:
     """Return the indices of at most some samples of t (n,) [s], evenly in time, with both ends."""
     if len(t) <= most:
         return np.arange(len(t))
-    wanted = np.linspace(t[0], t[-1], most)
-    after = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1)
-    return np.unique(np.where(wanted - t[after - 1] <= t[after] - wanted, after - 1, after))
+    return np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], most)))
 
 
 def running_rms(t: np.ndarray, x: np.ndarray, width: float) -> np.ndarray:
@@ -159,12 +146,10 @@ def running_rms(t: np.ndarray, x: np.ndarray, width: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A mechanism moving in 3-D.
-
-    In a notebook it shows itself as a page, which needs no server and stays in the file.
+    """A mechanism moving in 3-D; in a notebook a page, which needs no server and stays in the file.
 
     Attributes:
-        mechanism: what is shown; shapes, size [m]: its shapes and the diagonal of all of them.
+        mechanism, shapes, size: what is shown, and the diagonal [m] of all of it.
         films: its motion, one an experiment.
         notes: what is shown otherwise than the files have it, or not at all.
         marks: words beside joints, by their names.
@@ -193,8 +178,8 @@ class View:
     @cached_property
     def largest_force(self) -> float:
         """Largest reaction [N], drawn `LONGEST` of the size; 0 where none is known."""
-        lengths = [np.linalg.norm(film.force, axis=-1) for film in self.films]
-        return max(float(x[np.isfinite(x)].max(initial=0.0)) for x in lengths)
+        lengths = (np.linalg.norm(film.force, axis=-1) for film in self.films)
+        return max(float(np.nan_to_num(x).max(initial=0.0)) for x in lengths)
 
     @cached_property
     def largest_misfit(self) -> float:
@@ -215,10 +200,9 @@ class View:
         )  # fmt: skip
 
     @cached_property
-    def camera(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float], float]:
-        """Position, target [m] and direction upwards (3,) of a camera that sees all films in a
-        window of the first of `ASPECTS`, a flat mechanism face on; the shares of its distance from
-        which it does in a window of each; and the width over the height of what it sees.
+    def camera(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+        """Direction to a camera that sees all films, a flat mechanism face on, its target [m] and
+        direction upwards (3,), half the width and height (2,) and the depth of what it sees [m].
         """
         g = np.array(self.mechanism.model.gravity.linear)
         up = -g / np.linalg.norm(g) if g.any() else np.array([0.0, 0.0, 1.0])
@@ -248,13 +232,11 @@ class View:
         for axis in (right, above):
             along = (cloud - target) @ axis
             target = target + 0.5 * (along.min() + along.max()) * axis
-        # far enough that every point is within the angle of view, with a margin
-        x, y, depth = ((cloud - target) @ np.stack([right, above, direction], axis=1)).T
-        reach = (MARGIN / np.tan(ANGLE / 2) * np.maximum(np.abs(x) / a, np.abs(y)) for a in ASPECTS)
-        distances = [max(float((each + depth).max()), 1e-3) for each in reach]
-        shares = [each / distances[0] for each in distances]
-        seen = float(np.ptp(x) / max(np.ptp(y), 1e-3 * np.ptp(x), 1e-12))
-        return target + distances[0] * direction, target, up, shares, max(seen, 1e-3)
+        # in a window `aspect` as wide as high every point is within the angle of view from
+        # depth + max(half height, half width / aspect) / tan(ANGLE / 2), which drawScene takes
+        half = np.abs((cloud - target) @ np.stack([right, above], axis=1)).max(axis=0)
+        half = MARGIN * np.maximum(half, 1e-3 * self.size)
+        return direction, target, up, half, float(((cloud - target) @ direction).max())
 
     def data(self) -> str:
         """Return the scene as JSON, safe inside a <script> element; what `drawScene` takes."""
@@ -267,14 +249,13 @@ class View:
             }
             for x in self.shapes
         ]  # fmt: skip
-        *places, shares, shape = self.camera
-        position, target, up = (each.tolist() for each in places)
+        *places, depth = self.camera
+        direction, target, up, half = (each.tolist() for each in places)
         content = {
             "shapes": shapes, "films": [self._film(film, arrays) for film in self.films],
             "marks": dict(self.marks), "ramp": _ramp(SHADES), "unknown": UNKNOWN,
-            "fov": float(ANGLE), "misfit": self.largest_misfit, "up": up, "position": position,
-            "target": target, "aspects": ASPECTS, "shares": shares, "shape": shape,
-            "arrays": list(arrays),
+            "fov": float(ANGLE), "misfit": self.largest_misfit, "up": up, "direction": direction,
+            "target": target, "half": half, "depth": depth, "arrays": list(arrays),
         }  # fmt: skip
         return script_json(content)
 
@@ -325,7 +306,7 @@ class View:
             raise IdentError(f"{path}: unknown suffix '{path.suffix}'; valid: {valid}")
         return write_all(path.parent, {path.name: self.html.encode()})[0]
 
-    def serve(self, port: int = 0) -> Served:
+    def serve(self, port: int = 0) -> Place:
         """Serve the page on 127.0.0.1 until `.stop()`.
 
         Args:
@@ -370,9 +351,7 @@ def view_of(
     predictions: Sequence[Any] = (),
     most: int = MOST,
 ) -> View:
-    """Return the mechanism moving along experiments, in so many moments of all; without any,
-    standing as assembled. Reactions of their predictions are arrows, residuals colours.
-    """
+    """Return the mechanism along experiments, with reactions and residuals of their predictions."""
     notes: list[str] = []
     if not experiments:
         try:
@@ -382,12 +361,10 @@ def view_of(
             notes.append(str(error))
         experiments = [SimpleNamespace(name="as assembled", t=np.zeros(1), q=q[None])]
     shapes, size, more = shapes_of(mechanism, experiments[0].q[0])
-    nowhere = [c.name for c in mechanism.closures if not c.frames]
+    nowhere = ", ".join(c.name for c in mechanism.closures if not c.frames)
     if nowhere and predictions:
-        more.append(
-            f"{', '.join(nowhere)}: λ acts along coordinates, at no place: no arrow is drawn"
-        )
+        more.append(f"{nowhere}: λ acts along coordinates, at no place: no arrow is drawn")
     each = max(2, most // len(experiments))
-    every = predictions or [None] * len(experiments)
-    films = tuple(film_of(mechanism, e, p, each) for e, p in zip(experiments, every, strict=True))
+    both = zip(experiments, predictions or [None] * len(experiments), strict=True)
+    films = tuple(film_of(mechanism, e, p, each) for e, p in both)
     return View(mechanism, shapes, size, films, (*notes, *more))

@@ -1,6 +1,5 @@
 """Logs of the model itself: torques of a given motion, and the motion of given forces."""
 
-from ident.simulate.events import Transition
 from ident.simulate.integrate import PD, ComputedTorque, Run, Torques, integrate
 from ident.simulate.inverse import Noise, simulate
 from ident.simulate.replay import Replay, replay
@@ -12,7 +11,6 @@ __all__ = [
     "Replay",
     "Run",
     "Torques",
-    "Transition",
     "integrate",
     "replay",
     "simulate",

@@ -6,7 +6,6 @@
 In the coordinates α of v̇ = a₀ + Z α that the closures leave: A α + Bᵀ f = b, u̇ = B α + δ. No
 library has this together with closures that may repeat each other and friction that depends on the
 load; it is what distinguishes a stuck joint from a slow one.
-
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State, complete
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
-from ident.motion.noise import noise_share
+from ident.motion.spline import noise_share
 from ident.motion.state import joint_coordinates
 from ident.simulate.dynamics import STICK, Actuator, Dynamics
 from ident.simulate.events import Integration, Transition

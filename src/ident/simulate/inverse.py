@@ -215,10 +215,8 @@ def check_channels(columns: Sequence[str]) -> None:
 def point_of(
     mechanism: Mechanism, values: Mapping[str, float] | None, pi: np.ndarray | None
 ) -> Point:
-    """Return the point of the URDF's values and those given by name.
-
-    Raises:
-        MechanismError: for unknown names, or an effect's unknown without a value.
+    """Return the point of the URDF's values and those given by name; refuse unknown names, and an
+    effect's unknown without a value.
     """
     given = dict(values or {})
     bodies = mechanism.bodies

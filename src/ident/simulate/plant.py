@@ -31,10 +31,10 @@ from ident.effects import Correction, Effect, Signals
 from ident.equations.unknowns import Point
 from ident.errors import MechanismError, MotionError
 from ident.information import linear
+from ident.mechanism.closures import rates
 from ident.mechanism.kinematics import Mapped
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Rigid
-from ident.mechanism.tree import rates
 
 SMOOTH = 1e-3  # range: [rad/s | m/s] below which the sign of a law, no dry friction, is smooth
 SIGN_ONLY = 1e-200  # numerics: [rad/s | m/s] a speed that has a sign and no size

@@ -79,10 +79,6 @@ class WatchedInterval:
             torque=float(((rows.tau * weight) ** 2).sum()),
         )
 
-    def score(self, x: np.ndarray) -> np.ndarray:
-        """Return s (k,) at x."""
-        return self.triangle.gradient(x)
-
 
 class Cutter:
     """Cuts rows at multiples of `seconds`; holds the rows of the interval that is not over yet."""
@@ -92,9 +88,7 @@ class Cutter:
         self.waiting: list[Rows] = []
 
     def cut(self, rows: Rows, last: bool = False) -> Iterator[Rows]:
-        """Yield the rows of every interval that these rows complete, if they are about as many as
-        usual; `last`: no more come.
-        """
+        """Yield the rows of intervals that are over, if about as many as usual; `last`: all are."""
         rows = Rows.joined([*self.waiting, rows])
         edges = np.flatnonzero(np.diff(np.floor(rows.t / self._seconds))) + 1
         whole = [rows[a:b] for a, b in pairwise([0, *edges, len(rows)])]
@@ -127,16 +121,12 @@ class NormalRunning:
 
     @classmethod
     def of(
-        cls,
-        intervals: Sequence[WatchedInterval],
-        sigma: np.ndarray,
-        x: np.ndarray,
-        material: float,
-        felt: np.ndarray | bool = True,
-    ) -> NormalRunning:
+        cls, intervals: Sequence[WatchedInterval], sigma: np.ndarray, x: np.ndarray,
+        material: float, felt: np.ndarray | bool = True,
+    ) -> NormalRunning:  # fmt: skip
         """Learn normal running from `FEWEST` intervals or more; felt (k,): see `felt_columns`."""
         triangle = Triangle.merge([each.triangle for each in intervals])
-        s = np.array([each.score(x) for each in intervals])
+        s = np.array([each.triangle.gradient(x) for each in intervals])
         norm = triangle.column_norms()
         felt = felt & (norm > 0)
         total = np.where(felt, norm**2, 1.0)
@@ -171,10 +161,8 @@ class NormalRunning:
     def moved(
         self, places: np.ndarray, root: np.ndarray, since: Sequence[WatchedInterval], x: np.ndarray
     ) -> NormalRunning:
-        """Return normal running after a change has been made part of the reference.
-
-        Its error, seen as a change of column k, is I_k,g θ̃ / I_kk; and what it does not explain
-        is normal from now on.
+        """Return normal running after a change has been made part of the reference: its error, seen
+        as a change of column k, is I_k,g θ̃ / I_kk, and what it does not explain is normal now.
         """
         R, rest = self.triangle.R, Triangle.merge([each.triangle for each in since])
         own = np.maximum((R**2).sum(axis=0), 1e-300)
@@ -184,15 +172,11 @@ class NormalRunning:
         return replace(self, least=least)
 
     def worse(
-        self,
-        since: Sequence[WatchedInterval],
-        x: np.ndarray,
-        remains: float,
+        self, since: Sequence[WatchedInterval], x: np.ndarray, remains: float,
         known: Sequence[WatchedInterval],
-    ) -> NormalRunning:
-        """Return normal running with something in it that nothing explains.
-
-        By what the squares of the intervals `known` with the change have grown, or else all do.
+    ) -> NormalRunning:  # fmt: skip
+        """Return normal running with something in it that nothing explains, by what the squares of
+        the intervals `known` with the change have grown, or else all do.
         """
         now = NormalRunning.of(since, self.sigma, x, 0.0, np.isfinite(self.least))
         grown = np.full(len(self.energy), remains)
@@ -225,10 +209,8 @@ def felt_columns(triangle: Triangle, units: Sequence[str]) -> np.ndarray:
 def moved_reference(
     triangle: Triangle, x: np.ndarray, felt: np.ndarray | bool = True
 ) -> tuple[np.ndarray, int]:
-    """Move the reference x (k,) to where normal running has it, in the directions that it knows
-    well; return how many those are too.
-
-    x ← x + A⁺ (b − A x)
+    """Move the reference x (k,) to where normal running has it, x + A⁺ (b − A x), in the directions
+    that it knows well; return how many those are too.
     """
     size = triangle.column_norms()
     safe = np.where(felt & (size > 0), size, np.inf)
@@ -238,7 +220,10 @@ def moved_reference(
 
 def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.ndarray, ...]:
     """Collect score, information (n, k), squares, rows (n, d) of intervals at x (k,)."""
-    each = [(i.score(x), (i.triangle.R**2).sum(axis=0), i.squares, i.rows) for i in intervals]
+    each = [
+        (i.triangle.gradient(x), (i.triangle.R**2).sum(axis=0), i.squares, i.rows)
+        for i in intervals
+    ]
     return tuple(np.array(some) for some in zip(*each, strict=True))
 
 
@@ -322,14 +307,9 @@ class Charts:
 def calibrated(
     normal: NormalRunning, mask: np.ndarray, intervals: Sequence[WatchedInterval], x: np.ndarray
 ) -> tuple[Design, int]:
-    """Raise φ² until charts keep their rate on normal running, drawn again hour after hour.
-
-    The theorem holds if scores scatter like a normal distribution of variance φ² I, one interval
-    from the next. Blocks of a log keep its tails and its correlation; where the charts alarm more
-    often on them than stated, φ² is raised until they do not.
-
-    Returns:
-        The charts, and their alarms at a threshold so low that `OFTEN` of them are stated.
+    """Raise φ² until charts keep their rate on normal running, drawn again in blocks of the log,
+    which keep its tails and its correlation. Return the charts, and their alarms at a threshold so
+    low that `OFTEN` of them are stated.
     """
     data, random = statistics(intervals, x), np.random.default_rng(0)
     length = len(intervals) // BLOCKS

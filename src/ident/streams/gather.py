@@ -80,16 +80,12 @@ class Gathered(Displayed):
         return tuple(dict.fromkeys((*self.fit.warnings, *of_logs)))
 
     def write(self, folder: str | Path, reactions: Reactions | None = None) -> list[Path]:
-        """Write what `Fit.write` writes, multipliers of all samples, and end the checkpoint.
-
-        Of several logs logs.csv too, one row a log, and a table in the report.
+        """Write what `Fit.write` writes, all or none, with multipliers of all samples; of several
+        logs logs.csv too, one row a log, and a table in the report. It ends the checkpoint.
 
         Args:
             folder: made if it is not there.
             reactions: known ones, which the report draws beside the multipliers.
-
-        Returns:
-            The files written, all of them or none.
 
         Raises:
             IdentError: if the folder cannot be written, or a log no longer be read.

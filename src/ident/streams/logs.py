@@ -59,10 +59,7 @@ class LogOnDisk:
         return replace(self, borders=(*range(0, max(rows - each // 2, 1), each), rows))
 
     def stretches(self, samples: int = SAMPLES) -> list[Log]:
-        """Return the middles of the thirds of a long log, of so many samples; all of a short one.
-
-        At its ends a machine stands still.
-        """
+        """Return the middles of the thirds of a log (at its ends a machine rests); all if short."""
         rows = self.file.rows
         if rows <= 1.5 * samples:
             return [replace(self.file.piece(0, rows), name=self.name)]
@@ -74,10 +71,7 @@ class LogOnDisk:
 
 
 def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Path]:
-    """Return the paths of logs and of all logs in folders.
-
-    They are absolute for a scheduler, whose workers are in folders of their own.
-    """
+    """Return the paths of logs and of all logs in folders, absolute for a scheduler's workers."""
     given = [given] if isinstance(given, str | os.PathLike) else given
     for each in given:
         if not isinstance(each, str | os.PathLike):
@@ -147,9 +141,8 @@ class Excerpt(Motion):
     def without(self, logs: Container[str]) -> Excerpt:
         """Return the excerpt without some logs, if any is left to be shown."""
         recorded = tuple(each for each in self.recorded if each[0] not in logs)
-        retained = tuple(
-            e for e in self.experiments if any(_is_of(e.name, name) for name, *_ in recorded)
-        )
+        names = tuple(f"{name}, " for name, *_ in recorded)  # a stretch's is that and its times
+        retained = tuple(e for e in self.experiments if f"{e.name}, ".startswith(names))
         return replace(self, recorded=recorded, experiments=retained or self.experiments)
 
     @property
@@ -167,13 +160,10 @@ class Excerpt(Motion):
         """The logs as a table: name, samples, duration, rate, samples in pictures; head first."""
         rows = [["log", "samples", "duration", "rate", "in pictures"]]
         for name, samples, rate in self.recorded:
-            shown = str(sum(len(e) for e in self.experiments if _is_of(e.name, name)))
+            mine = (e for e in self.experiments if f"{e.name}, ".startswith(f"{name}, "))
+            shown = str(sum(map(len, mine)))
             rows.append([name, str(samples), f"{samples / rate:.4g} s", f"{rate:.4g} Hz", shown])
         return rows
-
-
-def _is_of(stretch: str, log: str) -> bool:
-    return stretch == log or stretch.startswith(f"{log}, ")
 
 
 def excerpt(

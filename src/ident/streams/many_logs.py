@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 
 from ident.diagnosis import Diagnosis, diagnose
-from ident.diagnosis.selection import Decision
+from ident.diagnosis.candidates import Decision
 from ident.display import Displayed, Progress, part, render
 from ident.errors import FitError, check_whole
 from ident.files import json_bytes
@@ -24,7 +24,7 @@ from ident.fit.disagreements import Disagreement, OwnFits, disagreements
 from ident.fit.problem import Problem
 from ident.information.chance import ALPHA, RIVAL
 from ident.information.estimate import MATERIAL
-from ident.log.read import names_of
+from ident.log.read import distinct
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import complete
 from ident.motion.recipe import AUTO
@@ -128,10 +128,10 @@ def compare_logs(
             why = broken.get(name, "no sample of it can be used")
             results.append(LogRow(name, count, left_out=why))
             continue
-        both = [mine.squares(x) for x in (joint.x, own[number])]
+        both = [mine.squares(x).judged for x in (joint.x, own[number])]
         row = LogRow(name, count, disagreement=odd.get(number))
-        if total := float(both[0].rows[np.isfinite(torque)].sum()):
-            shares = [each.error / torque for each in both]
+        if total := float(both[0][2, np.isfinite(torque)].sum()):
+            shares = [error / torque for error, _, _ in both]
             worst = r.motion.independent[int(np.argmax(shares[0] - shares[1]))]
             errors = [float(np.sqrt(share.sum() / total)) for share in shares]
             row = replace(row, error=errors[0], own=errors[1], worst=worst)
@@ -195,13 +195,8 @@ class Verdicts(Displayed):
         return str(render(self, "short"))
 
     def write(self, folder: str | Path) -> list[Path]:
-        """Write diagnosis.json and report.html of all logs together, and logs.csv.
-
-        Args:
-            folder: made if it is not there.
-
-        Returns:
-            The files written, all of them or none.
+        """Write diagnosis.json and report.html of all logs together, and logs.csv, all or none, to
+        a folder that is made if it is not there. Return the files.
 
         Raises:
             IdentError: if the folder cannot be written.
@@ -265,7 +260,7 @@ def diagnose_each(
     check_whole("seed", seed)
     Decision(alpha, material, rival_se)
     paths = log_paths(logs, scheduler)
-    names = names_of(paths)
+    names = distinct(path.name or str(path) for path in paths)
     rule: Any = {"seed": seed, "alpha": alpha, "material": material, "rival_se": rival_se}
     settings: Any = {"cutoff": cutoff, "smoothing": smoothing}
 

@@ -22,28 +22,9 @@ from ident.information.estimate import MATERIAL
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.streams.charts import (
-    FEWEST,
-    Charts,
-    Cutter,
-    Design,
-    NormalRunning,
-    WatchedInterval,
-    calibrated,
-    felt_columns,
-    intervals_of,
-    moved_reference,
-    statistics,
-)  # fmt: skip
-from ident.streams.suspects import (
-    DIRECT,
-    SURPLUS,
-    WATCHED,
-    Naming,
-    Reading,
-    Watched,
-    name_since_onset,
-)  # fmt: skip
+from ident.streams import charts, suspects
+from ident.streams.charts import FEWEST, Charts, Cutter, Design, NormalRunning, WatchedInterval
+from ident.streams.suspects import SURPLUS, WATCHED, Naming, Reading, Watched, name_since_onset
 
 INTERVAL, SHORTEST, STEP = 0.5, 0.4, 0.02  # range: [s] usual; least; by steps
 HELD = 240  # work: intervals kept, of which the onset can be one
@@ -217,8 +198,10 @@ class Monitor(Displayed):
         count = sum(part.informed.sum(axis=0) for part in parts)
         squares = sum((np.where(p.informed, p.b - p.A @ x, 0.0) ** 2).sum(axis=0) for p in parts)
         sigma = np.sqrt(np.maximum(squares / np.maximum(count, 1), 1e-300))
-        while len(first := intervals_of(parts, interval, sigma, x)) < FEWEST and interval > least:
+        first = charts.intervals_of(parts, interval, sigma, x)
+        while len(first) < FEWEST and interval > least:
             interval = max(least, interval - STEP)
+            first = charts.intervals_of(parts, interval, sigma, x)
         if len(first) < FEWEST:
             enough = FEWEST * interval + interval / 2 * len(parts)
             raise FitError(
@@ -227,12 +210,12 @@ class Monitor(Displayed):
                 f"{enough:.3g} s in motion or more, or several"
             )
         triangle = Triangle.merge([each.triangle for each in first])
-        felt = felt_columns(triangle, watched.columns.units)
-        x, _ = moved_reference(triangle, x, felt)
-        intervals = intervals_of(parts, interval, sigma, x)
+        felt = charts.felt_columns(triangle, watched.columns.units)
+        x, _ = charts.moved_reference(triangle, x, felt)
+        intervals = charts.intervals_of(parts, interval, sigma, x)
         normal = NormalRunning.of(intervals, sigma, x, material, felt)
-        direct = [i for suspect in watched.suspects for i in suspect.places[:DIRECT]]
-        design, drawn = calibrated(normal, np.isin(np.arange(len(x)), direct), intervals, x)
+        direct = [i for suspect in watched.suspects for i in suspect.places[: suspects.DIRECT]]
+        design, drawn = charts.calibrated(normal, np.isin(np.arange(len(x)), direct), intervals, x)
         forces = watched.multiplier_triangles(motion)
         return cls(watched, design, drawn, x, forces, interval, patience, false_alarms_per_hour)
 
@@ -246,20 +229,14 @@ class Monitor(Displayed):
         return float(self._charts.height(self.design.weight))
 
     def watch(self, motion: Motion) -> list[Alarm]:
-        """Return the alarms of a motion; one that waits for its name goes on with the next motion.
-
-        Args:
-            motion: completed with the filter, and best the knots, of normal running.
+        """Return the alarms of a motion, completed with the filter, and best the knots, of normal
+        running; one that waits for its name goes on with the next motion.
         """
         states = motion.experiments
         return [x for e in states for rows in self.watched.rows(e) for x in self.absorb(rows)]
 
     def absorb(self, rows: Rows) -> list[Alarm]:
-        """Return the alarms that further rows raise. Memory stays as it is.
-
-        Args:
-            rows: of `watched.columns`, in order of time.
-        """
+        """Return the alarms that further rows of `watched.columns` raise, in order of time."""
         sigma = self.design.normal.sigma
         intervals = (WatchedInterval.of(x, sigma, self._now) for x in self._cutter.cut(rows))
         return [alarm for alarm in map(self._step, intervals) if alarm is not None]
@@ -274,7 +251,8 @@ class Monitor(Displayed):
         self._held.append(interval)
         self._begun = min(self._begun, interval.start)
         if self.raised is None:
-            self._charts.update(self.design.evidence(*statistics([interval], self.reference))[0])
+            shown = self.design.evidence(*charts.statistics([interval], self.reference))
+            self._charts.update(shown[0])
             if self.evidence < self.threshold:
                 return None
             leader = self._charts.leader(self.design.weight)
@@ -302,11 +280,11 @@ class Monitor(Displayed):
         )  # fmt: skip
 
     def _alarm(self, raised: _Raised, naming: Naming, window: Sequence[WatchedInterval]) -> Alarm:
-        best, energy = naming.best, self.design.normal.energy
+        energy = self.design.normal.energy
         usual = np.maximum(np.sum([each.rows for each in window], axis=0), 1) * energy
         squares = np.sum([each.squares for each in window], axis=0)
         errors = zip(self.watched.joints, squares, usual, strict=True)
-        causes = [self._cause(each, naming) for each in ((best, *naming.rivals) if best else ())]
+        causes = [self._cause(x, naming) for x in (naming.best, *naming.rivals) if x]
         alarm = Alarm(
             onset=window[0].start,
             detected=raised.at,

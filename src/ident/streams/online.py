@@ -37,7 +37,7 @@ from ident.information.chance import covariance, prior_covariance
 from ident.information.estimate import estimate
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
-from ident.motion.noise import noise_level
+from ident.motion.spline import noise_level
 from ident.streams.samples import DataWatch, Sample, SampleParser, Since, log_of
 from ident.streams.stream import (
     LATENCY,
@@ -238,9 +238,7 @@ class Online:
             self._start()
 
     def _moving(self) -> bool:
-        """Leave out what comes before the machine moves, which shows noise; whether the samples
-        that remain make a warm-up.
-        """
+        """Leave out what comes before the machine moves; whether the rest makes a warm-up."""
         X, names = np.concatenate(self._first), self._parser.columns
         channels = [i for i, name in enumerate(names) if name.startswith(("q.", "v."))]
         while len(X) >= LONGEST or (len(X) and X[-1, 0] - X[0, 0] >= self._warmup):

@@ -39,7 +39,7 @@ from ident.fit.problem import block_edges, triangles
 from ident.information.blocks import Block, summed
 from ident.information.linear import Triangle
 from ident.log import Log
-from ident.log.read import names_of
+from ident.log.read import distinct
 from ident.log.storage import check_claims
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -119,7 +119,7 @@ class Plan:
 
 def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> list[LogOnDisk]:
     """Look at all logs that can be opened and give them names that differ."""
-    names = names_of(paths)
+    names = distinct(path.name or str(path) for path in paths)
     done = workers.over(summarise, paths, mechanism, names, "looking at the logs")
     opened = [
         replace(log, file=replace(log.file, name=name))
@@ -160,12 +160,11 @@ def _check_some(mechanism: Mechanism, workers: Workers, remaining: object) -> No
     if not remaining:
         alike: dict[str, list[str]] = {}
         for name, why in workers.broken.items():
-            alike.setdefault(why.replace(name, ""), []).append(name)
-        name, *others = max(alike.values(), key=len)
-        why = workers.broken[name]
-        same = f" ({len(others) + 1} of them say the same)" if others else ""
+            alike.setdefault(why.replace(name, ""), []).append(f"{name}: {why}")
+        most = max(alike.values(), key=len)
+        same = f" ({len(most)} of them say the same)" if len(most) > 1 else ""
         raise FitError(
-            f"{mechanism.name}: none of {len(workers.broken)} logs can be used; {name}: {why}{same}"
+            f"{mechanism.name}: none of {len(workers.broken)} logs can be used; {most[0]}{same}"
         )
 
 
@@ -185,7 +184,7 @@ def _completed(plan: Plan, log: Log) -> tuple[LogSignals, State, list[str]]:
     """Return signals, state and notes of a log that decides by itself what `complete` decides."""
     mechanism, signals = plan.mechanism, measure(plan.mechanism, log)
     derived = derive(signals, plan.logged, plan.band, plan.smoothing)
-    e, notes = state_of(mechanism, signals, plan.logged, plan.band, derived)
+    e, notes = state_of(mechanism, signals, derived)
     if mechanism.closures:
         before, e = e, e.transmitted(mechanism, plan.independent)
         notes = [*notes, *left_out(before, e)]
@@ -194,10 +193,7 @@ def _completed(plan: Plan, log: Log) -> tuple[LogSignals, State, list[str]]:
 
 
 def _anchors(plan: Plan, number: int) -> np.ndarray:
-    """(portions, nq) configurations near their beginnings, each followed from the one before.
-
-    A portion alone would be reached straight from [joints] start: on another branch, perhaps.
-    """
+    """(portions, nq) configurations near their beginnings, on the branch of the one before."""
     mechanism, part, anchors = plan.mechanism, plan.parts[number], []
     solver = LoopSolver(mechanism, plan.logged)
     portions = list(plan.portions(number))
@@ -232,7 +228,7 @@ def motion_of(plan: Plan, portion: Portion) -> tuple[Log, State | None, list[str
         if np.isfinite(log.columns[name]).sum() < 2:
             return log, None, [f"{where}: {name} is empty; they are left out"]
     if part.anchors is not None:  # on the branch on which the log arrives
-        mechanism = mechanism.starting(part.anchors[portion.number])
+        mechanism = mechanism.alike(start=part.anchors[portion.number])
     signals = measure(mechanism, log, part.recipe.clock, part.recipe.limits)
     state = part_of(mechanism, signals, part.recipe)
     return log, state, [f"{where}: no sample can be used"] if state is None else []

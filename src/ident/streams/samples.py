@@ -188,9 +188,7 @@ class DataWatch:
         self.found: dict[tuple[str, tuple[str, ...]], Since] = {}  # all so far
 
     def add(self, X: np.ndarray, states: list[State], over: bool = False) -> list[Since]:
-        """Add samples (n, columns) and states that are complete; return what is new. `over`: no
-        further ones come, and a shorter window is judged.
-        """
+        """Add samples (n, columns) and states; return what is new. `over`: no more come."""
         self._samples += [X] if len(X) else []
         self._states += [e for e in states if len(e)]
         if sum(map(len, self._states)) < FEWEST:

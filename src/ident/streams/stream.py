@@ -66,12 +66,6 @@ SampleWindow = tuple[State, slice]
 class Stream:
     """The equations of a mechanism, made of samples as they come.
 
-    Args:
-        mechanism, columns, point: whose rows, and where what is not linear is evaluated.
-        like: a motion of the same machine, whose decisions (filter, knots, standstill, …) hold.
-        latency: how long samples may wait for others [s].
-        sticking: share of a row that may come from samples that do not inform it.
-
     Refuses an effect that a whole log decides, naming it, and a motion that has no log.
     """
 
@@ -79,10 +73,10 @@ class Stream:
         self,
         mechanism: Mechanism,
         columns: Columns,
-        like: Motion,
-        point: Point | None = None,
-        latency: float = LATENCY,
-        sticking: float = STICKING,
+        like: Motion,  # of the same machine, whose decisions (filter, knots, …) hold
+        point: Point | None = None,  # where what is not linear is evaluated
+        latency: float = LATENCY,  # how long samples may wait for others [s]
+        sticking: float = STICKING,  # share of a row of samples that do not inform it
     ) -> None:
         check_causal(mechanism)
         if not like.logs:
@@ -142,9 +136,8 @@ class Stream:
         return self._parser.last
 
     def push(self, sample: Sample) -> list[Rows]:
-        """Return the rows that are known with a further sample, or a block of them.
-
-        Refuses a sample that is not whole, or absurd; of a block these are left out.
+        """Return the rows that are known with further samples; one that is not whole or is absurd
+        is refused, of a block it is left out.
         """
         X = self._parser(sample)
         self.left_out = self._parser.left_out
@@ -155,9 +148,7 @@ class Stream:
         return self.flush() if len(self._X) - self._old >= self._block else []
 
     def flush(self, last: bool = False) -> list[Rows]:
-        """Return the rows of samples that wait for others; `last`: of all, as before a gap, so that
-        further samples begin a new run.
-        """
+        """Return the rows of samples that wait; `last`: of all, so that others begin a new run."""
         self.windows, made = [], []
         while self._old < len(self._X) or (last and len(self._X)):
             stop = min(len(self._X), self._old + SAMPLES)
@@ -213,7 +204,7 @@ class Stream:
             y = np.array([columns[f"q.{name}"][0] for name in self.recipe.logged])
             places, q = self._places
             nearest = q[int(np.abs(places - y).max(axis=1).argmin())]
-            mechanism = mechanism.starting(nearest if self._q is None else self._q)
+            mechanism = mechanism.alike(start=nearest if self._q is None else self._q)
         return part_of(mechanism, signals, replace(self.recipe, clock=clock))
 
     def _made(self, e: State, until: float) -> Iterator[Rows]:
@@ -246,9 +237,7 @@ class Stream:
                 yield replace(own, sample=sample)
 
     def _aligned(self, e: State) -> State:
-        """Return the state without the first samples, so that it is filtered at the instants at
-        which the windows before it were.
-        """
+        """Return the state, filtered at the same instants as the windows before."""
         if not np.isfinite(self._row):
             return e
         i, usable = int(np.abs(e.t - self._row).argmin()), e.usable.copy()
@@ -313,9 +302,8 @@ class Interval:
 class Accumulator:
     """Absorbs rows as they come, in bounded memory: intervals of time stay few.
 
-    An interval is as long as the shortest before it. Of too many, the first pair that makes the
-    shortest one is merged, so that they remain about equal blocks for the jackknife and grow longer
-    together; with forgetting, all are equally long, and the two oldest merge.
+    An interval is as long as the shortest before it. Of too many, the pair that makes the shortest
+    is merged, so that they remain about equal blocks; with forgetting, the two oldest.
     """
 
     def __init__(self, supports: Sequence[np.ndarray], forget: float | None, period: float) -> None:
@@ -389,7 +377,7 @@ def with_free_multipliers(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
     if (basis := mechanism.multipliers.basis) == "free":
         return mechanism, []
     note = f"multipliers are free, one value a sample, and not {basis}"
-    return mechanism.with_multipliers(Multipliers()), [note]
+    return mechanism.alike(multipliers=Multipliers()), [note]
 
 
 def check_causal(mechanism: Mechanism) -> None:

@@ -97,9 +97,7 @@ class Suspect:
         return " + ".join(effect.label for effect in self.effects)
 
     def within(self, R: np.ndarray) -> Suspect:
-        """Return it without columns of rounding, as a tilt across a planar machine; a load has all
-        ten.
-        """
+        """Return it without columns of rounding; a load has all ten."""
         size = np.linalg.norm(R[:, self.places], axis=0)
         keep = size >= FELT * size.max()
         if self.effects[0].loaded_link or keep.all():
@@ -109,7 +107,7 @@ class Suspect:
 
     def contains(self, other: Suspect) -> bool:
         """Whether it is the other one and more."""
-        return set(map(int, other.places)) < set(map(int, self.places))
+        return set(other.places.tolist()) < set(self.places.tolist())
 
 
 class Watched:
@@ -156,11 +154,7 @@ class Watched:
         return rows(self.scene(e), self.cutoff, STANDING, keep=False)
 
     def multiplier_triangles(self, motion: Motion) -> tuple[Triangle, ...]:
-        """Return for every multiplier the triangle of ∂λ/∂x (samples, k) over a motion.
-
-        Torques alone do not show it: of suspects that they cannot tell apart, a force sensor in a
-        closure may tell.
-        """
+        """Return by multiplier the triangle of ∂λ/∂x (samples, k), which a force sensor shows."""
         m = len(self.mechanism.kinematics.multipliers)
         triangles = [Triangle.empty(len(self.columns)) for _ in range(m)]
         for e in motion.experiments if m else ():
@@ -264,12 +258,9 @@ class Naming:
 
 
 def name_change(
-    suspects: Sequence[Suspect],
-    window: Sequence[WatchedInterval],
-    x: np.ndarray,
-    normal: NormalRunning,
-    least: float,
-) -> Naming:
+    suspects: Sequence[Suspect], window: Sequence[WatchedInterval], x: np.ndarray,
+    normal: NormalRunning, least: float,
+) -> Naming:  # fmt: skip
     """Fit all suspects to the intervals of a window."""
     triangle = Triangle.merge([each.triangle for each in window])
     e, phi2 = triangle.d - triangle.R @ x, normal.typical
@@ -334,7 +325,7 @@ def onset(held: Sequence[WatchedInterval], x: np.ndarray, best: Reading) -> int:
     """Return the likeliest begin of a change θ: argmax_j Σ_{i ≥ j} θᵀs_i − |R_i θ|²/2."""
     places, theta = best.suspect.places, best.theta
     gain = [
-        float(each.score(x)[places] @ theta)
+        float(each.triangle.gradient(x)[places] @ theta)
         - 0.5 * float(np.sum((each.triangle.R[:, places] @ theta) ** 2))
         for each in held
     ]

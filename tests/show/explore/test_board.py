@@ -218,7 +218,7 @@ def test_before_a_verdict_the_card_says_what_is_known_so_far(tmp_path, monkeypat
     first = e.candidates[0]
     assert f"first candidate is {named([first.effect])}, " in known.sure
     ends = f"from {percent(first.before.relative)} to {percent(first.after.relative)},"
-    assert f"{first.joints[0]} {ends}" in known.sure
+    assert f"bring the error of {first.joints[0]} {ends}" in known.sure
     after = top(grown("viscous:elbow"))
     assert after.command.endswith("--with viscous:elbow")
     assert all(bar.after for bar in after.bars)

@@ -54,12 +54,12 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
     shown = page.locator("#shown .chart").count()
     asked = page.get_by_role("button", name="preview coulomb:").first
     asked.hover()  # under the pointer it is beside the list, and goes with the pointer
-    floating = page.locator("body > .place [aria-label*='over time, as it is and with']")
+    floating = page.locator("body > .place [aria-label*=': as it is and with']")
     floating.wait_for()
     page.mouse.move(1, 1)
     floating.wait_for(state="detached")
     asked.click()
-    preview = page.locator("#effects [aria-label*='over time, as it is and with']")  # in its row
+    preview = page.locator("#effects [aria-label*=': as it is and with']")  # in its row
     preview.wait_for()
     assert len(rungs(page)) == 1  # nothing is added
     page.get_by_role("button", name="Verdict").click()  # nor does one replace the other

@@ -55,7 +55,13 @@ def bodies(view) -> list:
 
 
 @pytest.mark.parametrize(
-    "name", ["meshes/part.stl", "package://robot_description/meshes/part.stl", "file://HERE"]
+    "name",
+    [
+        "meshes/part.stl",
+        "package://robot_description/meshes/part.stl",
+        "file://HERE",
+        "file://localhostHERE",
+    ],
 )
 def test_meshes_are_found_scaled_placed_and_coloured(tmp_path, name):
     package = tmp_path / "robot_description"
@@ -102,6 +108,12 @@ def test_several_missing_meshes_are_one_note(tmp_path):
     (note,) = arm(tmp_path, mesh("package://p/a.stl") + mesh("b.stl")).view().notes
     assert "2 shapes are left out" in note
     assert "--mesh-path" in note
+
+
+@pytest.mark.parametrize(("inside", "count"), [("a/b", 0), ("a/b/c", 1)])
+def test_a_renamed_package_is_at_most_three_folders_above(tmp_path, inside, count):
+    (tmp_path / "part.stl").write_text(CUBE)
+    assert len(arm(tmp_path / inside, mesh("package://p/part.stl")).view().notes) == count
 
 
 def test_packages_are_found_where_the_environment_says(tmp_path, monkeypatch):

@@ -19,7 +19,7 @@ from moving import view_of
 
 import ident
 from ident.show.bodies import BODIES, ENDS
-from ident.show.view import ASPECTS, LONGEST, SHADES, _ramp
+from ident.show.view import ANGLE, LONGEST, SHADES, _ramp
 
 STRICT = 6.0  # [deg] of hue, within which an arrow is blue and a blue body is not
 
@@ -81,11 +81,9 @@ def tip_of(mechanism: ident.Mechanism, q: np.ndarray) -> np.ndarray:
 def pixel(camera, drawing, point) -> np.ndarray:
     """Where a pinhole camera with 35° from top to bottom sees a point, x and y."""
     x0, y0, width, height = drawing
-    position, target, _, shares, _ = camera
-    away = position - target
-    tall = [1 / aspect for aspect in ASPECTS]
-    position = target + np.interp(height / width, tall[::-1], shares[::-1]) * away
-    away /= np.linalg.norm(away)
+    away, target, _, (wide, tall), depth = camera
+    distance = depth + max(tall, wide * height / width) / np.tan(ANGLE / 2)
+    position = target + distance * away
     right = np.cross([0.0, 0.0, 1.0], away)
     right /= np.linalg.norm(right)
     from_camera = point - position

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.display import render
 from ident.errors import IdentError
 from ident.files import write_all
-from ident.show.template import piece
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -141,11 +141,9 @@ class Panel:
 
     Attributes:
         marks: in the order in which they are drawn.
-        x, y: labels of the axes, with units.
-        title: above it.
+        x, y: labels of the axes, with units; title: above it.
         x_names, y_names: at positions 0, 1, 2, … in place of numbers; rows run downwards.
-        logarithmic: whether y is.
-        marked: whether it is to be looked at first.
+        logarithmic: whether y is; marked: whether it is to be looked at first.
         height: [inch] of a still chart.
     """
 
@@ -226,12 +224,45 @@ class Chart:
         path = Path(path)
         if (suffix := path.suffix.lower()) not in SUFFIXES:
             raise IdentError(f"{path}: give a name that ends in .png, .svg, .pdf or .html")
-        content = self.live().html().encode() if suffix == ".html" else self.image(suffix[1:])
+        content = self.html().encode() if suffix == ".html" else self.image(suffix[1:])
         write_all(path.parent, {path.name: content})
 
-    def live(self) -> Live:
+    def live(self) -> Any:
         """Return the chart that can be zoomed with the mouse, in Jupyter too."""
-        return Live(self)
+        return render(self, "live")
+
+    def data(self) -> str:
+        """Return the live chart as JSON, safe inside a <script> element, for `drawChart`."""
+        arrays = Arrays()
+
+        def plain(value: Any, name: str) -> Any:
+            if isinstance(value, np.ndarray):  # y needs no more digits than a screen has
+                return arrays.place(value, "<f4" if name == "y" else "<f8")
+            return None if isinstance(value, float) and not math.isfinite(value) else value
+
+        def described(mark: Mark) -> dict[str, Any]:
+            found = {f.name: plain(getattr(mark, f.name), f.name) for f in fields(mark)}
+            return {"kind": type(mark).__name__, **found, "colour": colour(mark.colour)}
+
+        def panel_data(panel: Panel) -> dict[str, Any]:
+            own = {f.name: getattr(panel, f.name) for f in fields(panel)}
+            marks = [
+                described(m.thinned(CLOUD) if isinstance(m, Points) else m) for m in panel.marks
+            ]
+            return own | {"height": _pixels(panel), "marks": marks}
+
+        rows = [list(map(panel_data, row)) for row in self.rows]
+        shared = {"shared_x": self.shared_x, "shared_y": self.shared_y}
+        return script_json({"rows": rows, "arrays": list(arrays), **shared})
+
+    def html(self) -> str:
+        """Return a page with the live chart, which needs no network."""
+        return str(render(self, "page"))
+
+    @property
+    def height(self) -> int:
+        """Height [pixel] of the live chart."""
+        return 70 + sum(max(map(_pixels, row)) for row in self.rows)
 
     def __str__(self) -> str:
         return self.words
@@ -264,53 +295,10 @@ def script_json(content: Mapping[str, Any]) -> str:
     return json.dumps(content).replace("<", "\\u003c")
 
 
-@dataclass(frozen=True, eq=False)
-class Live:
-    """A chart that can be zoomed; Jupyter shows it as it is. Made by `Chart.live`."""
-
-    chart: Chart
-
-    def data(self) -> str:
-        """Return the chart as JSON, safe inside a <script> element; what `drawChart` takes."""
-        arrays = Arrays()
-
-        def plain(value: Any, name: str) -> Any:
-            if isinstance(value, np.ndarray):  # y needs no more digits than a screen has
-                return arrays.place(value, "<f4" if name == "y" else "<f8")
-            return None if isinstance(value, float) and not math.isfinite(value) else value
-
-        def described(mark: Mark) -> dict[str, Any]:
-            found = {f.name: plain(getattr(mark, f.name), f.name) for f in fields(mark)}
-            return {"kind": type(mark).__name__, **found, "colour": colour(mark.colour)}
-
-        def panel_data(panel: Panel) -> dict[str, Any]:
-            own = {f.name: getattr(panel, f.name) for f in fields(panel)}
-            marks = [
-                described(m.thinned(CLOUD) if isinstance(m, Points) else m) for m in panel.marks
-            ]
-            return own | {"height": _pixels(panel), "marks": marks}
-
-        rows = [list(map(panel_data, row)) for row in self.chart.rows]
-        shared = {"shared_x": self.chart.shared_x, "shared_y": self.chart.shared_y}
-        return script_json({"rows": rows, "arrays": list(arrays), **shared})
-
-    def html(self) -> str:
-        """Return a page that needs no network."""
-        return str(piece("chart_page", self, scripts()))
-
-    @property
-    def height(self) -> int:
-        """Height [pixel]."""
-        return 70 + sum(max(map(_pixels, row)) for row in self.chart.rows)
-
-    def _repr_html_(self) -> str:
-        return str(piece("document", self.html(), self.chart.words, self.height))
-
-
 def pieces_of(blocks: Iterable[Any]) -> list[dict[str, Any]]:
     """Return HTML and charts as what `drawPieces` takes."""
     return [
-        {"chart": each.live().data(), "words": each.words, "height": each.live().height}
+        {"chart": each.data(), "words": each.words, "height": each.height}
         if isinstance(each, Chart)
         else {"html": str(each)}
         for each in blocks

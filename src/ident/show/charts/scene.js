@@ -14,7 +14,8 @@ function drawScene(scene, place, told) {
   const choice = make("select", {title: "Which log"}), now = make("span")
   films.forEach((film, i) => choice.append(new Option(film.name, i)))
   bar.append(play, time, now, ...(films.length > 1 ? [choice] : []))
-  canvas.style.aspectRatio = scene.shape // of the whole motion
+  const [wide, tall] = scene.half // half of what is seen of the whole motion [m]
+  canvas.style.aspectRatio = wide / tall
   place.append(canvas, ...(films.some((film) => film.t.length > 1) ? [bar] : []))
 
   // --- vectors and camera -------------------------------------------------------------------------
@@ -27,8 +28,8 @@ function drawScene(scene, place, told) {
     const c = Math.cos(angle), s = Math.sin(angle)
     return plus(plus([a[0] * c, a[1] * c, a[2] * c], cross(axis, a), s), axis, dot(axis, a) * (1 - c))
   }
-  let away = minus(scene.position, scene.target)
-  let width = 1, height = 1, right, over, back, fit = 1 // the wider the window, the nearer
+  let away = scene.direction // its length: closer or farther than all of it needs
+  let width = 1, height = 1, right, over, back, fit = 1 // the wider the window, the nearer [m]
   const eyed = (p) => { const d = minus(p, plus(scene.target, away, fit)); return [dot(d, right), dot(d, over), -dot(d, back)] }
   const seen = ([x, y, z]) => { // a pinhole camera, `fov` from top to bottom
     const scale = height / 2 / Math.tan(scene.fov / 2) / Math.max(z, 1e-6)
@@ -75,9 +76,7 @@ function drawScene(scene, place, told) {
     height = canvas.clientHeight || 350
     if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio)
     if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio)
-    const tall = scene.aspects.map((x) => 1 / x), shape = Math.min(Math.max(height / width, tall[2]), tall[0])
-    const i = +(shape < tall[1]), [far, near] = scene.shares.slice(i, i + 2)
-    fit = near + (far - near) * (shape - tall[i + 1]) / (tall[i] - tall[i + 1])
+    fit = scene.depth + Math.max(tall, wide * height / width) / Math.tan(scene.fov / 2)
     art.setTransform(ratio, 0, 0, ratio, 0, 0)
     art.clearRect(0, 0, width, height)
     back = unit(away)

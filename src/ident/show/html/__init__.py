@@ -1,25 +1,76 @@
-"""HTML of notebooks and reports, made by the macros of `report.jinja`; words are escaped.
+"""HTML of notebooks, reports and pages, made by the macros of `report.jinja`; words are escaped.
 
 A `Sheet` is one description for terminals, Jupyter and reports.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
+from ident.display import renders
 from ident.show.card import Card
 from ident.show.charts import Chart, scripts
-from ident.show.template import piece
 from ident.text import merged, wrapped
 from ident.text import table as text_table
 
 ROWS = 4  # of panels in one chart: what a window shows
 LOGS = 12  # whose curves are in a report
+SHORT = 32  # characters of a cell that stays on one line
+NUMBER = re.compile(r"[-−+≈<–]? ?\d")  # the beginning of one
+POWER = re.compile(r"[-+\d.]*\de[-+]\d+")  # one that a browser would break at its last sign
+TIED = r'<span class="tied">\g<0></span>'
+CODE = re.compile(r"`([^`]*)`|(?<![\w-])--[a-z][\w-]*")  # or an option, which it would break too
+
+
+def _whole(words: str) -> Markup:
+    """Return words that a page does not break at their hyphens and slashes, but between them."""
+    return Markup(re.sub(r"\S*[^\w\s]\S*", r"<span>\g<0></span>", str(escape(words))))
+
+
+def _code(words: str) -> Markup:
+    """Return words with what stands between backticks as code, and options on one line."""
+
+    def marked(found: re.Match[str]) -> str:
+        own = found[1]
+        return found.expand(TIED) if own is None else f"<code>{_whole(Markup(own))}</code>"
+
+    return Markup(CODE.sub(marked, str(escape(words))))
+
+
+def _tied(cell: str) -> Markup:
+    """Return a cell in which numbers, and all words of a short one, stay on one line."""
+    tied = re.sub(" " if len(cell) <= SHORT else r"(?<=\d) ", "\u00a0", cell)
+    return Markup(POWER.sub(TIED, str(escape(tied))))
+
+
+@cache
+def _macros() -> Any:
+    from jinja2 import Environment, PackageLoader
+
+    loader = PackageLoader("ident.show", "html")
+    environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.globals["text_of"] = lambda name: Markup(loader.get_source(environment, name)[0])
+    environment.filters |= {
+        "code": _code,
+        "whole": _whole,
+        "tied": _tied,
+        "worded": lambda rows: [
+            not any(map(NUMBER.match, x)) for x in zip(*rows[1:], strict=False)
+        ],
+        "slug": lambda title: re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-"),
+    }
+    return environment.get_template("report.jinja").module
+
+
+def piece(macro: str, *content: Any, **options: Any) -> Markup:
+    """Return what a macro of the template makes of a content."""
+    return Markup(getattr(_macros(), macro)(*content, **options))
 
 
 paragraph = partial(piece, "paragraph")  # words, with what stands between backticks as code
@@ -40,13 +91,11 @@ class Sheet:
     """What is displayed of a noun, from above.
 
     Attributes:
-        top: a title, or a card with the error by joint.
-        line: a sentence below it.
+        top: a title, or a card with the error by joint; line: a sentence below it.
         facts: words with meanings.
         tables: rows by caption, the head first; details: those that only HTML shows.
-        lines: sentences; paragraphs: longer ones, parted by empty lines.
+        lines: sentences; paragraphs: longer ones, in a terminal with an `indent`.
         notes: remarks, which a summary leaves out.
-        indent: of paragraphs in a terminal.
     """
 
     top: Card | str
@@ -110,9 +159,7 @@ class Section:
 
 
 def report_page(title: str, top: Card | str, sections: Sequence[Section]) -> bytes:
-    """Return a report as one file that opens without a network: a title, what is most important in
-    one line or more, and sections.
-    """
+    """Return a report as one file that opens without a network."""
     return piece("page", title, top, sections, [], scripts).encode()
 
 
@@ -123,3 +170,17 @@ def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, .
     options = {name: draw(i).pieces(ROWS) for i, name in enumerate(names[:LOGS])}
     few = paragraph(f"The first {LOGS} of {len(names)} logs are drawn.")
     return *([few] if len(names) > LOGS else []), Choice("Which log", options)
+
+
+@dataclass(frozen=True, eq=False)
+class LiveChart:
+    """A chart that Jupyter shows as it can be zoomed."""
+
+    chart: Chart
+
+    def _repr_html_(self) -> str:
+        return str(piece("document", self.chart.html(), self.chart.words, self.chart.height))
+
+
+renders(Chart, "live")(LiveChart)
+renders(Chart, "page")(lambda chart: piece("chart_page", chart, scripts()))
