@@ -9,7 +9,6 @@ import ident
 from helpers import ROBOTS, J, tree_urdf, write_mechanism
 from ident import IdentError, Limits, Log, Noise
 from ident.equations.unknowns import Columns
-from ident.excite import search
 from ident.excite.excitation import Determined, with_rivals
 from ident.excite.trajectory import motion_rows
 from ident.fit.shapes import initial
@@ -68,9 +67,7 @@ def test_the_hidden_one_is_named_in_a_log_of_it(four_bar, apart):
         assert fit[name].stderr < 0.002
 
 
-def test_random_motions_separate_less(four_bar, apart, monkeypatch):
-    monkeypatch.setattr(search, "ROUND", 3)
-    monkeypatch.setattr(search, "STEPS", 0)
+def test_random_motions_separate_less(four_bar, apart):
     other = ident.excite(four_bar, **SHORT)  # for the base parameters, not for these two
     motion = ident.complete(four_bar, other.log, cutoff=None)
     (sigma,) = apart.noise.values()

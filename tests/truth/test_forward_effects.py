@@ -9,6 +9,7 @@ from forward import integrated, judged, planted
 import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import Log, MechanismError
+from ident.effects import KINDS
 from ident.mechanism.parameters import Rigid
 from identification import motion_log, robot
 
@@ -151,3 +152,8 @@ def test_bodies_that_cannot_exist_are_integrated_where_the_motion_is_determined(
         ident.integrate(
             mechanism, pi=np.where(np.arange(30) // 10 == 1, -1.0, 1.0) * mechanism.prior
         )
+
+
+def test_an_effect_that_acts_by_a_state_must_say_how_that_changes():
+    with pytest.raises(MechanismError, match=r"'viscous' .* define its .state_rate"):
+        KINDS["viscous"](("elbow",)).state_rate(np.zeros(1), np.zeros(1), {})

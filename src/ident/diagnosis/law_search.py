@@ -12,14 +12,14 @@ ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
-from ident.diagnosis.candidates import SURROGATES, Contest, Shape
+from ident.diagnosis.candidates import SURROGATES, Contest, OnProgress, Shape
 from ident.diagnosis.grammar import terms
 from ident.effects import Effect
 from ident.effects.formula import Formula, Term
@@ -179,7 +179,6 @@ BEAM = 2  # work: formulas to which a further term is added
 TERMS = 2  # work: of a formula
 EDGE = 1e-3  # numerics: of a constant's range, from its ends
 ENDS = ("angle", "share", "power")  # constants whose ends are no limit of what the data can show
-OnProgress = Callable[[str, float], None]
 Starts = Sequence[Mapping[str, float]]
 
 

@@ -183,8 +183,9 @@ def _doubtful(selection: Selection, joint: str) -> list[Member]:
         felt |= {int(u) for u in here}
     found = []
     for m in (m for m in selection.members if not (m.effect.common or m.effect.joined)):
-        mends = m.evidence.refit.mends if m.effect.local and m.evidence is not None else [-1]
-        found += [m] if joint in m.effect.joints[:1] or felt.issuperset(mends) else []
+        own = m.evidence if m.effect.local else None
+        if joint in m.effect.joints[:1] or (own and felt.issuperset(own.refit.mends)):
+            found.append(m)
     return found
 
 

@@ -424,7 +424,7 @@ class Effect(ABC):
 
     def state_rate(self, z: np.ndarray, v: np.ndarray, shape: Shape) -> np.ndarray:
         """ż of the state z that multiplies unknowns that act by `state`, of rates v and a shape."""
-        raise NotImplementedError(
+        raise MechanismError(
             f"effect '{self.kind}' has an unknown that acts by `state`: define its `state_rate`"
         )
 

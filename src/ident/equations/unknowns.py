@@ -66,9 +66,10 @@ class Columns:
             if effect.loaded_link:
                 link = np.arange(len(names))[mechanism.bodies.columns(effect.loaded_link)]
                 loads.append((link, effects[-1][1]))
-        what = tuple(all_names), tuple(units), np.array(prior)
-        values = mechanism.prior[known]
-        return cls(*what, rigid, known, values, tuple(effects), tuple(loads))
+        return cls(
+            tuple(all_names), tuple(units), np.array(prior), rigid, known, mechanism.prior[known],
+            tuple(effects), tuple(loads),
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.names)

@@ -289,8 +289,9 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             measured = np.abs(x) < LARGEST
             measured[absurd_samples(x)] = False  # the motion names them and leaves them out
             t, x = t[measured], x[measured]
-            own = name, kind, mechanism.joint(joint), t, x
-            channel = LoggedChannel(*own, log, state, mechanism, motion)
+            channel = LoggedChannel(
+                name, kind, mechanism.joint(joint), t, x, log, state, mechanism, motion
+            )
             for check in CHECKS.get(kind, ()) if len(x) > SHORTEST else ():
                 if (judgement := check(channel)) is not None:
                     number, threshold, meaning, remedy = judgement

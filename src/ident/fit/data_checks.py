@@ -179,12 +179,13 @@ class DataChecks(FaultSearch):
 
     def _strangers(self, noise: Array) -> list[Finding]:
         names = [f"tau.{name}" for name in self.equations.strangers(noise)] if noise.any() else []
+        if not names or self.reference.max() <= LEAVES:
+            return []
         text = (
             f"{', '.join(names)}: explained no better by this motion than at another time of the "
             "log: they are of another run, of another joint, or no measurement"
         )
-        found = Finding("another run", text, "check columns and files", tuple(names))
-        return [found] if names and self.reference.max() > LEAVES else []
+        return [Finding("another run", text, "check columns and files", tuple(names))]
 
     def poor(self) -> Iterator[Finding]:
         """Report torques of which more than LEAVES is left, or DOUBT where sensors make less."""

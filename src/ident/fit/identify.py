@@ -148,7 +148,10 @@ def fit_of(
     values = ParameterValues(problem.columns, estimate, cov)
     effects = values.effects(problem.point_at(estimate.x))
     every = findings_of(problem, estimate, train, effects, findings)
-    return Fit(problem, estimate, cov, train, left_out, {}, every, binding, likelihood)
+    return Fit(
+        problem, estimate, cov, train, left_out,
+        findings=every, binding=binding, likelihood=likelihood,
+    )  # fmt: skip
 
 
 # --- models on the same motion --------------------------------------------------------------------
