@@ -197,7 +197,7 @@ def changed(variant: Variant) -> Iterator[None]:
     mine = [
         m
         for n, m in sys.modules.items()
-        if n.startswith(("ident.diagnosis.", "ident.fit.small_errors", "ident.information.hypo"))
+        if n.startswith(("ident.diagnosis.", "ident.faults.small_errors", "ident.information.hypo"))
     ]
     places = [m for m in mine if getattr(m, constant, None) == value]
     for place in places:

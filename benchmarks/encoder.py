@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import ident
-from ident.fit.problem import body_scales
+from ident.equations.problem import body_scales
 
 ROBOTS = Path(__file__).resolve().parents[1] / "robots"
 STEP = 2 * np.pi / 2**14  # rad, of the encoder

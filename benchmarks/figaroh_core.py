@@ -86,9 +86,9 @@ def ours(folder: Path, whole: bool) -> dict[str, object]:
     import arm7
 
     import ident
+    from ident.equations.problem import Problem
     from ident.equations.rows import Scene, rows
     from ident.equations.unknowns import Columns, Point
-    from ident.fit.problem import Problem
     from ident.information.estimate import rank_revealing, solve
     from ident.information.linear import Triangle
 

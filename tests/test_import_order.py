@@ -7,7 +7,7 @@ from pathlib import Path
 SOURCE = Path(__file__).resolve().parents[1] / "src"
 ORDER = (
     ("errors", "progress", "display"),
-    ("files", "text"),
+    ("files", "text", "finding"),
     ("information", "pool"),  # know no robot
     ("log",),
     ("effects",),
@@ -15,6 +15,7 @@ ORDER = (
     ("formats",),
     ("motion",),
     ("equations",),
+    ("faults",),
     ("fit",),
     ("diagnosis",),
     ("simulate",),

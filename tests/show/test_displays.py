@@ -12,8 +12,8 @@ from helpers import ROBOTS
 from ident import Log
 from ident.diagnosis.result import errors_of
 from ident.display import part
+from ident.finding import Finding
 from ident.fit.files import fit_json
-from ident.fit.findings import Finding
 from ident.fit.identify import Comparison
 from ident.fit.values import Value
 from ident.information.blocks import Error

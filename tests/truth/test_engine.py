@@ -21,8 +21,8 @@ from ident.diagnosis.null import path_shares, with_noise
 from ident.diagnosis.search import NEAR
 from ident.diagnosis.selection import Ranking, can_be, rank
 from ident.effects import Effect, ReversalPulses, Signals, Unknown
-from ident.fit.problem import Table
-from ident.fit.small_errors import GUARD, away_from_reversals
+from ident.equations.table import Table
+from ident.faults.small_errors import GUARD, away_from_reversals
 from ident.information.chance import Chance
 from identification import Planted, motion_log, plant, robot
 
@@ -338,7 +338,7 @@ def test_of_many_rows_one_in_so_many_decides(monkeypatch):
     case = planted(("coulomb:elbow",), ELBOW)
     fit = ident.identify(robot("arm"), logged(case, robot("arm")))
     whole = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
-    monkeypatch.setattr("ident.fit.problem.TABLE", len(whole.t) // 2)
+    monkeypatch.setattr("ident.equations.table.TABLE", len(whole.t) // 2)
     some = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
     assert len(some.t) < 0.6 * len(whole.t)
     shared = np.isin(whole.sample, some.sample)

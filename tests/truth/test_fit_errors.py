@@ -7,7 +7,7 @@ import pytest
 
 import ident
 from ident import FitError, Log, Noise
-from ident.fit.problem import information_of, stacks_information
+from ident.equations.problem import information_of, stacks_information
 from ident.information.blocks import Information
 from ident.information.chance import folds
 from identification import motion_log, plant, robot
@@ -238,7 +238,7 @@ def test_pieces_do_not_change_the_result(monkeypatch):
     case = noisy("five_bar", "viscous", "coulomb", seconds=16.0)
     one = case.fit(cutoff="auto")
     monkeypatch.setattr("ident.equations.filter.CHUNK", 100)
-    monkeypatch.setattr("ident.fit.problem.LENGTH", 50)
+    monkeypatch.setattr("ident.equations.problem.LENGTH", 50)
     other = case.fit(cutoff="auto")
     assert len(other.information) < len(one.information)
     np.testing.assert_allclose(

@@ -15,7 +15,7 @@ from lxml import etree
 import ident
 from helpers import J, tree_urdf, write_mechanism
 from ident import IdentError, Log, Noise
-from ident.fit.findings import note
+from ident.finding import note
 from ident.mechanism.parameters import regressor
 from identification import motion_log, plant, robot
 from pages import charts, read_page, reading, titles

@@ -15,10 +15,10 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Column, Log, Noise, health
-from ident.fit.channel_checks import log_findings
-from ident.fit.data_checks import DataChecks
-from ident.fit.faults import log_entries, log_entry
-from ident.fit.small_errors import common_delay
+from ident.faults.channel_checks import log_findings
+from ident.faults.data_checks import DataChecks
+from ident.faults.fault import log_entries, log_entry
+from ident.faults.small_errors import common_delay
 from ident.show.motion import beyond_limits, data_findings
 from ident.text import stamp
 from identification import motion_log, plant, robot

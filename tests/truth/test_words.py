@@ -13,8 +13,8 @@ from helpers import ROBOTS
 from ident import Health
 from ident.diagnosis.unobservable import Invisible, Unsupported
 from ident.effects.library import named
+from ident.finding import Finding
 from ident.fit.files import Saved
-from ident.fit.findings import Finding
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.card import Bar, Card

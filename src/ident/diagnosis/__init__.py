@@ -3,6 +3,6 @@
 from ident.diagnosis.diagnosis import diagnose, health
 from ident.diagnosis.grow import History, grow
 from ident.diagnosis.result import Diagnosis
-from ident.fit.data_checks import Health
+from ident.faults.data_checks import Health
 
 __all__ = ["Diagnosis", "Health", "History", "diagnose", "grow", "health"]

@@ -11,10 +11,10 @@ import numpy as np
 
 from ident.effects import Effect, ReversalPulses
 from ident.effects.curve import Curve, curves
+from ident.equations.table import Table
 from ident.errors import FitError, IdentError
+from ident.faults.small_errors import WORSE, away_from_reversals
 from ident.fit import Fit
-from ident.fit.problem import Table
-from ident.fit.small_errors import WORSE, away_from_reversals
 from ident.information.blocks import Part
 from ident.information.chance import ALPHA, BEYOND, RIVAL, zscore
 from ident.information.estimate import MATERIAL

@@ -33,10 +33,10 @@ from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError, check_whole
+from ident.faults.data_checks import DataChecks, Health
+from ident.faults.fault import Fault, fault_finding, scale_of_time
+from ident.finding import Finding
 from ident.fit import Fit, identify
-from ident.fit.data_checks import DataChecks, Health
-from ident.fit.faults import Fault, fault_finding, scale_of_time
-from ident.fit.findings import Finding
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
 from ident.information.chance import ALPHA, LEAVES, LOUD, RIVAL

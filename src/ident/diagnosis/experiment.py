@@ -13,10 +13,10 @@ from ident.diagnosis.selection import Evidence
 from ident.diagnosis.trials import Trial, allowed, present, trials
 from ident.effects import Effect
 from ident.effects.formula import Formula
+from ident.equations.table import Table
 from ident.equations.terms import Samples, unbalanced
 from ident.errors import IdentError
-from ident.fit.problem import Table
-from ident.fit.small_errors import away_from_reversals
+from ident.faults.small_errors import away_from_reversals
 from ident.information import linear
 from ident.information.chance import PARSIMONY
 from ident.information.estimate import MATERIAL

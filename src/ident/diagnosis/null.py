@@ -22,8 +22,8 @@ from scipy.sparse.linalg import splu
 
 from ident.diagnosis.candidates import SURROGATES, Contest, NoiseDraws
 from ident.equations.motion_noise import gain
+from ident.equations.table import Table
 from ident.equations.unknowns import Columns
-from ident.fit.problem import Table
 from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.chance import remaining_power, surrogates

@@ -22,8 +22,8 @@ from ident.diagnosis.unobservable import Invisible, Unsupported, name_of
 from ident.display import Plotted, render
 from ident.effects import Effect
 from ident.effects.formula import Formula
+from ident.faults.data_checks import Health
 from ident.fit import Fit
-from ident.fit.data_checks import Health
 from ident.fit.residual import Failure
 from ident.fit.residual_maps import Periods
 from ident.fit.values import Value

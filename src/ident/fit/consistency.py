@@ -33,10 +33,11 @@ from typing import Any
 import numpy as np
 
 from ident.display import Displayed, Progress, quiet
+from ident.equations.problem import Problem, body_scales
 from ident.equations.unknowns import Columns
 from ident.errors import FitError, one_of
-from ident.fit.findings import IMPOSSIBLE_BODY, Finding, bodies_with_unknowns
-from ident.fit.problem import Problem, body_scales
+from ident.finding import Finding
+from ident.fit.findings import IMPOSSIBLE_BODY, bodies_with_unknowns
 from ident.fit.shapes import shape_bounds
 from ident.information import cone
 from ident.information.blocks import Squares

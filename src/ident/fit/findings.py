@@ -8,19 +8,19 @@ Which parameters a motion hides: it is compared with one made up in which everyt
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ident.equations.filter import Decimator
+from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns
 from ident.errors import MotionError
+from ident.finding import Finding, note
 from ident.fit.prediction import identifiable_multipliers, resting_on_priors
-from ident.fit.problem import Problem
 from ident.fit.shapes import initial
 from ident.fit.values import EffectValues, ParameterValues, absorbed_by
 from ident.information.blocks import Error
-from ident.information.chance import CERTAIN, LEAVES
+from ident.information.chance import CERTAIN, FEWEST_EQUATIONS, LEAVES
 from ident.information.estimate import Estimate, estimate, term_sizes
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import pseudo_inertia
@@ -33,7 +33,6 @@ IN_PROPORTION = (
     "in proportion to the torques' scale, whose error is not in their standard errors"  # of a load
 )
 BIASED = 1e-4  # tuned: share of a parameter that a time basis may move unmentioned
-FEW = 3.0  # level: equations a parameter below which values follow the noise
 SHORT, USUAL = 10.0, 30.0  # level: the same: below the first a log is called short; what is advised
 POOR = 1e3  # level: condition number above which the motion excites some base parameter poorly
 LEAST_MASS = 1e-9  # range: kg below which a body with first moments cannot be written in a URDF
@@ -49,26 +48,6 @@ BETTER, EVERYWHERE = 0.1, 0.02
 POSSIBLE = -1e-6  # numerics: of a body's largest eigenvalue: what rounding may leave below zero
 Errors = Mapping[str, Error]  # by joint
 Effects = Sequence[EffectValues]
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that a person should know."""
-
-    code: str  #: of its kind, such as `negative`
-    meaning: str  #: a sentence
-    remedy: str = ""  #: what to do about it
-    where: tuple[str, ...] = ()  #: joints, bodies, parameters or logs that it is about
-    number: float | None = None  #: what was measured, if it is that, …
-    threshold: float | None = None  #: … and from which value on it is mentioned
-
-    def __str__(self) -> str:
-        return f"{self.meaning}; {self.remedy}" if self.remedy else self.meaning
-
-
-def note(text: str) -> Finding:
-    """Return a finding of words alone."""
-    return Finding("note", text)
 
 
 def findings_of(
@@ -103,10 +82,10 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         wanted = two_digits(seconds * USUAL * rank / max(rows, 1))
         remedy = f"log about {wanted} s of varied motion instead of {two_digits(seconds)} s"
         text = f"{rows} equations for {rank} parameters"
-        if rows < FEW * rank:
+        if rows < FEWEST_EQUATIONS * rank:
             text = f"only {text}: these values and errors mean nothing"
             remedy += ", or make less unknown ([parameters] unknown)"
-            yield Finding("few equations", text, remedy, (), rows / rank, FEW)
+            yield Finding("few equations", text, remedy, (), rows / rank, FEWEST_EQUATIONS)
         else:
             text = f"a short log: {text}, so values and errors are rough"
             yield Finding("short log", text, remedy, (), rows / rank, SHORT)

@@ -10,16 +10,17 @@ from itertools import pairwise
 import numpy as np
 
 from ident.display import Progress, part, quiet
+from ident.equations.problem import Problem, information_of
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
+from ident.faults.channel_checks import copies
 from ident.files import Written
-from ident.fit.channel_checks import copies
+from ident.finding import Finding
 from ident.fit.consistency import nearest_possible, possible_bodies
 from ident.fit.files import Saved
-from ident.fit.findings import Finding, basis_bias, findings_of, predicts_better
+from ident.fit.findings import basis_bias, findings_of, predicts_better
 from ident.fit.likelihood import Likelihood, weighed
 from ident.fit.prediction import Prediction
-from ident.fit.problem import Problem, information_of
 from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import beyond_bounds, working_point

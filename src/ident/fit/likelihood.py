@@ -25,9 +25,9 @@ from ident.equations.motion_noise import (
     rows_cutoff,
     torque_noise,
 )
+from ident.equations.problem import Problem, stacks_information
 from ident.errors import FitError
-from ident.fit.findings import Finding
-from ident.fit.problem import Problem, stacks_information
+from ident.finding import Finding
 from ident.information.chance import LOUD, MATTERS
 from ident.information.estimate import Estimate, estimate
 from ident.motion import Motion, State

@@ -23,10 +23,10 @@ import numpy as np
 
 from ident.display import Plotted
 from ident.equations.filter import STANDING, STICKING, Decimator
+from ident.equations.problem import Problem
 from ident.equations.rows import Scene, in_motion, informing, largest_transmission
 from ident.equations.terms import RIGID, WRENCHES
 from ident.equations.unknowns import NOTHING, Point
-from ident.fit.problem import Problem
 from ident.information import linear
 from ident.information.blocks import Squares
 from ident.information.estimate import MATERIAL, Estimate

@@ -17,10 +17,10 @@ import numpy as np
 
 from ident.display import Displayed, Plotted, render
 from ident.equations.motion_noise import noise_floor
+from ident.equations.problem import block_edges, too_short
 from ident.errors import FitError
 from ident.fit import residual_maps
 from ident.fit.prediction import Prediction, Trace, predict
-from ident.fit.problem import block_edges, too_short
 from ident.fit.values import Model
 from ident.information.blocks import Error, Squares
 from ident.information.chance import LOUD, credible_t, paired

@@ -27,7 +27,8 @@ from itertools import pairwise
 import numpy as np
 
 from ident.equations.filter import Decimator
-from ident.fit.findings import Finding
+from ident.faults.channel_fits import SAME_SHAPE
+from ident.finding import Finding
 from ident.fit.prediction import Trace
 from ident.information.blocks import Part
 from ident.information.chance import surrogates
@@ -218,9 +219,6 @@ def depends_on(
     return sorted(found, key=lambda each: -each.r2), threshold
 
 
-# tuned: correlation of what is alike: periods of a motion, torques (URDFs 15 % off: 0.998, a load:
-# 0.92)
-ALIKE = 0.98
 APART = 0.5  # level: likeness below which the motion has left where it was
 MOVING = 0.05  # tuned: share of samples in which a joint moves, for it to count
 FINE = 16  # work: samples a period of the motion's bandwidth, from which periods are found
@@ -319,7 +317,7 @@ def period_of(e: State, joints: np.ndarray, bandwidth: float) -> float | None:
         return None
     likeness = np.min([_likeness(y[:, i]) for i in joints[moves]], axis=0)
     inner = likeness[1:-1]
-    peak = (inner >= likeness[:-2]) & (inner >= likeness[2:]) & (inner >= ALIKE)
+    peak = (inner >= likeness[:-2]) & (inner >= likeness[2:]) & (inner >= SAME_SHAPE)
     away = np.flatnonzero(likeness < APART)
     lags = 1 + np.flatnonzero(peak)
     lags = lags[lags > away[0]] if len(away) else lags[:0]

@@ -14,15 +14,16 @@ import polars as pl
 from ident.display import render
 from ident.effects import Effect
 from ident.effects.effect import Found
+from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, one_of
-from ident.fit.channel_fits import SMALL
+from ident.faults.channel_fits import SMALL
+from ident.faults.data_checks import DataChecks, Health
+from ident.finding import Finding
 from ident.fit.consistency import Binding
-from ident.fit.data_checks import DataChecks, Health
-from ident.fit.findings import Finding, unexcited
+from ident.fit.findings import unexcited
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Prediction, Reactions, identifiable_multipliers, predict
-from ident.fit.problem import Problem
 from ident.fit.residual import Charted, Residual, floor_of, residual_of
 from ident.fit.residual_maps import Periods, period_of
 from ident.fit.values import (

@@ -17,10 +17,11 @@ import numpy as np
 
 from ident.display import Progress, quiet
 from ident.effects import Effect
+from ident.equations.problem import Problem
 from ident.equations.rows import check_needs
+from ident.equations.table import Table
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
-from ident.fit.problem import Problem, Table
 from ident.information import linear
 from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism

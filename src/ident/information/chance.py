@@ -56,6 +56,7 @@ MINE = 0.1  # tuned: share of a fall or a lever, with which a coordinate belongs
 # good logs are 0.5 to 1.3 times the sensors' noise
 BEYOND = 3.0
 LEAVES = 0.3  # tuned: relative error at which nothing is explained: no cause or closure leaves it
+FEWEST_EQUATIONS = 3.0  # level: equations a parameter below which values follow the noise
 FEWEST_SQUARES = 3.0  # level: ν below which the t-distribution's width means nothing
 
 Times = Sequence[tuple[int, int]]  # (log, block)

@@ -11,9 +11,10 @@ from pathlib import Path
 
 from ident.display import acceptable, folder, inputs
 from ident.effects import Effect
-from ident.fit.data_checks import Health
-from ident.fit.faults import UNITS
-from ident.fit.findings import DRIVING, Finding
+from ident.faults.data_checks import Health
+from ident.faults.fault import UNITS
+from ident.finding import Finding
+from ident.fit.findings import DRIVING
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.information.chance import LEAVES

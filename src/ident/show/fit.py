@@ -10,8 +10,8 @@ import numpy as np
 
 from ident.display import renders
 from ident.errors import FitError
+from ident.faults.data_checks import Health
 from ident.fit.consistency import Binding
-from ident.fit.data_checks import Health
 from ident.fit.files import Saved, write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Reactions, predict

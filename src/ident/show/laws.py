@@ -12,7 +12,7 @@ from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Diagnosis, Law
 from ident.display import folder
 from ident.effects import KINDS, Effect, Unknown
-from ident.fit.channel_fits import HALF
+from ident.faults.channel_fits import HALF
 from ident.fit.values import Value
 from ident.information import linear
 from ident.show.card import body_words

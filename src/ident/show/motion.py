@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from ident.display import renders, running
+from ident.equations.problem import information_of
 from ident.equations.unknowns import Columns
 from ident.errors import FitError, MechanismError
+from ident.faults.channel_checks import RARE, log_findings
 from ident.files import version
-from ident.fit.channel_checks import RARE, log_findings
-from ident.fit.findings import POOR, Finding, excitation
+from ident.finding import Finding
+from ident.fit.findings import POOR, excitation
 from ident.fit.identify import identify
-from ident.fit.problem import information_of
 from ident.fit.shapes import initial
 from ident.fit.values import absorbed_by, base_names
 from ident.information.chance import LEAVES

@@ -9,9 +9,10 @@ from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.selection import Evidence
 from ident.effects import KINDS, Effect
 from ident.effects.library import named
+from ident.finding import Finding
 from ident.fit import Fit
 from ident.fit.files import Saved
-from ident.fit.findings import DRIVING, NEGATIVE_VALUE, Finding
+from ident.fit.findings import DRIVING, NEGATIVE_VALUE
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.show.card import MATERIAL, NOISY, spoiling, too_large

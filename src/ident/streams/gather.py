@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from ident.display import Displayed, quiet, render
+from ident.equations.problem import Problem
 from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.files import check_writable
+from ident.finding import Finding, note
 from ident.fit import Fit
 from ident.fit.files import multipliers_rows, write_fit
-from ident.fit.findings import Finding, note
 from ident.fit.identify import estimate_of, fit_of
 from ident.fit.likelihood import share_of_motion
 from ident.fit.prediction import Reactions, identifiable_multipliers
-from ident.fit.problem import Problem
 from ident.fit.shapes import working_point
 from ident.information.blocks import Block, Error, Information, Key, summed
 from ident.information.chance import MATTERS

@@ -17,11 +17,11 @@ import polars as pl
 from ident.diagnosis import Diagnosis, diagnose
 from ident.diagnosis.candidates import Decision
 from ident.display import Displayed, Progress, part, render
+from ident.equations.problem import Problem
 from ident.errors import FitError, check_whole
+from ident.faults.disagreements import Disagreement, OwnFits, disagreements
 from ident.files import json_bytes
 from ident.fit import identify
-from ident.fit.disagreements import Disagreement, OwnFits, disagreements
-from ident.fit.problem import Problem
 from ident.information.chance import ALPHA, RIVAL
 from ident.information.estimate import MATERIAL
 from ident.log.read import distinct

@@ -22,14 +22,14 @@ import numpy as np
 
 from ident.display import Displayed, render
 from ident.equations.motion_noise import noise_floor
+from ident.equations.problem import plausible_of
 from ident.equations.rows import Rows, Scene, row_supports
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, IdentError, LogError, MotionError, one_of
+from ident.faults.data_checks import TIMES
+from ident.finding import Finding
 from ident.fit import Fit, identify
-from ident.fit.data_checks import TIMES
-from ident.fit.findings import Finding
 from ident.fit.prediction import identifiable_multipliers
-from ident.fit.problem import plausible_of
 from ident.fit.shapes import working_point
 from ident.fit.values import BaseValue, ParameterValues, Value
 from ident.information.blocks import Error, Squares

@@ -28,14 +28,14 @@ import numpy as np
 import pinocchio as pin
 
 from ident.equations.filter import Decimator
+from ident.equations.problem import block_edges, triangles
 from ident.equations.rows import Scene, row_supports, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, IdentError, MotionError, one_of
+from ident.faults.channel_checks import log_findings
 from ident.files import atomic_write, regular, version
-from ident.fit.channel_checks import log_findings
-from ident.fit.findings import Finding
+from ident.finding import Finding
 from ident.fit.prediction import predict
-from ident.fit.problem import block_edges, triangles
 from ident.information.blocks import Block, summed
 from ident.information.linear import Triangle
 from ident.log import Log

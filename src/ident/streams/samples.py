@@ -2,7 +2,7 @@
 
 `DataWatch`: what the channels show: dead, clipped, held, frozen, …, window by window.
 
-The checks are those of a whole log (`fit/channel_checks.py`), on the last seconds. A joint that
+The checks are those of a whole log (`faults/channel_checks.py`), on the last seconds. A joint that
 rests in a window is not judged: its torque may well be constant or noise.
 """
 
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from ident.errors import LogError, MotionError, one_of
-from ident.fit.channel_checks import log_findings
-from ident.fit.findings import Finding
+from ident.faults.channel_checks import log_findings
+from ident.finding import Finding
 from ident.fit.residual_maps import MOVING
 from ident.log import Column, Log
 from ident.mechanism.mechanism import Mechanism

@@ -24,10 +24,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.equations.filter import STICKING, Decimator
+from ident.equations.problem import LENGTH, blocks_of
 from ident.equations.rows import WIDER, Rows, Scene, rows
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MotionError
-from ident.fit.problem import LENGTH, blocks_of
 from ident.information.blocks import Block, Information
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism, Multipliers

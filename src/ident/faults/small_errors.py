@@ -25,8 +25,8 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.equations.rows import largest_transmission, of_joints
-from ident.fit.channel_fits import HALF, ROUNDING, ROUNDS, SMALL, columns_of
-from ident.fit.problem import Table
+from ident.equations.table import Table
+from ident.faults.channel_fits import HALF, ROUNDING, ROUNDS, SMALL, columns_of
 from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.chance import RIVAL, credible_t, zscore

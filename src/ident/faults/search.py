@@ -18,11 +18,12 @@ from operator import attrgetter
 import numpy as np
 
 from ident.effects import Effect
+from ident.equations.problem import Problem
+from ident.equations.table import Table
 from ident.errors import IdentError
-from ident.fit.channel_fits import DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
-from ident.fit.faults import CLOCKS, Fault, Moved, motion_faults, scale_of_torque, torque_faults
-from ident.fit.problem import Problem, Table
-from ident.fit.small_errors import away_from_reversals
+from ident.faults.channel_fits import DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
+from ident.faults.fault import CLOCKS, Fault, Moved, motion_faults, scale_of_torque, torque_faults
+from ident.faults.small_errors import away_from_reversals
 from ident.information.chance import LEAVES, LOUD, RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array

@@ -1,7 +1,7 @@
 """What may be wrong with the data behind a fit, before any missing effect is named.
 
 Channels are judged by their own samples (`channel_checks`), torques and motions as hypotheses in
-the rows of the fit (`fault_search`); beside these, hints on units and on small errors.
+the rows of the fit (`faults.search`); beside these, hints on units and on small errors.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ import numpy as np
 
 from ident.display import Displayed
 from ident.equations.motion_noise import noise_floor
-from ident.fit import small_errors
-from ident.fit.channel_checks import log_findings
-from ident.fit.channel_fits import DOUBT, HALF, SMALL, columns_of
-from ident.fit.disagreements import differing_logs
-from ident.fit.fault_search import FaultSearch
-from ident.fit.faults import exact_factor, fault_finding, log_entry
-from ident.fit.findings import FEW, Finding
-from ident.fit.problem import Problem, Table
-from ident.fit.residual_maps import ALIKE
-from ident.information.chance import BEYOND, LEAVES, MINE
+from ident.equations.problem import Problem
+from ident.equations.table import Table
+from ident.faults import small_errors
+from ident.faults.channel_checks import log_findings
+from ident.faults.channel_fits import DOUBT, HALF, SAME_SHAPE, SMALL, columns_of
+from ident.faults.disagreements import differing_logs
+from ident.faults.fault import exact_factor, fault_finding, log_entry
+from ident.faults.search import FaultSearch
+from ident.finding import Finding
+from ident.information.chance import BEYOND, FEWEST_EQUATIONS, LEAVES, MINE
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.text import listed, percent, some, two_digits
@@ -243,7 +243,7 @@ class DataChecks(FaultSearch):
             like = max(_cosine(now, then), _cosine(fitted, own))  # bodies may stand in for those
             if np.linalg.norm(own) > SMALL * sizes[1] and (c := _cosine(own, logged)) > LIKE:
                 gains[name], alike = float(own @ logged / (own @ own)), min(alike, c)
-            many = self.estimate.triangle.rows > FEW * self.estimate.base.rank
+            many = self.estimate.triangle.rows > FEWEST_EQUATIONS * self.estimate.base.rank
             least = LEAVES * float(np.linalg.norm(tau))
             if not (many and sizes[0] > least and self.errors[name] < LEAVES):
                 continue
@@ -265,7 +265,7 @@ class DataChecks(FaultSearch):
         if turned:
             yield self._turned(turned)
         logs = np.log(list(gains.values()))
-        one = len(gains) > 1 and np.ptp(logs) < SAME and alike > ALIKE
+        one = len(gains) > 1 and np.ptp(logs) < SAME and alike > SAME_SHAPE
         least = OTHER if one else BEYOND
         far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}
         several = 2 * len(far) >= len(self.use.T) and len({x > 1 for x in far.values()}) == 1

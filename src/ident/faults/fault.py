@@ -17,7 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from ident.effects import KINDS
-from ident.fit.findings import Finding
+from ident.finding import Finding
 from ident.information.linear import Array
 from ident.log import Column
 from ident.mechanism.description import is_rotational, joint_axis

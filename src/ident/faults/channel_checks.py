@@ -14,8 +14,8 @@ from itertools import combinations
 
 import numpy as np
 
-from ident.fit.channel_fits import SMALL
-from ident.fit.findings import Finding
+from ident.faults.channel_fits import SMALL
+from ident.finding import Finding
 from ident.information.chance import BEYOND
 from ident.information.linear import Array
 from ident.log import Log

@@ -22,11 +22,11 @@ from functools import cached_property
 
 import numpy as np
 
+from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns
-from ident.fit.channel_fits import DOUBT, HALF
-from ident.fit.fault_search import AS_WELL
-from ident.fit.findings import Finding
-from ident.fit.problem import Problem
+from ident.faults.channel_fits import DOUBT, HALF
+from ident.faults.search import AS_WELL
+from ident.finding import Finding
 from ident.information import linear
 from ident.information.blocks import Information, Squares
 from ident.information.chance import ALPHA, FEWEST_SQUARES, PARSIMONY, held_out, long_run, scores

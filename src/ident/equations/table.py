@@ -1,0 +1,191 @@
+"""The rows themselves, where many columns meet the same rows, and further effects' columns in them.
+
+    A x + C c = b          A, b: the model's rows, C: a candidate's, through the same filter
+
+For searching shapes and judging candidates: they decide, they are not fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.effects import Effect, Signals
+from ident.equations.filter import Decimator, Product, multiplied, products
+from ident.equations.rows import Rows, Scene, beside, corrected, residual, rows
+from ident.equations.terms import Samples
+from ident.equations.unknowns import Columns, Point
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+
+TABLE = 20_000  # work: rows; of more, one in so many is kept: they decide, they are not fitted
+BLOCKS = 20  # work: of time, in all experiments together
+SMOOTH = 16.0  # numerics: samples a period of the cut-off at which sensitivities are evaluated
+COARSE = 8.0  # numerics: the same, at least, from which formulas are screened
+
+
+@dataclass(frozen=True, eq=False)
+class Table(Rows):
+    """The rows of all experiments; `sample` is an index into the row's experiment."""
+
+    experiment: np.ndarray  #: (n,) its number
+    mechanism: Mechanism
+    columns: Columns
+    motion: Motion
+    point: Point
+    scenes: tuple[Scene, ...]  #: one an experiment
+    every: int = 1  #: of so many samples one is evaluated for columns
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point) -> Table:
+        """Return the rows of a model at a working point."""
+        cutoff = motion.band.cutoff
+        scenes = tuple(Scene.of(mechanism, columns, e, point, cutoff) for e in motion.experiments)
+        expected = sum(len(s.e) // Decimator.of(cutoff, s.e.rate).factor for s in scenes)
+        every = max(1, -(-expected // TABLE))
+        parts, number = [], []
+        for i, scene in enumerate(scenes):
+            for piece in rows(scene, cutoff):
+                parts.append(piece[::every])
+                number.append(np.full(len(parts[-1]), i))
+        r = Rows.joined(parts)
+        return cls(
+            r.t, r.sample, r.A, r.b, r.tau, r.informed, r.moving, np.concatenate(number),
+            mechanism, columns, motion, point, scenes,
+        )  # fmt: skip
+
+    @cached_property
+    def blocks(self) -> np.ndarray:
+        """(N,) numbers of stretches of time, about BLOCKS in all, none over two experiments."""
+        each = max(2, -(-BLOCKS // len(self.scenes)))
+        found = np.empty(len(self.t), dtype=int)
+        for number in range(len(self.scenes)):
+            mine = self.experiment == number
+            found[mine] = number * each + np.arange(mine.sum()) * each // max(mine.sum(), 1)
+        return found
+
+    @cached_property
+    def coarse(self) -> Table:
+        """The same rows, with columns from fewer samples, the rows among them. Columns with steps
+        are off at reversals: of dry friction by 0.2 % (rms) on the TX40, by 7 % on a five-bar.
+        """
+        own = (self.sample[self.experiment == i] for i in range(len(self.scenes)))
+        step = int(np.gcd.reduce(np.concatenate([np.diff(at) for at in own])))
+        cutoff = self.motion.band.cutoff
+        most = min(s.e.rate for s in self.scenes) / (COARSE * cutoff) if cutoff else 1
+        return replace(self, every=max(k for k in range(1, int(max(most, 1)) + 1) if step % k == 0))
+
+    def filtered(self, number: int, x: np.ndarray) -> np.ndarray:
+        """Return a series x (n, …) of an experiment's `samples`, in its rows (N_e, …)."""
+        at, found = self._products[number]
+        if not found:
+            return x[at]
+        flat = multiplied(found, x.reshape(len(x), -1))
+        return flat.reshape(len(flat), *x.shape[1:])
+
+    @cached_property
+    def _products(self) -> list[tuple[np.ndarray, list[Product]]]:
+        """Samples (N_e,) of the rows of each experiment, and the products that filter a series."""
+        found = []
+        for number, scene in enumerate(self.scenes):
+            at, n = self.sample[self.experiment == number] // self.every, self.every
+            whole = Decimator.of(self.motion.band.cutoff, scene.e.rate)
+            taps = None if whole.taps is None else n * whole.taps[whole.half % n :: n]
+            found.append((at, [] if taps is None else products(taps, at)))
+        return found
+
+    def effect_columns(
+        self, effect: Effect, shapes: Sequence[Mapping[str, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return columns (N, c, numbers · shapes) of an effect at shapes, and the c coordinates."""
+        d = self.b.shape[1]
+        if effect.corrects:
+            names = [each.name for each in effect.searched]
+            S = [self.sensitivity(effect, shape, name) for shape in shapes for name in names]
+            return np.stack(S, axis=-1), np.arange(d)
+        own_rows = effect.local and not self.mechanism.closures
+        joints = [self.mechanism.joint(name).index for name in effect.joints] if own_rows else ()
+        felt, u = np.array(joints) if own_rows else np.arange(d), len(effect.unknowns)
+        series = []
+        for number, s in enumerate(self.samples):
+            found = []
+            for shape in shapes:
+                out = s.columns(effect, shape) if own_rows else np.zeros((len(s), len(felt), u))
+                if not own_rows:
+                    s.add_effect(out, effect, np.eye(u), shape)
+                found.append(self.filtered(number, out))
+            series.append(np.concatenate(found, axis=2))
+        return np.concatenate(series), felt
+
+    def sensitivity(self, effect: Effect, shape: Mapping[str, float], name: str) -> np.ndarray:
+        """Return S (N, d) of one shape of a correcting effect, at a shape, in the table's rows."""
+        others = {f: shape[each.name] for f, each in zip(effect.names, effect.shapes, strict=True)}
+        series = []
+        cutoff = self.motion.band.cutoff
+        for number, scene in enumerate(self.scenes):
+            grown, point = scene.mechanism + effect, self.point.with_values(others)
+            bare = replace(self.thin[number], mechanism=grown, point=point)
+            h, moved = beside(bare, effect, name, cutoff, effect)
+            still = not effect.unknowns and not any(shape.values())  # it corrects nothing yet
+            at = self.thin[number] if still else corrected(bare, cutoff, effect)
+            S, t = (residual(at) - residual(moved)) / h, scene.e.t
+            if len(S) != len(t):
+                from scipy.interpolate import CubicSpline  # takes 0.2 s to import
+
+                S = CubicSpline(bare.e.t, S)(t)
+            series.append(self.filtered(number, S[self.samples[number].part]))
+        return np.concatenate(series)
+
+    @cached_property
+    def thin(self) -> tuple[Samples, ...]:
+        """The experiments with as few samples as smooth series allow, given the rows' filter."""
+        most = SMOOTH * (self.motion.band.cutoff or np.inf)  # samples a second
+        states = (s.e.thinned(max(1, int(s.e.rate / most))) for s in self.scenes)
+        both = zip(self.scenes, states, strict=True)
+        return tuple(replace(s.whole, e=e, memo={}) for s, e in both)
+
+    @cached_property
+    def samples(self) -> tuple[Samples, ...]:
+        """The samples of which columns are evaluated: all, or one in so many, rows among them."""
+        found = []
+        for number, scene in enumerate(self.scenes):
+            first = int(self.sample[self.experiment == number][:1].sum())
+            some = slice(first % self.every, None, self.every)
+            found.append(scene.whole.reduced(some if self.every > 1 else slice(None)))
+        return tuple(found)
+
+    def starts(self, effect: Effect) -> list[Mapping[str, float]]:
+        """Return the shapes at which a search starts, known ones at their values."""
+        signals = self.pooled(effect)
+        known = {s.name: effect.values[s.name] for s in effect.shapes if s.name in effect.values}
+        found = ({**start, **known} for start in effect.starts(signals))
+        return [dict(x) for x in dict.fromkeys(tuple(sorted(each.items())) for each in found)]
+
+    def bounds(self, effect: Effect) -> dict[str, tuple[float, float]]:
+        """Return the bounds of every shape, over all experiments."""
+        shape = {each.name: 0.0 for each in effect.shapes}
+        return dict(effect.bounds(replace(self.pooled(effect), shape=shape)))
+
+    def pooled(self, effect: Effect) -> Signals:
+        """Return the effect's signals of all experiments joined: for ranges, not for time."""
+        each = [s.signals(effect.joints) for s in self.samples]
+        if len(each) == 1:
+            return each[0]
+
+        def joined(name: str) -> np.ndarray:
+            return np.concatenate([getattr(s, name) for s in each])
+
+        everywhere = [name for name in each[0].extra if all(name in s.extra for s in each)]
+        return replace(
+            each[0],
+            t=np.concatenate([s.t - s.t[0] for s in each]),  # of each log's own beginning
+            extra={name: np.concatenate([s.extra[name] for s in each]) for name in everywhere},
+            still=np.min([s.still for s in each], axis=0),
+            predicted=lambda: (joined("torque"), joined("load")),
+            q=joined("q"),
+            v=joined("v"),
+            a=joined("a"),
+        )
