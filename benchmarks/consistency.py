@@ -243,7 +243,7 @@ def _ratio(fit: ident.Fit, free: ident.Fit) -> float:
 def _true_error(free: ident.Fit, truth: dict[str, float]) -> float:
     """Of the true parameters on the fitted log, over the held-out error; joints weighed alike."""
     x = np.array([truth[name] for name in free.columns.names])
-    error, _, rows = free.information.squares(x).judged
+    error, _, rows = free.information.squares(x).counted
     true = np.sqrt(error / np.maximum(rows, 1))
     held_out = np.array([error.rms for error in free.held_out.values()])
     return float(np.sqrt(np.mean((true / held_out) ** 2)))

@@ -390,7 +390,7 @@ def monte_carlo(
     workers = Workers(jobs, scheduler, False, progress)
     tasks = [(ratio, run) for run in range(runs) for ratio in ratios]
     names = [f"run {run} at {ratio:g} dB" for ratio, run in tasks]
-    done = workers.over(TrialPlan.rows, tasks, plan, names, "runs")
+    done = workers.run(TrialPlan.rows, tasks, plan, names, "runs")
     rows: TrialRows = ([], [], [])
     count = 0
     try:

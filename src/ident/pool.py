@@ -133,7 +133,7 @@ class Workers:
         """Return the same workers for a part of the work, between two shares of the whole."""
         return replace(self, on_progress=part(self.on_progress, start, end))
 
-    def over(
+    def run(
         self,
         function: Callable[[Any, Any], Any],
         tasks: Sequence[Any],
@@ -149,15 +149,15 @@ class Workers:
         early: dict[int, Any] = {}
         at = 0
         with contextlib.closing(done):
-            for count, each in enumerate(done, start=1):
+            for count, item in enumerate(done, start=1):
                 if self.on_progress:
                     self.on_progress(what, count / len(tasks))
-                if each.error is not None:
+                if item.error is not None:
                     if self.alone:
-                        raise IdentError(each.error)
-                    name = names[each.index]
-                    self.broken.setdefault(name, each.error.removeprefix(f"{name}: "))
-                early[each.index] = each.value
+                        raise IdentError(item.error)
+                    name = names[item.index]
+                    self.broken.setdefault(name, item.error.removeprefix(f"{name}: "))
+                early[item.index] = item.value
                 while at in early:
                     yield tasks[at], early.pop(at)
                     at += 1
@@ -166,11 +166,11 @@ class Workers:
 @cache
 def versions() -> dict[str, str]:
     """Return the versions that must be equal on all machines, by name."""
-    found = {"ident": version(), "Python": ".".join(platform.python_version_tuple()[:2])}
+    versions_found = {"ident": version(), "Python": ".".join(platform.python_version_tuple()[:2])}
     for name, packages in NUMERICAL.items():
         known = filter(None, (version(package, "") for package in packages))
-        found[name] = next(known, "of an unknown version")
-    return found
+        versions_found[name] = next(known, "of an unknown version")
+    return versions_found
 
 
 def _outcome(function: Function, common: Any, task: Any) -> tuple[Any, str | None]:
@@ -352,8 +352,8 @@ def _client(scheduler: str) -> Iterator[Any]:
         try:
             client.wait_for_workers(1, timeout=ANSWER)
         except TimeoutError:
-            some = f"dask worker {scheduler} --nworkers 4 --nthreads 1"
-            raise _fault(scheduler, f"has no workers; start some: {some}") from None
+            command = f"dask worker {scheduler} --nworkers 4 --nthreads 1"
+            raise _fault(scheduler, f"has no workers; start some: {command}") from None
         try:
             client.run(_check_worker, versions())
         except UnfitWorker:
@@ -368,10 +368,10 @@ def _client(scheduler: str) -> Iterator[Any]:
 
 def _check_worker(ours: dict[str, str]) -> None:
     """Raise UnfitWorker on a worker that has other versions."""
-    for package, theirs in versions().items():
-        if theirs != ours.get(package, theirs):
+    for package, other in versions().items():
+        if other != ours.get(package, other):
             raise UnfitWorker(
-                f"worker on {platform.node()}: has {package} {theirs}, here it is "
+                f"worker on {platform.node()}: has {package} {other}, here it is "
                 f"{ours[package]}; install the same on both"
             )
 

@@ -40,12 +40,12 @@ HOW = ["one by one", "blocks", "whole"]
 
 def together(parts: list[Rows]) -> Rows:
     """Rows one after the other."""
-    return Rows.joined(parts)
+    return Rows.concatenated(parts)
 
 
 def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> Rows:
     """The rows of some samples, unfiltered; `farthest` is `largest_transmission` of the state."""
-    s, found = scene.whole.reduced(part), scene.terms(part)
+    s, found = scene.samples.reduced(part), scene.terms(part)
     farthest = largest_transmission(scene.e) if farthest is None else farthest
     informed = informing(s, farthest)
     moving = informed & in_motion(s, farthest)

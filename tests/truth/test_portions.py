@@ -211,7 +211,7 @@ def test_the_order_in_which_portions_end_changes_no_bit(arm, run, monkeypatch):
     for _ in range(3):
         ended = [Done(int(i), done[i]) for i in rng.permutation(len(done))]
         monkeypatch.setattr(pool, "spread", lambda *_, ended=ended, **__: (x for x in ended))
-        over = pool.Workers().over(absorbed, done, plan, ["log"] * len(done), "rows")
+        over = pool.Workers().run(absorbed, done, plan, ["log"] * len(done), "rows")
         cells = list(summed({}, (block for _, (blocks, *_) in over for block in blocks)).values())
         first = first or cells
         for one, other in zip(first, cells, strict=True):

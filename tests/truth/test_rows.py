@@ -131,7 +131,7 @@ def test_reduced_terms_are_the_projected_generalised_terms(name, form, robots):
     (e,) = complete(mechanism, log).experiments
     scene, part = Scene.of(mechanism, Columns.of(mechanism), e), slice(10, 60)
     whole, left = scene.terms(part, full=True), scene.terms(part)
-    u = scene.whole.reduced(part)
+    u = scene.samples.reduced(part)
     for one, other in ((whole.A, left.A), (whole.b, left.b), (whole.tau, left.tau)):
         np.testing.assert_allclose(u.reduce(one), other, atol=1e-9 * np.abs(other).max())
 

@@ -66,14 +66,14 @@ def test_a_shapes_column_is_the_slope_of_the_torque(text):
     found = scene.terms(slice(None))
     place = scene.columns.index[f"{text.replace(':', '.')}.{name}"]
     row = mechanism.joint("elbow").index
-    s = scene.whole.reduced(slice(None)).signals(("elbow",))
+    s = scene.samples.reduced(slice(None)).signals(("elbow",))
     if formula is not None:
         slope = formula(s)[:, 0]
     else:  # by a far smaller step than the equations take
         shape = {p.name: given[p.name] for p in effect.shapes}
         h = 1e-6 * given[name]
-        beside = [scene.whole.reduced(slice(None)).columns(effect, {**shape, name: given[name] + d})
-                  for d in (h, -h)]  # fmt: skip
+        s = scene.samples.reduced(slice(None))
+        beside = [s.columns(effect, {**shape, name: given[name] + d}) for d in (h, -h)]
         slope = (beside[0] - beside[1])[:, 0, 0] * given["sigma"] / (2 * h)
     S = found.A[:, row, place]
     smooth = np.abs(s.v[:, 0]) > s.still[0]

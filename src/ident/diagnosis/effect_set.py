@@ -259,10 +259,10 @@ def _impossible(member: Member, bare: PartialRegression, last: Ranking) -> Effec
     explains, or explains twice the squares of the member's joint: the cause is unknown.
     """
     assert member.evidence is not None
-    mended, u = set(member.evidence.refit.mends), member.evidence.coordinate
+    mended, u = set(member.evidence.refit.affected_coordinates), member.evidence.coordinate
     for each in last.evidence:
         more = each.gain > max(each.limit, member.gain)
-        if each.sensible or not more or not mended & set(each.refit.mends):
+        if each.sensible or not more or not mended & set(each.refit.affected_coordinates):
             continue
         groups = next(c for c in last.contest.candidates if c.effect == each.effect).groups
         columns = groups[last.gains[each.effect.label][2]]

@@ -113,7 +113,7 @@ def curve_of(
     half = BAND * np.sqrt(noise * np.einsum("nu,uv,nv->n", B, inverse, B))
     weights = [beside.weight[part.coordinate] for part in beside.parts]
     whole = sum(float(np.sum((c @ theta * w) ** 2)) for w, c in zip(weights, C, strict=True))
-    compare = LossComparison(refit.mends, contest.decision.rival_se)
+    compare = LossComparison(refit.affected_coordinates, contest.decision.rival_se)
     depends, independent = _signals(contest, C, mine, effect, limit)
     return FoundCurve(
         effect, joint, x, torque, torque - half, torque + half,

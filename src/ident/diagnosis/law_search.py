@@ -342,7 +342,9 @@ class LawSearch:
 
     def explained(self, best: FittedFormula) -> bool:
         """Whether a formula leaves no more than noise in the coordinates that it mends."""
-        return bool((best.refit.loss.sum(axis=0) < self.noise)[best.refit.mends].all())
+        return bool(
+            (best.refit.loss.sum(axis=0) < self.noise)[best.refit.affected_coordinates].all()
+        )
 
     def extended(self, before: FittedFormula | None) -> list[FittedFormula]:
         """The best formulas with one term more; all terms are screened beside those before."""

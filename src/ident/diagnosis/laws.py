@@ -19,7 +19,7 @@ from ident.diagnosis.selection import MOST, Ranking
 from ident.display import part
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
-from ident.equations.rows import ROUNDING, largest_transmission
+from ident.equations.rows import IMMOBILE, largest_transmission
 from ident.information.chance import LOUD, PARSIMONY, paired
 from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.information.projection import EXACT
@@ -73,14 +73,14 @@ class FoundLaw:
 
 @dataclass(frozen=True, eq=False)
 class LossComparison:
-    """Left-out squares of models in the coordinates that a law mends."""
+    """Left-out squares of models in the coordinates that a law affected_coordinates."""
 
-    mends: list[int]  # these coordinates
+    affected_coordinates: list[int]  # these coordinates
     rival_se: float  # standard errors of paired blocks within which two are equal
 
     def loss(self, losses: Array) -> Array:
         """(blocks,) of losses (blocks, d)."""
-        return np.asarray(losses[:, self.mends].sum(axis=1))
+        return np.asarray(losses[:, self.affected_coordinates].sum(axis=1))
 
     def ratio(self, worse: Array, best: Array) -> float:
         """Return how many times larger the left-out squares of the first are."""
@@ -173,18 +173,21 @@ def _hint(last: Ranking, joint: str, signals: frozenset[str]) -> float | None:
 
 def _doubtful(selection: Selection, joint: str) -> list[Member]:
     """Members that a law of a joint could replace: what acts on it, but not on all drives in
-    common; in a loop, also what acts on another joint alone and mends the same coordinates.
+    common; in a loop, also what acts on another joint alone and the same
+    coordinates.
     """
     table, felt = selection.contest.table, set[int]()
     at = table.mechanism.joint_index[joint]
     for scene in table.scenes:
         most = largest_transmission(scene.e)
-        here = [at] if most is None else np.flatnonzero(most[at] > ROUNDING * most[at].max())
+        here = [at] if most is None else np.flatnonzero(most[at] > IMMOBILE * most[at].max())
         felt |= {int(u) for u in here}
     found = []
     for m in (m for m in selection.members if not (m.effect.common or m.effect.joined)):
         own = m.evidence if m.effect.local else None
-        if joint in m.effect.joints[:1] or (own and felt.issuperset(own.refit.mends)):
+        if joint in m.effect.joints[:1] or (
+            own and felt.issuperset(own.refit.affected_coordinates)
+        ):
             found.append(m)
     return found
 
@@ -217,7 +220,7 @@ def _law(
     if not found:
         return None
     best = min(found, key=lambda each: float(each.loss.sum()))
-    compare = LossComparison(best.refit.mends, decision.rival_se)
+    compare = LossComparison(best.refit.affected_coordinates, decision.rival_se)
     law = compare.equal(found, ONE_SE)[0]
     equal = compare.equal(found, decision.rival_se)
     # where a cubic does as well as a law, the names stay, and the law stands beside them
@@ -231,7 +234,7 @@ def _law(
         if not _takes_place(law, named, with_names, compare, chance, once):
             return None
     before, after = (float(compare.loss(x).sum()) for x in (regression.losses, law.refit.loss))
-    explained = (before - after) / max(before - noise[compare.mends].sum(), 1e-300)
+    explained = (before - after) / max(before - noise[compare.affected_coordinates].sum(), 1e-300)
     if explained < MOST:
         return None
     whole, gain = one.extended(law.C)[0], regression.gain(law.refit)

@@ -53,7 +53,7 @@ def with_noise(contest: Contest) -> Contest:
     if (errors := contest.fit.known_errors) is not None:
         rows = rows + _of_values(contest, errors, random)
     regression = contest.regression
-    judged = regression.judging([_rows(contest, part, rows) for part in regression.parts])
+    judged = regression.with_targets([_rows(contest, part, rows) for part in regression.parts])
     losses = np.zeros((DRAWS, regression.d))
     for part, x in zip(regression.parts, judged.errors, strict=True):
         losses[:, part.coordinate] += (x**2).sum(axis=0)
@@ -138,7 +138,7 @@ def judging(contest: Contest) -> Contest:
     r = _series(contest, [y[:, :1] for y in regression.residual])[:, :, 0]
     tries = surrogates(r, steps, TRIALS, random, known=contest.use) * contest.use[:, :, None]
     parts = regression.parts
-    tried = regression.judging([_rows(contest, part, tries) for part in parts])
+    tried = regression.with_targets([_rows(contest, part, tries) for part in parts])
     left = _series(contest, tried.residual)
     remaining = [remaining_power(left[run], tries[run]) for run in steps]
     drawn = surrogates(r, steps, SURROGATES, random, remaining, contest.use)
@@ -149,7 +149,7 @@ def judging(contest: Contest) -> Contest:
             x, rms = _rows(contest, part, contest.draws.rows), _rms(_rows(contest, part, r))
             more.append(x * rms / np.maximum(_rms(x), rms))
         Y.append(np.column_stack(more))
-    return contest.beside(regression.judging(Y))
+    return contest.beside(regression.with_targets(Y))
 
 
 def path_shares(

@@ -240,7 +240,9 @@ def weigh(
         found, C, refit = max(ends, key=lambda end: regression.gain(end[2]))
         shape, columns = dict(found), columns[:0]
     torque = np.where(contest.torque > 0, contest.torque, np.inf)
-    size = float(np.sqrt(np.maximum(refit.by, 0.0) / torque)[refit.mends].max(initial=0.0))
+    size = float(
+        np.sqrt(np.maximum(refit.by, 0.0) / torque)[refit.affected_coordinates].max(initial=0.0)
+    )
     left = refit.loss.sum() / max(regression.loss.sum(), 1e-300)
     stderr = refit.stderr * np.sqrt(left)
     plausible = contest.possible(effect, shape)

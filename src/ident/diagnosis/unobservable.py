@@ -170,7 +170,7 @@ def relatives_of(selection: Selection, on_progress: OnProgress) -> tuple[FittedF
     equal: dict[str, FittedFormula] = {}
     for each in found:
         name = each.formula.terms[0].known_as
-        compare = LossComparison(each.refit.mends, rival_se)
+        compare = LossComparison(each.refit.affected_coordinates, rival_se)
         as_good = compare.better(each.refit.loss, whole.losses) < rival_se
         if name and name not in KINDS and as_good and each.determined(bare):
             equal.setdefault(name, each)

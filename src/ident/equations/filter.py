@@ -20,7 +20,7 @@ OVERSAMPLING = 4.0  # level: filtered samples a period of the cut-off
 STICKING = 0.2  # tuned: share of a filtered row that may come from samples that do not inform it
 STANDING = 0.02  # tuned: share of a row in motion that may come from standstill
 CHUNK = 4096  # work: samples that are in memory at once
-ROUNDING = 1e-6  # numerics: of a sample: rates that differ by it are decimated alike
+SAME_RATE = 1e-6  # numerics: of a sample: rates that differ by it are decimated alike
 Product = tuple[slice, np.ndarray]  # samples m, and weights (rows, m) of some filtered rows
 
 
@@ -44,7 +44,7 @@ class Decimator:
         window = np.kaiser(2 * half + 1, beta)
         taps = np.sinc(2 * cutoff / rate * np.arange(-half, half + 1)) * window
         taps /= taps.sum()
-        return cls(taps, max(1, int(rate / (OVERSAMPLING * cutoff) + ROUNDING)))
+        return cls(taps, max(1, int(rate / (OVERSAMPLING * cutoff) + SAME_RATE)))
 
     @property
     def half(self) -> int:
@@ -69,27 +69,29 @@ class Decimator:
             return
         if segment.stop - segment.start <= 2 * self.half:
             return
-        held: list[np.ndarray] = []  # samples from `first` on, of each series, that rows still need
+        pending: list[np.ndarray] = []  # samples from `first` on that rows still need, by series
         first, row = segment.start, segment.start + self.half
         for part in parts:
             series = make(part)
             flat = [(~x if x.dtype == bool else x).reshape(len(x), -1) for x in series]
-            held = [np.concatenate(pair) for pair in zip(held, flat, strict=True)] if held else flat
+            if pending:
+                flat = [np.concatenate(pair) for pair in zip(pending, flat, strict=True)]
+            pending = flat
             at = np.arange(row, part.stop - self.half, self.factor)
             if len(at):
                 row = int(at[-1]) + self.factor
-                weighted, found = products(self.taps, at - first), list[np.ndarray]()
-                for x, y in zip(series, held, strict=True):
+                weighted, outputs = products(self.taps, at - first), list[np.ndarray]()
+                for x, y in zip(series, pending, strict=True):
                     w = products(np.abs(self.taps), at - first) if x.dtype == bool else weighted
-                    found.append(multiplied(w, y).reshape(len(at), *x.shape[1:]))
-                yield at, found
+                    outputs.append(multiplied(w, y).reshape(len(at), *x.shape[1:]))
+                yield at, outputs
             needed = min(row - self.half, part.stop)
-            held, first = [y[needed - first :] for y in held], needed
+            pending, first = [y[needed - first :] for y in pending], needed
 
 
 def products(taps: np.ndarray, at: np.ndarray) -> list[Product]:
     """The products that filter a series at samples `at` (N,); near rows share one."""
-    padded, found = np.concatenate([[0.0], taps, [0.0]]), list[Product]()
+    padded, blocks = np.concatenate([[0.0], taps, [0.0]]), list[Product]()
     first, near, weights = 0, np.zeros(0, int), np.zeros((0, 0))
     while first < len(at):
         last = int(np.searchsorted(at, at[first] + len(taps), side="right"))
@@ -98,14 +100,14 @@ def products(taps: np.ndarray, at: np.ndarray) -> list[Product]:
             near, place = offsets, np.arange(offsets[-1] + len(taps)) - offsets[:, None] + 1
             weights = padded[np.clip(place, 0, len(padded) - 1)]
         start = int(at[first]) - len(taps) // 2
-        found.append((slice(start, start + weights.shape[1]), weights))
+        blocks.append((slice(start, start + weights.shape[1]), weights))
         first = last
-    return found
+    return blocks
 
 
-def multiplied(found: Sequence[Product], x: np.ndarray) -> np.ndarray:
+def multiplied(blocks: Sequence[Product], x: np.ndarray) -> np.ndarray:
     """The filtered series (N, c) of a series x (n, c)."""
-    return np.concatenate([weights @ x[samples] for samples, weights in found])
+    return np.concatenate([weights @ x[samples] for samples, weights in blocks])
 
 
 def filtered_windows(

@@ -73,14 +73,14 @@ def gain(
     known = e.known(mechanism, given)
     for i, name in enumerate(names):
         for order, start in enumerate(("near", "same", "same")):
-            moved = known.copy()
-            series = moved[order][:, given.index(name)]
+            shifted = known.copy()
+            series = shifted[order][:, given.index(name)]
             step = STEP * (float(np.std(series)) or 1.0)
             series += step
-            beside = residual(at(e.at(mechanism, moved, given, start=start)))
-            G[:, :, i, order] = (beside - base) / step
-    whole = Samples(mechanism, e, slice(None), point).reduced(slice(None))
-    G[~informing(whole, largest_transmission(e))] = 0.0
+            perturbed = residual(at(e.at(mechanism, shifted, given, start=start)))
+            G[:, :, i, order] = (perturbed - base) / step
+    samples = Samples(mechanism, e, slice(None), point).reduced(slice(None))
+    G[~informing(samples, largest_transmission(e))] = 0.0
     return G
 
 
@@ -92,15 +92,15 @@ def motion_noise(mechanism: Mechanism, e: State, point: Point, cutoff: float | N
     assert e.smooth is not None
     near, passing = np.zeros(len(e), dtype=bool), Decimator.of(cutoff, e.rate)
     for run, spline in e.smooth.runs:
-        whole = slice(run.start + passing.half, max(run.stop - passing.half, run.start))
+        inner = slice(run.start + passing.half, max(run.stop - passing.half, run.start))
         last = spline.basis.t0 + (LONGEST - WIDTH) * spline.basis.spacing
-        near[whole] = e.t[whole] < last - passing.half / e.rate
+        near[inner] = e.t[inner] < last - passing.half / e.rate
     usable = np.flatnonzero(e.usable & near)
     if not len(usable):  # no longer than the filter, which leaves no rows
         return np.zeros(e.leverage.shape[2])
     chosen = usable[:: max(1, len(usable) // LOOKED_AT)]
-    some = e.at_samples(chosen)
-    G = gain(mechanism, some, e.smooth.names, point, cutoff)
+    looked_at = e.at_samples(chosen)
+    G = gain(mechanism, looked_at, e.smooth.names, point, cutoff)
     total = np.zeros(G.shape[1])
     for run, spline in e.smooth.runs:
         inside = (chosen >= run.start) & (chosen < run.stop)
@@ -137,24 +137,24 @@ def noise_floor(
 def _spread(spline: Spline, t: np.ndarray, taps: np.ndarray | None, step: float) -> np.ndarray:
     """P (n, d, 3, d, 3) of u, u̇, ü at times t (n,), through a filter of taps a step [s] apart."""
     basis, (count, d) = spline.basis, spline.c.shape
-    each, n = d // len(spline.factors), len(t)
-    size = min(count, LONGEST) * each  # the leading block of N has that of its factor
+    per_factor, n = d // len(spline.factors), len(t)
+    size = min(count, LONGEST) * per_factor  # the leading block of N has that of its factor
     taps = np.ones(1) if taps is None else taps
     lags = step * (np.arange(len(taps)) - len(taps) // 2)
     at = np.clip(t[:, None] + lags, basis.t0, basis.t_end)  # (n, taps)
-    B = np.zeros((n, each, 3, size))
+    B = np.zeros((n, per_factor, 3, size))
     row = np.repeat(np.arange(n), len(taps))
     for order in range(3):
         first, values = basis.window(at.ravel(), order)
         values = values * np.tile(taps, n)[:, None]
-        for i in range(each):
+        for i in range(per_factor):
             for r in range(WIDTH):
-                np.add.at(B[:, i, order], (row, (first + r) * each + i), values[:, r])
+                np.add.at(B[:, i, order], (row, (first + r) * per_factor + i), values[:, r])
     P = np.zeros((n, d, 3, d, 3))
     for k, lower in enumerate(spline.factors):
         solved = cho_solve_banded((lower[:, :size], True), B.reshape(-1, size).T).T
-        mine = slice(k * each, (k + 1) * each)
-        P[:, mine, :, mine] = np.einsum("nirk,njsk->nirjs", B, solved.reshape(B.shape))
+        columns = slice(k * per_factor, (k + 1) * per_factor)
+        P[:, columns, :, columns] = np.einsum("nirk,njsk->nirjs", B, solved.reshape(B.shape))
     return P
 
 
@@ -235,21 +235,23 @@ def linear_runs(
     number, e = experiment
     cutoff = rows_cutoff(fine, e.rate)
     every = 1 if cutoff is None else max(1, int(e.rate / (PERIOD * cutoff)))
-    some = e.thinned(every)
-    G = gain(mechanism, some, fine.names, point, cutoff)
+    coarse = e.thinned(every)
+    G = gain(mechanism, coarse, fine.names, point, cutoff)
     if every > 1:
         from scipy.interpolate import make_interp_spline  # takes 0.2 s to import
 
-        G = make_interp_spline(some.t, G, k=1)(np.minimum(e.t, some.t[-1]))
+        G = make_interp_spline(coarse.t, G, k=1)(np.minimum(e.t, coarse.t[-1]))
     decimator, channels = Decimator.of(cutoff, e.rate), through_motion(mechanism, e, fine.names)
     pieces = [*rows(Scene.of(mechanism, columns, e, point, cutoff), cutoff, STANDING)]
-    informed = {each.segment.start: each.rows for each in like if each.experiment == number}
-    found = []
+    informed = {
+        previous.segment.start: previous.rows for previous in like if previous.experiment == number
+    }
+    runs = []
     for segment, spline in fine.runs:
-        mine = [p for p in pieces if segment.start <= p.sample[0] < segment.stop]
-        if not mine:
+        inside = [p for p in pieces if segment.start <= p.sample[0] < segment.stop]
+        if not inside:
             continue
-        t, basis, run = e.t[segment], spline.basis, Rows.joined(mine)
+        t, basis, run = e.t[segment], spline.basis, Rows.concatenated(inside)
         c = fitted(basis, [channel.within(t) for channel in channels], fine.names).c
         before = informed.get(segment.start)
         if before is not None and np.array_equal(run.t, before.t):
@@ -263,5 +265,5 @@ def linear_runs(
         first, L = filtered_windows(
             decimator, basis, t, windows[0][0], np.asarray(values), run.sample - segment.start
         )
-        found.append(LinearRun(number, segment, spline, c, run, first, L))
-    return found
+        runs.append(LinearRun(number, segment, spline, c, run, first, L))
+    return runs

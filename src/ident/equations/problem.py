@@ -193,7 +193,7 @@ def triangles(
             yield from ((int(block[i]), piece[i:j]) for i, j in pairwise(cuts) if j > i)
 
     for block, group in groupby(parted(), itemgetter(0)):
-        yield from blocks_of(log, block, Rows.joined([part for _, part in group]), supports)
+        yield from blocks_of(log, block, Rows.concatenated([part for _, part in group]), supports)
 
 
 def blocks_of(log: int, block: int, rows: Rows, supports: Sequence[np.ndarray]) -> list[Block]:

@@ -30,7 +30,7 @@ from ident.equations.filter import CHUNK, STANDING, STICKING, Decimator, filtere
 from ident.equations.terms import RIGID, Samples, Terms, effect_terms, unbalanced, with_bodies
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
-from ident.information.chance import MINE
+from ident.information.chance import CONTRIBUTES
 from ident.information.time_bases import Basis, Chunk
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import row_spans, supports
@@ -68,9 +68,9 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
                     known[:, :, e.logged.index(name)] += _rates(e, dq, cutoff)
             e = e.at(mechanism, known)
         for name, C in what.gap.items():  # q + K⁺ [C λ; 0], exact to first order in C
-            mine = mechanism.kinematics.forces_of(name)
-            gap = C * base.multipliers()[:, mine]
-            step = np.einsum("nij,nj->ni", e.pinv[:, :, mine], gap)
+            forces = mechanism.kinematics.forces_of(name)
+            gap = C * base.multipliers()[:, forces]
+            step = np.einsum("nij,nj->ni", e.pinv[:, :, forces], gap)
             rates = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
             q = integrate(mechanism.model, e.q, rates[0])
             e = e.at(mechanism, motion=(q, e.v + rates[1], e.a + rates[2]))
@@ -81,7 +81,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     return Samples(mechanism, e, slice(None), base.point, memo)
 
 
-def beside(
+def perturbed(
     base: Samples, effect: Effect, name: str, cutoff: float | None, only: Effect | None = None
 ) -> tuple[float, Samples]:
     """h [the shape's unit] and the state corrected with one shape of an effect at s + h."""
@@ -129,11 +129,11 @@ def _rates(e: State, dq: np.ndarray | float, cutoff: float | None) -> np.ndarray
 class Scene:
     """One state with its corrections at the working point."""
 
-    whole: Samples  # corrected mechanism and state, and values of all parameters
+    samples: Samples  # corrected mechanism and state, and values of all parameters
     columns: Columns  # the unknowns
     # for every unknown shape of a correcting effect: its place in x, its value s, h, and the
     # state at s + h
-    beside: tuple[tuple[int, float, float, Samples], ...] = ()
+    perturbed: tuple[tuple[int, float, float, Samples], ...] = ()
 
     @classmethod
     def of(
@@ -147,47 +147,47 @@ class Scene:
         """The scene of a state; `cutoff` [Hz] is that of the rows' filter."""
         check_needs(mechanism, e.name, e.extra)
         bare = Samples(mechanism, e, slice(None), point or Point.prior(mechanism))
-        found = [
-            (int(place), bare.point.of(effect)[1].get(each.name, 0.0),
-             *beside(bare, effect, each.name, cutoff))
+        shifted = [
+            (int(place), bare.point.of(effect)[1].get(parameter.name, 0.0),
+             *perturbed(bare, effect, parameter.name, cutoff))
             for effect, places in columns.effects if effect.corrects
-            for each, place in zip(effect.shapes, places, strict=True) if place >= 0
+            for parameter, place in zip(effect.shapes, places, strict=True) if place >= 0
         ]  # fmt: skip
-        return cls(corrected(bare, cutoff), columns, tuple(found))
+        return cls(corrected(bare, cutoff), columns, tuple(shifted))
 
     @property
     def mechanism(self) -> Mechanism:
         """Corrected."""
-        return self.whole.mechanism
+        return self.samples.mechanism
 
     @property
     def e(self) -> State:
         """Corrected."""
-        return self.whole.e
+        return self.samples.e
 
     @property
     def point(self) -> Point:
         """The working point."""
-        return self.whole.point
+        return self.samples.point
 
     def effects(self, s: Samples) -> Terms:
         """The equations of some samples without Γ, with the sensitivities S of corrections."""
-        found, r = effect_terms(s, self.columns), unbalanced(s) if self.beside else np.empty(0)
+        terms, r = effect_terms(s, self.columns), unbalanced(s) if self.perturbed else np.empty(0)
         before = len(self.columns.rigid)
-        for place, value, h, moved in self.beside:
-            there = replace(s, mechanism=moved.mechanism, e=moved.e, memo=moved.memo)
-            S = (r - unbalanced(there)) / h
-            found.A[:, :, place - before] = S
-            found.b[:] += S * value
-        return found
+        for place, value, h, other in self.perturbed:
+            shifted = replace(s, mechanism=other.mechanism, e=other.e, memo=other.memo)
+            S = (r - unbalanced(shifted)) / h
+            terms.A[:, :, place - before] = S
+            terms.b[:] += S * value
+        return terms
 
     def terms(self, part: slice | np.ndarray, *, full: bool = False) -> Terms:
         """A x = b of some samples, in the independent coordinates or, `full`, in all."""
-        s = self.whole.generalised(part) if full else self.whole.reduced(part)
-        found = self.effects(s)
+        s = self.samples.generalised(part) if full else self.samples.reduced(part)
+        terms = self.effects(s)
         gamma = [s.gamma[:, row] for row in range(s.shape[1])]
-        A, b = with_bodies(self.columns, self.point, gamma, found.A, found.b)
-        return replace(found, A=A, b=b)
+        A, b = with_bodies(self.columns, self.point, gamma, terms.A, terms.b)
+        return replace(terms, A=A, b=b)
 
 
 def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None:
@@ -202,7 +202,7 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
                 )
 
 
-ROUNDING = 1e-9  # numerics: of a joint's largest transmission: below, it does not move
+IMMOBILE = 1e-9  # numerics: of a joint's largest transmission: below, it does not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +225,7 @@ class Rows:
         return Rows(**{name: x[which] for name, x in vars(self).items()})
 
     @classmethod
-    def joined(cls, parts: Sequence[Rows]) -> Rows:
+    def concatenated(cls, parts: Sequence[Rows]) -> Rows:
         """Rows one after the other."""
         if len(parts) == 1:
             return parts[0]
@@ -237,7 +237,7 @@ def informing(
     s: Samples,
     farthest: np.ndarray | None,
     informative: Sequence[tuple[str, np.ndarray]] | None = None,
-    least: float = MINE,
+    least: float = CONTRIBUTES,
 ) -> np.ndarray:
     """(n, r), false where a joint of the coordinate does not inform: by default one with dry
     friction that stands still; `farthest` is `largest_transmission`, and a joint that moves by less
@@ -247,8 +247,8 @@ def informing(
     for name, moves in s.informative if informative is None else informative:
         at, lever = s.lever(name)
         most = np.ones(1) if farthest is None else farthest[s.mechanism.joint_index[name]]
-        moved = (most > ROUNDING * most.max()) & (np.abs(lever) > least * most)
-        informed[:, at] &= moves[:, None] | ~moved
+        is_moved = (most > IMMOBILE * most.max()) & (np.abs(lever) > least * most)
+        informed[:, at] &= moves[:, None] | ~is_moved
     return informed
 
 
@@ -294,17 +294,17 @@ def rows(
     spans = row_spans(model) if e.loop is None else every
     supports = row_supports(scene.mechanism, scene.columns, e)
     before = len(scene.columns.rigid)
-    of_effects = [mine[mine >= before] - before for mine in supports]
+    of_effects = [support[support >= before] - before for support in supports]
     fresh: list[list[np.ndarray]] | None = [] if stored is None and keep else None
 
     def make(part: slice) -> list[np.ndarray]:
         """Γ by row, effects' columns by row, b, τ, informed, moving of some samples."""
-        s = scene.whole.reduced(part)
-        found = scene.effects(s)
+        s = scene.samples.reduced(part)
+        terms = scene.effects(s)
         gamma = [] if stored is not None else [s.gamma[:, u, span] for u, span in enumerate(spans)]
-        effects = [found.A[:, u, mine] for u, mine in enumerate(of_effects)]
+        effects = [terms.A[:, u, support] for u, support in enumerate(of_effects)]
         informed = informing(s, farthest)
-        return [*gamma, *effects, found.b, found.tau, informed, in_motion(s, farthest)]
+        return [*gamma, *effects, terms.b, terms.tau, informed, in_motion(s, farthest)]
 
     d, done, size = len(spans), 0, 0
     for segment in e.segments():
@@ -320,8 +320,8 @@ def rows(
                     fresh.append(gamma)
             done += n
             A = np.zeros((d, len(scene.columns) - before, n)).transpose(2, 0, 1)
-            for u, mine in enumerate(of_effects):
-                A[:, u, mine] = series[u]
+            for u, support in enumerate(of_effects):
+                A[:, u, support] = series[u]
             b, tau, opened, standing = series[d:]
             informed, moving = opened < sticking, standing < STANDING
             A, b = with_bodies(scene.columns, scene.point, gamma, A, b, spans)
@@ -330,7 +330,7 @@ def rows(
             yield Rows(e.t[sample], sample, A, b, tau, informed, moving & informed)
     if fresh:
         e.store.put(
-            key, model, [np.hstack([x.T for x in each]) for each in zip(*fresh, strict=True)]
+            key, model, [np.hstack([x.T for x in pieces]) for pieces in zip(*fresh, strict=True)]
         )
 
 
@@ -339,15 +339,15 @@ def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.nd
     k = len(columns)
     if e.loop is not None:
         return [np.arange(k)] * e.leverage.shape[2]
-    found = []
+    supports_of_rows = []
     for row, bodies in enumerate(supports(mechanism.model)):
-        mine = [i for i, column in enumerate(columns.rigid) if column in set(bodies)]
+        support = [i for i, column in enumerate(columns.rigid) if column in set(bodies)]
         for effect, places in columns.effects:
-            own = {mechanism.joint(n).index for n in effect.joints if n in mechanism.joint_index}
-            if not effect.local or row in own:
-                mine.extend(int(place) for place in places if place >= 0)
-        found.append(np.array(mine, dtype=int))
-    return found
+            joints = {mechanism.joint(n).index for n in effect.joints if n in mechanism.joint_index}
+            if not effect.local or row in joints:
+                support.extend(int(place) for place in places if place >= 0)
+        supports_of_rows.append(np.array(support, dtype=int))
+    return supports_of_rows
 
 
 ABSENT = 1e-9  # numerics: of a unit torque: below, it is not in a row
@@ -373,5 +373,5 @@ def stack(scene: Scene, cutoff: float | None, segment: slice, basis: Basis) -> I
 
 def full_rows(scene: Scene, part: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (n, nv, k), b (n, nv) of [Γ E] and the known side, and (n, nv) whether a row informs."""
-    s, found = scene.whole.generalised(part), scene.terms(part, full=True)
-    return found.A, found.b, informing(s, None, least=ABSENT)
+    s, terms = scene.samples.generalised(part), scene.terms(part, full=True)
+    return terms.A, terms.b, informing(s, None, least=ABSENT)

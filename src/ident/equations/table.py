@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.effects import Effect, Signals
 from ident.equations.filter import Decimator, Product, multiplied, products
-from ident.equations.rows import Rows, Scene, beside, corrected, residual, rows
+from ident.equations.rows import Rows, Scene, corrected, perturbed, residual, rows
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.mechanism.mechanism import Mechanism
@@ -51,7 +51,7 @@ class Table(Rows):
             for piece in rows(scene, cutoff):
                 parts.append(piece[::every])
                 number.append(np.full(len(parts[-1]), i))
-        r = Rows.joined(parts)
+        r = Rows.concatenated(parts)
         return cls(
             r.t, r.sample, r.A, r.b, r.tau, r.informed, r.moving, np.concatenate(number),
             mechanism, columns, motion, point, scenes,
@@ -128,7 +128,7 @@ class Table(Rows):
         for number, scene in enumerate(self.scenes):
             grown, point = scene.mechanism + effect, self.point.with_values(others)
             bare = replace(self.thin[number], mechanism=grown, point=point)
-            h, moved = beside(bare, effect, name, cutoff, effect)
+            h, moved = perturbed(bare, effect, name, cutoff, effect)
             still = not effect.unknowns and not any(shape.values())  # it corrects nothing yet
             at = self.thin[number] if still else corrected(bare, cutoff, effect)
             S, t = (residual(at) - residual(moved)) / h, scene.e.t
@@ -145,7 +145,7 @@ class Table(Rows):
         most = SMOOTH * (self.motion.band.cutoff or np.inf)  # samples a second
         states = (s.e.thinned(max(1, int(s.e.rate / most))) for s in self.scenes)
         both = zip(self.scenes, states, strict=True)
-        return tuple(replace(s.whole, e=e, memo={}) for s, e in both)
+        return tuple(replace(s.samples, e=e, memo={}) for s, e in both)
 
     @cached_property
     def samples(self) -> tuple[Samples, ...]:
@@ -154,7 +154,7 @@ class Table(Rows):
         for number, scene in enumerate(self.scenes):
             first = int(self.sample[self.experiment == number][:1].sum())
             some = slice(first % self.every, None, self.every)
-            found.append(scene.whole.reduced(some if self.every > 1 else slice(None)))
+            found.append(scene.samples.reduced(some if self.every > 1 else slice(None)))
         return tuple(found)
 
     def starts(self, effect: Effect) -> list[Mapping[str, float]]:

@@ -31,7 +31,8 @@ from ident.mechanism.parameters import regressor, rigid_forces
 from ident.motion.state import State
 
 STEP = 1e-3  # numerics: of the range of a shape parameter, for differences
-WHOLE = 48_000_000  # work: bytes of Γ at all samples of a state, up to which it is kept unfiltered
+# work: bytes of Γ at all samples of a state, up to which it is kept unfiltered
+GAMMA_BYTES = 48_000_000
 CHUNK = 4096  # work: samples whose regressor is in memory at once
 UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
@@ -77,13 +78,16 @@ class Samples:
     def gamma(self) -> np.ndarray:
         """Γ (n, r, 10 · bodies); that of a state of few samples is made once and kept with it."""
         e, part, model = self.e, self.part, self.mechanism.model
-        if isinstance(part, np.ndarray) or 80 * len(e) * model.nv * (model.njoints - 1) > WHOLE:
+        if (
+            isinstance(part, np.ndarray)
+            or 80 * len(e) * model.nv * (model.njoints - 1) > GAMMA_BYTES
+        ):
             return self.reduce(regressor(model, e.q[part], e.v[part], e.a[part]))
-        kept = e.store.get("Γ", model)
-        if kept is None:
-            kept = [regressor(model, e.q, e.v, e.a)]
-            e.store.put("Γ", model, kept)
-        return self.reduce(kept[0][part])
+        stored = e.store.get("Γ", model)
+        if stored is None:
+            stored = [regressor(model, e.q, e.v, e.a)]
+            e.store.put("Γ", model, stored)
+        return self.reduce(stored[0][part])
 
     def rigid(self, pi: np.ndarray) -> np.ndarray:
         """Γ π (n, r) of dynamic parameters π (10 · bodies,); those of a stretch are made once."""
@@ -101,7 +105,8 @@ class Samples:
         return None if self.e.wrench is None else self.reduce(self.e.wrench[self.part])
 
     @cached_property
-    def _own(self) -> np.ndarray:  # slow, so it is not asked for unless such a joint has a torque
+    def _own_rates(self) -> np.ndarray:
+        # slow, so it is not asked for unless such a joint has a torque
         return self.mechanism.kinematics.own_rows(self.e.q[self.part]).rate
 
     @cached_property
@@ -129,8 +134,8 @@ class Samples:
 
     def columns(self, effect: Effect, shape: Mapping[str, float]) -> np.ndarray:
         """E (n, arity, unknowns) of an effect at a shape, of the whole if it hangs on the past."""
-        whole = isinstance(self.part, slice) and self.part == slice(None)
-        if whole or not effect.memory:
+        is_whole = isinstance(self.part, slice) and self.part == slice(None)
+        if is_whole or not effect.memory:
             return effect.columns(replace(self.signals(effect.joints), shape=shape))
         key = (effect.label, *sorted(shape.items()))
         if key not in self.memo:
@@ -166,13 +171,13 @@ class Samples:
         """Adds ∂(E(s) c)/∂s (n, r) of one shape parameter, by central differences."""
         key = ("range", effect.label, name)
         if key not in self.memo:
-            whole = self.generalised(slice(None)).signals(effect.joints)
-            low, high = effect.bounds(replace(whole, shape=shape)).get(name, (0.0, 1.0))
+            signals = self.generalised(slice(None)).signals(effect.joints)
+            low, high = effect.bounds(replace(signals, shape=shape)).get(name, (0.0, 1.0))
             self.memo[key] = np.array(high - low)
         h = max(min(STEP * float(self.memo[key]), 1e-2 * abs(shape[name]) or np.inf), 1e-9)
         for sign in (1, -1):
-            beside = {**shape, name: shape[name] + sign * h}
-            self.add_effect(out, effect, sign * c / (2 * h), beside)
+            shifted = {**shape, name: shape[name] + sign * h}
+            self.add_effect(out, effect, sign * c / (2 * h), shifted)
 
     def generalised(self, part: slice | np.ndarray) -> Samples:
         """Other samples of the same state, in generalised coordinates."""
@@ -186,12 +191,12 @@ class Samples:
     @cached_property
     def informative(self) -> list[tuple[str, np.ndarray]]:
         """By effect and joint: name and (n,), false where dry friction at standstill is open."""
-        found = []
+        joints = []
         for effect in filter(attrgetter("local"), self.mechanism.effects):
             informed = effect.informed(self.signals(effect.joints)).T
             both = zip(effect.joints, informed, strict=True)
-            found += [(name, each) for name, each in both if not each.all()]
-        return found
+            joints += [(name, moves) for name, moves in both if not moves.all()]
+        return joints
 
     def lever(self, name: str) -> tuple[slice, np.ndarray]:
         """The rows in which a joint's torque works, and W (n | 1, rows) there."""
@@ -200,7 +205,7 @@ class Samples:
         joint = self.mechanism.joint(name)
         if joint.in_tree:
             return slice(joint.index, joint.index + 1), UNIT
-        return slice(None), self._own[:, joint.index]
+        return slice(None), self._own_rates[:, joint.index]
 
     def add_torque(self, out: np.ndarray, name: str, torque: np.ndarray) -> None:
         """Adds Wᵀτ to forces `out`: (n, r) for τ (n,), (n, r, c) for τ (n, c) of c columns."""
@@ -221,16 +226,16 @@ class Samples:
         """Forces (n, r) of the model at the point, by name: rigid bodies, each effect's label, and
         less the wrenches; `explicit`: without effects that depend on its own prediction.
         """
-        found = {RIGID: self.rigid(self.point.pi)}
+        forces = {RIGID: self.rigid(self.point.pi)}
         for effect in self.mechanism.effects:
             c, shape = self.point.of(effect)
             known = effect.unknowns and len(shape) == len(effect.shapes)
             if known and not (explicit and effect.implicit):
-                found[effect.label] = np.zeros(self.shape)
-                self.add_effect(found[effect.label], effect, c, shape)
+                forces[effect.label] = np.zeros(self.shape)
+                self.add_effect(forces[effect.label], effect, c, shape)
         if self.wrench is not None:
-            found[WRENCHES] = -self.wrench
-        return found
+            forces[WRENCHES] = -self.wrench
+        return forces
 
     # --- predictions of the present model, none of which sees the measured torque of the joint ----
 
@@ -239,13 +244,13 @@ class Samples:
         key = ("forces",)
         if key not in self.memo:
             n = len(self.e)
-            loads = (each.label for each in self.mechanism.effects if each.loaded_link)
-            bodies, found = {RIGID, WRENCHES, *loads}, np.zeros((2, n, self.mechanism.model.nv))
+            loads = (effect.label for effect in self.mechanism.effects if effect.loaded_link)
+            bodies, sums = {RIGID, WRENCHES, *loads}, np.zeros((2, n, self.mechanism.model.nv))
             for start in range(0, n, CHUNK):
                 part = slice(start, min(start + CHUNK, n))
                 for name, force in self.generalised(part).parts(explicit=True).items():
-                    found[0 if name in bodies else 1, part] += force
-            self.memo[key] = found
+                    sums[0 if name in bodies else 1, part] += force
+            self.memo[key] = sums
         rigid, others = self.memo[key]
         return rigid[self.part], others[self.part]
 
@@ -328,14 +333,15 @@ def effect_terms(s: Samples, columns: Columns) -> Terms:
         u = len(effect.unknowns)
         unknown = places[:u] >= 0
         if unknown.any():
-            mine = places[:u][unknown] - before  # neighbours in x: a view of A can be added to
-            s.add_effect(A[:, :, mine[0] : mine[-1] + 1], effect, np.eye(u)[:, unknown], shape)
+            at = places[:u][unknown] - before  # neighbours in x: a view of A can be added to
+            s.add_effect(A[:, :, at[0] : at[-1] + 1], effect, np.eye(u)[:, unknown], shape)
         if not unknown.all():
             s.add_effect(b, effect, -np.where(unknown, 0.0, c), shape)
-        for at, name in zip(places[u:], (each.name for each in effect.shapes), strict=True):
-            if at >= 0:  # ∂(E c)/∂s
-                s.add_sensitivity(A[:, :, at - before], effect, c, shape, name)
-                b += A[:, :, at - before] * shape[name]
+        names = (parameter.name for parameter in effect.shapes)
+        for place, name in zip(places[u:], names, strict=True):
+            if place >= 0:  # ∂(E c)/∂s
+                s.add_sensitivity(A[:, :, place - before], effect, c, shape, name)
+                b += A[:, :, place - before] * shape[name]
     return Terms(A, b, tau)
 
 
@@ -352,8 +358,8 @@ def with_bodies(
     `gamma` holds, for each row, the columns `spans` of Γ (n, span), by default all of them.
     """
     n, r = b.shape
-    whole = np.zeros((r, len(columns), n)).transpose(2, 0, 1)
-    whole[:, :, len(columns.rigid) :] = A
+    columns_of_all = np.zeros((r, len(columns), n)).transpose(2, 0, 1)
+    columns_of_all[:, :, len(columns.rigid) :] = A
     known = {int(i): float(x) for i, x in zip(columns.known, columns.known_values, strict=True)}
     loads = [effect for effect, _ in columns.effects if effect.loaded_link]
     for (link, places), effect in zip(columns.loads, loads, strict=True):
@@ -361,15 +367,15 @@ def with_bodies(
             if place < 0:
                 known[i] = known.get(i, 0.0) + x
     b = b.copy() if known else b
-    for row, each in enumerate(gamma):
-        first, stop = (spans[row].start, spans[row].stop) if spans else (0, each.shape[1])
+    for row, columns_of_row in enumerate(gamma):
+        first, stop = (spans[row].start, spans[row].stop) if spans else (0, columns_of_row.shape[1])
         for column, place in zip(*columns.of_gamma, strict=True):
             if first <= column < stop:
-                whole[:, row, place] += each[:, column - first]
+                columns_of_all[:, row, place] += columns_of_row[:, column - first]
         for column, value in known.items():
             if first <= column < stop and value:
-                b[:, row] -= each[:, column - first] * value
-    return whole, b
+                b[:, row] -= columns_of_row[:, column - first] * value
+    return columns_of_all, b
 
 
 def unbalanced(s: Samples) -> np.ndarray:

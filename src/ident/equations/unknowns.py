@@ -83,25 +83,25 @@ class Columns:
     def of_gamma(self) -> tuple[np.ndarray, np.ndarray]:
         """Columns of Γ whose parameters are unknown, and their places in x."""
         columns, places = [self.rigid], [np.arange(len(self.rigid))]
-        for link, mine in self.loads:
-            columns.append(link[mine >= 0])
-            places.append(mine[mine >= 0])
+        for link, of_load in self.loads:
+            columns.append(link[of_load >= 0])
+            places.append(of_load[of_load >= 0])
         return np.concatenate(columns), np.concatenate(places)
 
     @cached_property
     def terms(self) -> np.ndarray:
         """(k,) number of its term: masses and first moments 0, inertias 1, effects from 2 on."""
-        found = np.zeros(len(self), dtype=int)
-        found[: len(self.rigid)] = self.rigid % COUNT >= INERTIAS
+        term = np.zeros(len(self), dtype=int)
+        term[: len(self.rigid)] = self.rigid % COUNT >= INERTIAS
         for number, (_, places) in enumerate(self.effects, 2):
-            found[places[places >= 0]] = number
-        return found
+            term[places[places >= 0]] = number
+        return term
 
     @cached_property
     def shapes(self) -> np.ndarray:
         """Places (…,) in x of shape parameters, whose columns are sensitivities."""
-        found = (places[len(effect.unknowns) :] for effect, places in self.effects)
-        every = np.concatenate([np.empty(0, dtype=int), *found])
+        shapes = (places[len(effect.unknowns) :] for effect, places in self.effects)
+        every = np.concatenate([np.empty(0, dtype=int), *shapes])
         return every[every >= 0]
 
     @cached_property
@@ -151,14 +151,16 @@ class Point:
 
     def at(self, mechanism: Mechanism, columns: Columns, x: np.ndarray) -> Point:
         """The point with the unknowns at x (k,)."""
-        found = {columns.names[i]: float(x[i]) for i in range(len(columns.rigid), len(columns))}
+        unknown = {columns.names[i]: float(x[i]) for i in range(len(columns.rigid), len(columns))}
         known = Point.prior(mechanism).values
-        return Point(columns.dynamic_parameters(mechanism, x), {**self.values, **known, **found})
+        return Point(columns.dynamic_parameters(mechanism, x), {**self.values, **known, **unknown})
 
     def unknowns(self, columns: Columns) -> np.ndarray:
         """x (k,), the values of the unknowns here."""
-        own = columns.names[len(columns.rigid) :]
-        return np.append(self.pi[columns.rigid], [self.values.get(name, 0.0) for name in own])
+        of_effects = columns.names[len(columns.rigid) :]
+        return np.append(
+            self.pi[columns.rigid], [self.values.get(name, 0.0) for name in of_effects]
+        )
 
     def with_values(self, values: Mapping[str, float]) -> Point:
         """The point with some effects' parameters at other values."""
@@ -167,6 +169,8 @@ class Point:
     def of(self, effect: Effect) -> tuple[np.ndarray, dict[str, float]]:
         """c (unknowns,) and shapes s by name, 0 for unknowns that have no value yet."""
         full = effect.full
-        c = np.array([self.values.get(full[each.name], 0.0) for each in effect.unknowns])
-        names = [each.name for each in effect.shapes if full[each.name] in self.values]
+        c = np.array([self.values.get(full[parameter.name], 0.0) for parameter in effect.unknowns])
+        names = [
+            parameter.name for parameter in effect.shapes if full[parameter.name] in self.values
+        ]
         return c, {name: self.values[full[name]] for name in names}

@@ -131,7 +131,7 @@ def motion_rows(mechanism: Mechanism, columns: Columns, point: Point, e: State) 
     if any(effect.corrects for effect in mechanism.effects):  # these depend on torques
         scene = Scene.of(mechanism, columns, e, point)
         found = scene.terms(EVERY)
-    informed = informing(scene.whole.reduced(EVERY), largest_transmission(scene.e))
+    informed = informing(scene.samples.reduced(EVERY), largest_transmission(scene.e))
     return MotionRows(e, found.A, informed)
 
 

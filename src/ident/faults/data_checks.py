@@ -24,7 +24,7 @@ from ident.faults.disagreements import differing_logs
 from ident.faults.fault import exact_factor, fault_finding, log_entry
 from ident.faults.search import FaultSearch
 from ident.finding import Finding
-from ident.information.chance import BEYOND, FEWEST_EQUATIONS, LEAVES, MINE
+from ident.information.chance import BEYOND, CONTRIBUTES, FEWEST_EQUATIONS, LEAVES
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.text import listed, percent, some, two_digits
@@ -109,9 +109,9 @@ class DataChecks(FaultSearch):
         joint = finding.where[0].removeprefix("tau.") if finding.where else ""
         if finding.code != "steps" or joint not in self.errors or finding.number is None:
             return True
-        least = np.sqrt(MINE) * self.errors[joint]
+        least = np.sqrt(CONTRIBUTES) * self.errors[joint]
         if finding.number <= least:
-            least = np.sqrt(MINE) * float(self.reference[list(self.errors).index(joint)])
+            least = np.sqrt(CONTRIBUTES) * float(self.reference[list(self.errors).index(joint)])
         return finding.number > least
 
     @property

@@ -67,7 +67,7 @@ def _away(table: Table, number: int, guard: float) -> np.ndarray:
     from scipy.ndimage import maximum_filter1d  # takes 0.1 s to import
 
     near = maximum_filter1d(slow.astype(np.uint8), 2 * int(guard * e.rate) + 1, axis=0)
-    return of_joints(scene.whole.reduced(at), ~near[at].astype(bool), largest_transmission(e))
+    return of_joints(scene.samples.reduced(at), ~near[at].astype(bool), largest_transmission(e))
 
 
 def misfit_at_reversals(table: Table, away: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -124,7 +124,7 @@ def share_of_motion(problem: Problem, found: Estimate) -> np.ndarray:
         return np.zeros(problem.information.d)
     point, cutoff = problem.point_at(found.x), problem.motion.band.cutoff
     noise = [motion_noise(problem.mechanism, e, point, cutoff) for e in experiments]
-    error, _, rows = problem.information.squares(found.x).judged
+    error, _, rows = problem.information.squares(found.x).counted
     left = error / np.maximum(rows, 1)
     return np.asarray(np.mean(noise, axis=0) / np.where(left > 0, left, np.inf))
 

@@ -94,7 +94,7 @@ class Prediction(TorqueParts):
 
         def make(part: slice) -> list[np.ndarray]:
             """Return measured torque, gravity, parts; joint signals; informed; moving."""
-            u, rest = scene.whole.reduced(part), 0 * e.v[part]
+            u, rest = scene.samples.reduced(part), 0 * e.v[part]
             gravity = u.reduce(rigid_forces(model, e.q[part], rest, rest, point.pi))
             rows = [self.measured[part], gravity, *(x[part] for x in self.parts.values())]
             direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
@@ -163,7 +163,7 @@ def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Predicti
         moving = np.empty((n, d), bool)
         for start in range(0, n, CHUNK):
             part = slice(start, min(start + CHUNK, n))
-            s, u = scene.whole.generalised(part), scene.whole.reduced(part)
+            s, u = scene.samples.generalised(part), scene.samples.reduced(part)
             forces = s.parts()
             for name, force in forces.items():
                 parts.setdefault(name, np.empty((n, d)))[part] = u.reduce(force)
@@ -171,7 +171,7 @@ def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Predicti
             if e.loop is not None:
                 f = sum(forces.values()) - s.measured(others)
                 multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
-        scene.whole.memo.pop(RIGID, None)  # the parts hold them
+        scene.samples.memo.pop(RIGID, None)  # the parts hold them
         for each in parts.values():  # no residual where nothing is measured
             each[:, mechanism.unmeasured_rows] = 0.0
         found.append(Prediction(e.name, e.t, measured, parts, moving, multipliers, scene))

@@ -203,7 +203,7 @@ def depends_on(
         if g.max() <= threshold:
             break
         noise = surrogates(now.residual[0], runs, DRAWS, random)[:, 0]
-        asked = now.judging([np.column_stack([r, noise])])
+        asked = now.with_targets([np.column_stack([r, noise])])
         null = asked.gains(some).null.transpose(0, 2, 1)
         chance = asked.explained(null, asked.null_losses.T).max() * left / total
         threshold = max(LEAST, float(chance))

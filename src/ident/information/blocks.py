@@ -79,26 +79,26 @@ class Squares:
         return Squares(self.in_motion + other.in_motion, self.at_standstill + other.at_standstill)
 
     @property
-    def whole(self) -> Array:
+    def all_rows(self) -> Array:
         """(3, d) of all rows."""
         return self.in_motion + self.at_standstill
 
     @cached_property
-    def judged(self) -> Array:
+    def counted(self) -> Array:
         """(3, d) of the rows in motion; of a joint that never moves, of all rows."""
-        return np.where(self.in_motion[2] > 0, self.in_motion, self.whole)
+        return np.where(self.in_motion[2] > 0, self.in_motion, self.all_rows)
 
     def errors(self, names: Sequence[str], units: Sequence[str]) -> dict[str, Error]:
         """Return the errors by joint."""
 
-        found = {}
+        errors = {}
         for u, (name, unit) in enumerate(zip(names, units, strict=True)):
             sizes = []
-            for error, torque, rows in (self.judged[:, u], self.whole[:, u]):
+            for error, torque, rows in (self.counted[:, u], self.all_rows[:, u]):
                 relative = float(np.sqrt(error / torque)) if torque > 0 else None
                 sizes.append((float(np.sqrt(error / max(rows, 1))), relative))
-            found[name] = Error(*sizes[0], unit, *sizes[1])
-        return found
+            errors[name] = Error(*sizes[0], unit, *sizes[1])
+        return errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,15 +128,15 @@ class Block:
     def __add__(self, other: Block) -> Block:
         """Return the block of both, which must have the same key."""
         span = min(self.span[0], other.span[0]), max(self.span[1], other.span[1])
-        some, rest, still = map(add, self.triangles, other.triangles)
+        informing, rest, still = map(add, self.triangles, other.triangles)
         torque = self.torque[0] + other.torque[0], self.torque[1] + other.torque[1]
-        return Block(*self.key, some, rest, still, self.support, torque, span)
+        return Block(*self.key, informing, rest, still, self.support, torque, span)
 
     def scaled(self, w: float) -> Block:
         """Multiply every equation by `w`."""
-        some, rest, still = (each.scaled(w) for each in self.triangles)
+        informing, rest, still = (triangle.scaled(w) for triangle in self.triangles)
         torque = w**2 * self.torque[0], w**2 * self.torque[1]
-        return Block(*self.key, some, rest, still, self.support, torque, self.span)
+        return Block(*self.key, informing, rest, still, self.support, torque, self.span)
 
     @property
     def triangles(self) -> tuple[Triangle, Triangle, Triangle]:
@@ -145,23 +145,24 @@ class Block:
 
     def squares(self, x: Array) -> tuple[Array, Array]:
         """Return in motion and at standstill (3,) squares of x (k,), as in `Squares`."""
-        own = x[self.support]
-        some, rest, still = (
-            each.residual_norm(own) ** 2 if each.rows else 0.0 for each in self.triangles
+        x_support = x[self.support]
+        informing, rest, still = (
+            triangle.residual_norm(x_support) ** 2 if triangle.rows else 0.0
+            for triangle in self.triangles
         )
         idle = self.rest.rows + self.still.rows
         return (
-            np.array([max(some - still, 0.0), self.torque[0], self.rows - idle]),
+            np.array([max(informing - still, 0.0), self.torque[0], self.rows - idle]),
             np.array([rest + still, self.torque[1], idle]),
         )
 
 
-def summed(found: dict[Key, Block], blocks: Iterable[Block]) -> dict[Key, Block]:
+def summed(total: dict[Key, Block], blocks: Iterable[Block]) -> dict[Key, Block]:
     """Add further blocks to those that were found, by key."""
     for block in blocks:
         key = block.key
-        found[key] = found[key] + block if key in found else block
-    return found
+        total[key] = total[key] + block if key in total else block
+    return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,12 +223,12 @@ class Information:
         return self._totals("rest")
 
     def _totals(self, name: str) -> tuple[Triangle, ...]:
-        found = [Triangle.empty(self.k)] * self.d
+        totals = [Triangle.empty(self.k)] * self.d
         for u in {block.coordinate for block in self}:
-            mine = [block for block in self if block.coordinate == u]
-            merged = Triangle.merge([getattr(block, name) for block in mine])
-            found[u] = merged.embedded(mine[0].support, self.k)
-        return tuple(found)
+            of_coordinate = [block for block in self if block.coordinate == u]
+            merged = Triangle.merge([getattr(block, name) for block in of_coordinate])
+            totals[u] = merged.embedded(of_coordinate[0].support, self.k)
+        return tuple(totals)
 
     def total(self, sigma: Array) -> Triangle:
         """Return the triangle of all rows that inform, each divided by its coordinate's sigma."""
@@ -244,10 +245,10 @@ class Information:
 
     def squares(self, x: Array) -> Squares:
         """Return what a solution x (k,) leaves in all rows, those at standstill included."""
-        found = np.zeros((2, 3, self.d))
+        sums = np.zeros((2, 3, self.d))
         for block in self:
-            found[:, :, block.coordinate] += block.squares(x)
-        return Squares(*found)
+            sums[:, :, block.coordinate] += block.squares(x)
+        return Squares(*sums)
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,16 +285,16 @@ class Part:
         """Columns (m, u) at some places among these; zero where a place is −1."""
         if not self.more and (places >= 0).all():
             return self.X[:, places]
-        found, first = np.zeros((len(self.X), len(places))), 0
+        columns, first = np.zeros((len(self.X), len(places))), 0
         for X in (self.X, *self.more):
-            mine = (places >= first) & (places < first + X.shape[1])
-            found[:, mine] = X[:, places[mine] - first]
+            in_X = (places >= first) & (places < first + X.shape[1])
+            columns[:, in_X] = X[:, places[in_X] - first]
             first += X.shape[1]
-        return found
+        return columns
 
 
 def places(columns: Index, total: int) -> Index:
     """(total,) where each column is among a part's, −1 where it is not."""
-    found = np.full(total, -1, dtype=np.intp)
-    found[columns] = np.arange(len(columns))
-    return found
+    place = np.full(total, -1, dtype=np.intp)
+    place[columns] = np.arange(len(columns))
+    return place

@@ -42,7 +42,8 @@ from ident.information.blocks import Information, Squares
 from ident.information.estimate import Estimate, estimate
 from ident.information.linear import Array, Triangle
 
-ALIKE = 1.3  # level: standard errors of no correlation beyond which neighbouring blocks are alike
+# level: standard errors of no correlation beyond which neighbouring blocks are alike
+CORRELATED = 1.3
 LASTING = 0.8  # tuned: the most by which a block is believed to resemble the one before
 ALPHA = 0.01  # level: chance that anything is named where nothing is missing, wrong or changed
 RIVAL = 2.0  # level: standard errors of a paired difference within which two are rivals
@@ -51,7 +52,7 @@ CERTAIN = 3.0  # level: the same where a sign that cannot be is no accident
 LOUD = 1.25  # tuned: times a noise or an error, from which something is more than that
 PARSIMONY = 0.1  # tuned: share of the best gain within which fewer numbers are preferred
 MATTERS = 0.05  # tuned: share of an error or of its squares, from which its cause is reported
-MINE = 0.1  # tuned: share of a fall or a lever, with which a coordinate belongs to a cause
+CONTRIBUTES = 0.1  # tuned: share of a fall or a lever, with which a coordinate belongs to a cause
 # tuned: times what is known (a noise, a named change), beyond which there is more; residuals of
 # good logs are 0.5 to 1.3 times the sensors' noise
 BEYOND = 3.0
@@ -64,11 +65,11 @@ Times = Sequence[tuple[int, int]]  # (log, block)
 
 def covariance(information: Information, estimate: Estimate) -> Array:
     """Return the covariance (n_ind, n_ind) of the base parameters; NaN for a single block."""
-    own = estimate.base.independent
-    norm = estimate.triangle.column_norms()[own]  # equilibrated: H has a unit diagonal
+    base = estimate.base.independent
+    norm = estimate.triangle.column_norms()[base]  # equilibrated: H has a unit diagonal
     times, H_blocks, g_blocks, white = scores(information, estimate, norm)
-    if not len(own) or len(times) < 2:
-        return np.full((len(own),) * 2, np.nan)
+    if not len(base) or len(times) < 2:
+        return np.full((len(base),) * 2, np.nan)
     H = H_blocks.sum(axis=0)
     others = linear.pinv(H - H_blocks, rcond=1e-13, hermitian=True)
     deltas = (others @ g_blocks[..., None])[..., 0]
@@ -93,14 +94,14 @@ def prior_covariance(estimate: Estimate, plausible: Array) -> Array:
 
     Of a shape that is held because its linear step leaves its bounds the rows know more than P.
     """
-    R, held, own = estimate.triangle.R, estimate.held, estimate.base.independent
-    if not held.any():
+    R, fixed, base = estimate.triangle.R, estimate.held, estimate.base.independent
+    if not fixed.any():
         return np.zeros((estimate.base.rank,) * 2)
-    columns = R[:, held] * plausible[held]
-    moved = linear.lstsq(R[:, own], columns, rcond=None)[0]
-    left = columns - R[:, own] @ moved
-    known = np.linalg.inv(np.eye(left.shape[1]) + left.T @ left)
-    return np.asarray(moved @ known @ moved.T)
+    columns = R[:, fixed] * plausible[fixed]
+    response = linear.lstsq(R[:, base], columns, rcond=None)[0]
+    new_part = columns - R[:, base] @ response
+    known = np.linalg.inv(np.eye(new_part.shape[1]) + new_part.T @ new_part)
+    return np.asarray(response @ known @ response.T)
 
 
 def scores(
@@ -116,18 +117,20 @@ def scores(
     H_blocks, g_blocks = np.zeros((len(times), size, size)), np.zeros((len(times), size))
     white = np.zeros((size, size))
     for u, sigma in enumerate(estimate.sigma):
-        mine = [block for block in information if block.coordinate == u and block.triangle.rows]
-        if not mine:
+        of_coordinate = [
+            block for block in information if block.coordinate == u and block.triangle.rows
+        ]
+        if not of_coordinate:
             continue
-        support = mine[0].support
+        support = of_coordinate[0].support
         inside = place[support] >= 0
         at, x = place[support][inside], estimate.solution.x[support]
-        triangles = [block.triangle for block in mine]
+        triangles = [block.triangle for block in of_coordinate]
         R, d = (np.array([getattr(t, name) for t in triangles]) / sigma for name in ("R", "d"))
         r = d - R @ x
         R = R[:, :, inside] / norm[at]
         H_u = R.swapaxes(1, 2) @ R
-        place_of = np.array([number[block.log, block.block] for block in mine])
+        place_of = np.array([number[block.log, block.block] for block in of_coordinate])
         H_blocks[place_of[:, None, None], at[:, None], at] += H_u  # one key a coordinate
         g_blocks[place_of[:, None], at] += (r[:, None, :] @ R)[:, 0]
         rho = np.array([t.rho for t in triangles]) / sigma
@@ -144,9 +147,9 @@ def long_run(times: Times, deltas: Array, shares: Array) -> tuple[Array, Array]:
     tiny = np.finfo(float).tiny
     size = np.maximum((deltas**2).sum(axis=0), tiny)
     one, other = _pairs(times, 1)
-    alike = (deltas[one] * deltas[other]).sum(axis=0) / size
+    correlation = (deltas[one] * deltas[other]).sum(axis=0) / size
     total, squares = deltas.T @ deltas, (shares**2).sum(axis=0)
-    rho = np.clip(alike, -0.97, 0.97)
+    rho = np.clip(correlation, -0.97, 0.97)
     alpha = np.mean(4 * rho**2 / ((1 - rho) ** 6 * (1 + rho) ** 2)) / np.mean((1 - rho) ** -4.0)
     lags = int(np.clip(1.1447 * np.cbrt(alpha * len(times)), 1, max(1, len(times) // 4)))
     for lag in range(1, lags + 1):  # filtered blocks touch: one at least
@@ -157,10 +160,10 @@ def long_run(times: Times, deltas: Array, shares: Array) -> tuple[Array, Array]:
         squares += 2 * weight**2 * (shares[a] * shares[b]).sum(axis=0)
     nu = np.maximum(shares.sum(axis=0) ** 2 / np.maximum(squares, tiny), FEWEST_SQUARES)
     window = np.maximum(np.diag(total), tiny)
-    rho = np.clip(alike, 0.0, LASTING)
+    rho = np.clip(correlation, 0.0, LASTING)
     new = ((deltas[other] - rho * deltas[one]) ** 2).sum(axis=0)
     autoregression = len(times) / max(len(one), 1) * new / (1 - rho) ** 2
-    lasting = np.where(alike > ALIKE / np.sqrt(len(times)), autoregression, window)
+    lasting = np.where(correlation > CORRELATED / np.sqrt(len(times)), autoregression, window)
     wider = np.sqrt(0.5 + 0.5 * lasting / window)
     return (len(times) - 1) / len(times) * total * np.outer(wider, wider), nu
 
@@ -173,27 +176,27 @@ def _pairs(times: Times, lag: int) -> tuple[list[int], list[int]]:
 
 FOLDS = 10  # work
 DIFFERENT = 1e-9  # numerics: of squares, up to which two differ by rounding alone
-ROUNDING = 1e-9  # numerics: of the torque, below which an error is none
+ZERO_ERROR = 1e-9  # numerics: of the torque, below which an error is none
 
 
 def rise(after: Squares, before: Squares) -> float:
     """Return the rise of the error: √ of the mean over coordinates of (after / before)², less 1."""
-    sums = after.judged, before.judged
-    new, old = (np.maximum(error, ROUNDING**2 * torque) for error, torque, _ in sums)
+    sums = after.counted, before.counted
+    new, old = (np.maximum(error, ZERO_ERROR**2 * torque) for error, torque, _ in sums)
     ratios = new[old > 0] / old[old > 0]
     return float(np.sqrt(ratios.mean()) - 1) if len(ratios) else 0.0
 
 
-def folds(information: Information, each: int) -> dict[int, Information]:
+def folds(information: Information, stretches: int) -> dict[int, Information]:
     """Part the blocks by log and stretch of time, `each` stretches a log."""
     parted = dict[int, dict]()
-    for number, (_, mine) in enumerate(groupby(information, attrgetter("log"))):
-        blocks = [*mine]  # of one log, as keys are in order
+    for number, (_, of_log) in enumerate(groupby(information, attrgetter("log"))):
+        blocks = [*of_log]  # of one log, as keys are in order
         first, last = min(b.span[0] for b in blocks), max(b.span[1] for b in blocks)
         for block in blocks:
             share = (sum(block.span) / 2 - first) / max(last - first, 1e-300)
-            stretch = min(int(share * each), each - 1)
-            parted.setdefault(number * each + stretch, {})[block.key] = block
+            stretch = min(int(share * stretches), stretches - 1)
+            parted.setdefault(number * stretches + stretch, {})[block.key] = block
     return {number: replace(information, blocks=blocks) for number, blocks in parted.items()}
 
 
@@ -209,24 +212,28 @@ def held_out(
     estimate of the other stretches, (k,); by default as it is.
     """
     both = fitting, scoring
-    logs = {log for some in both for log in some.logs}
-    blocks = (len({b.block for b in some.of_log(log)}) for some in both for log in some.logs)
-    each = max(1, min(-(-FOLDS // len(logs)), *blocks))  # no log in more than it has blocks
-    parted, scored = (folds(some, each) for some in both)
+    logs = {log for information in both for log in information.logs}
+    blocks = (
+        len({b.block for b in information.of_log(log)})
+        for information in both
+        for log in information.logs
+    )
+    stretches = max(1, min(-(-FOLDS // len(logs)), *blocks))  # no log in more than it has blocks
+    parted, scored = (folds(information, stretches) for information in both)
     if len(parted) < 2:
         return None
     weighted = [part.total(fitted.sigma) for part in parted.values()]
     everything = Triangle.merge(weighted)
     without = dict(zip(parted, without_each(weighted), strict=True))
-    found = Squares.zero(scoring.d)
+    sums = Squares.zero(scoring.d)
     for number, part in scored.items():
         others = without.get(number, everything)
         if others.rows == 0:
             continue
         other = estimate([others], prior, np.zeros(1), sigma=np.ones(1), held=fitted.held)
         other = replace(other, sigma=fitted.sigma)  # which the rows are divided by already
-        found = found + part.squares(refit(other) if refit else other.solution.x)
-    return found
+        sums = sums + part.squares(refit(other) if refit else other.solution.x)
+    return sums
 
 
 def without_each(triangles: Sequence[Triangle]) -> list[Triangle]:
@@ -261,7 +268,7 @@ def surrogates(
     back (`remaining_power`); `known` (N, d): where r is known, elsewhere it is zero.
     """
     known = np.ones(r.shape, dtype=bool) if known is None else known
-    found = np.zeros((*r.shape, count), dtype=np.float32)
+    series = np.zeros((*r.shape, count), dtype=np.float32)
     for i, run in enumerate(runs):
         n = run.stop - run.start
         if n < 2:
@@ -273,21 +280,21 @@ def surrogates(
         F *= np.sqrt(P / (_smooth(power) * power))
         m = max(round(known[run].mean() * n / 2), 1)  # independent powers of the known values
         for first in range(0, count, TOGETHER):
-            some = slice(first, min(first + TOGETHER, count))
-            size = some.stop - first
+            draws = slice(first, min(first + TOGETHER, count))
+            size = draws.stop - first
             w = random.exponential(size=(m + 1, 1, size))[np.arange(n + 1) * m // n]
             turn = np.exp(2j * np.pi * random.random((n + 1, 1, size)))
             turn[[0, n]] = np.sign(random.standard_normal((2, 1, size)))
             drawn = F[:, :, None] * np.sqrt(_smooth(w * power[:, :, None])) * turn
-            found[run, :, some] = np.fft.irfft(drawn.astype(np.complex64), 2 * n, axis=0)[:n]
-    return found
+            series[run, :, draws] = np.fft.irfft(drawn.astype(np.complex64), 2 * n, axis=0)[:n]
+    return series
 
 
-def remaining_power(left: Array, whole: Array) -> Array:
+def remaining_power(rest: Array, full: Array) -> Array:
     """Return the mean share (frequencies, d) of the power of series (n, d, count) that is left."""
-    if len(left) < 2:
-        return np.ones((1, left.shape[1]))
-    one, other = ((np.abs(_transformed(x)) ** 2).sum(axis=2) for x in (left, whole))
+    if len(rest) < 2:
+        return np.ones((1, rest.shape[1]))
+    one, other = ((np.abs(_transformed(x)) ** 2).sum(axis=2) for x in (rest, full))
     return np.asarray(np.clip(one / np.maximum(other, TINY), LEAST, 1.0))
 
 
@@ -303,8 +310,8 @@ def _without_gaps(P: Array, known: Array) -> Array:
     c, pairs = (np.fft.irfft(x, axis=0) for x in (P, np.abs(_transformed(known)) ** 2))
     c = np.where(pairs > 0.5, c / np.maximum(pairs, 0.5), 0.0) * len(c)
     smooth = _smooth(np.fft.rfft(c, axis=0).real)
-    found = np.maximum(smooth, 0.0)  # few pairs make some power negative; the variance stays
-    return found * np.maximum(smooth.mean(axis=0), 0.0) / np.maximum(found.mean(axis=0), TINY)
+    power = np.maximum(smooth, 0.0)  # few pairs make some power negative; the variance stays
+    return power * np.maximum(smooth.mean(axis=0), 0.0) / np.maximum(power.mean(axis=0), TINY)
 
 
 def _smooth(x: Array) -> Array:
@@ -369,11 +376,11 @@ class Chance:
         """Chance that such a gain is exceeded at any place; NaN without draws."""
         if place not in self.residual:
             return np.nan
-        found, noise = exceeding(gain, self.residual[place]), self.noise[place]
+        p, noise = exceeding(gain, self.residual[place]), self.noise[place]
         # where most draws bring no gain there is no tail: beyond all of them, as the limit says
         if len(noise) and (np.median(noise) > 0 or gain <= noise.max()):
-            found = max(found, exceeding(gain, noise))
-        return min(1.0, len(self.residual) * found)
+            p = max(p, exceeding(gain, noise))
+        return min(1.0, len(self.residual) * p)
 
 
 def _tail(chance: Array) -> tuple[float, float]:

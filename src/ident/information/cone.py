@@ -119,8 +119,8 @@ def shortfall(limits: Sequence[Limit], scale: Array) -> float:
     q = np.append(np.zeros(k), 1.0)
     C = np.vstack([limit.G for limit in elastic])
     c = np.concatenate([limit.h for limit in elastic])
-    found, _ = _solved(P, q, C, c, elastic)
-    return max(float(found[-1]), 0.0)
+    solution, _ = _solved(P, q, C, c, elastic)
+    return max(float(solution[-1]), 0.0)
 
 
 def conflict(limits: Sequence[Limit], scale: Array) -> list[Limit]:
@@ -131,12 +131,12 @@ def conflict(limits: Sequence[Limit], scale: Array) -> list[Limit]:
     """
     if shortfall(limits, scale) <= POSSIBLE:
         return []
-    kept = list(limits)
+    contradicting = list(limits)
     for limit in reversed(limits):
-        rest = [other for other in kept if other is not limit]
+        rest = [other for other in contradicting if other is not limit]
         if shortfall(rest, scale) > POSSIBLE:
-            kept = rest
-    return kept
+            contradicting = rest
+    return contradicting
 
 
 def _elastic(limit: Limit, scale: Array) -> Limit:
@@ -170,12 +170,12 @@ def _solved(P: Array, q: Array, C: Array, c: Array, limits: Sequence[Limit]) -> 
     settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = TOLERANCE
     cost = sparse.csc_matrix(sparse.diags_array(P))
     solver = clarabel.DefaultSolver(cost, q, sparse.csc_matrix(-C), c, kinds, settings)
-    found = solver.solve()
+    solution = solver.solve()
     status = clarabel.SolverStatus
     usable = (status.Solved, status.AlmostSolved, status.InsufficientProgress)
-    y, z = np.asarray(found.x), np.asarray(found.z)
-    if found.status not in usable or not np.isfinite(y).all():
-        raise FitError(f"the conic solver found no solution ({found.status})")
+    y, z = np.asarray(solution.x), np.asarray(solution.z)
+    if solution.status not in usable or not np.isfinite(y).all():
+        raise FitError(f"the conic solver found no solution ({solution.status})")
     return y, z
 
 
@@ -192,12 +192,12 @@ def nearest_within(
     """
     unit = 1 / np.linalg.norm(W, axis=0)
     triangle = Triangle.of(A * unit, b)
-    found = nearest(triangle.R, triangle.d, [replace(limit, G=limit.G * unit) for limit in limits])
-    x = _touching(limits, found.x * unit)
+    point = nearest(triangle.R, triangle.d, [replace(limit, G=limit.G * unit) for limit in limits])
+    x = _touching(limits, point.x * unit)
     for share in (0.0, *(2.0 ** np.arange(-20, 1) if inner is not None else ())):
-        moved = x if inner is None else x + share * (inner - x)
-        if holds(limits, moved):
-            return replace(found, x=moved)
+        candidate = x if inner is None else x + share * (inner - x)
+        if holds(limits, candidate):
+            return replace(point, x=candidate)
     broken = [limit.name for limit in limits if limit.room(x) < 0]
     raise FitError(f"no consistent fit was found: the solver's result breaks {', '.join(broken)}")
 

@@ -113,9 +113,9 @@ def solve(triangle: Triangle, base: Base, prior: ArrayLike | None = None) -> Sol
     x = np.zeros(triangle.k) if prior is None else np.array(prior, dtype=float)
     if not len(ind):
         return Solution(x=x, beta=np.zeros(0), C=np.zeros((0, 0)))
-    own = triangle.restricted(ind)
-    beta, _ = lapack.dtrtrs(own.R, own.d)
-    inverse, _ = lapack.dtrtri(own.R)
+    base_triangle = triangle.restricted(ind)
+    beta, _ = lapack.dtrtrs(base_triangle.R, base_triangle.d)
+    inverse, _ = lapack.dtrtri(base_triangle.R)
     x[ind] = beta - base.K @ x[dep]
     return Solution(x=x, beta=beta, C=inverse @ inverse.T)
 
@@ -229,21 +229,21 @@ def _residuals(totals: Sequence[Triangle], solution: Solution) -> Array:
 def _solve(total: Triangle, prior: Array, held: np.ndarray) -> tuple[Base, Solution]:
     """Solve on all columns; held unknowns are at their prior and in no combination."""
     free, out = np.flatnonzero(~held), np.flatnonzero(held)
-    own = total.restricted(free, prior) if len(out) else total
-    base, norm = rank_revealing(own, TOLERANCE), own.column_norms()
+    free_triangle = total.restricted(free, prior) if len(out) else total
+    base, norm = rank_revealing(free_triangle, TOLERANCE), free_triangle.column_norms()
     # regroupings below the tolerance are those of a URDF's rounded angles (1.5708)
     share = np.abs(base.K) * norm[base.independent][:, None]
     base = replace(base, K=np.where(share < TOLERANCE * norm[base.dependent], 0.0, base.K))
-    solution = solve(own, base, prior[free])
+    solution = solve(free_triangle, base, prior[free])
     if not len(out):
         return base, solution
     x, distance = prior.copy(), np.zeros(len(prior))
     x[free], distance[free] = solution.x, base.distance
-    whole = replace(
+    complete = replace(
         base,
         independent=free[base.independent],
         dependent=np.concatenate([free[base.dependent], out]),
         K=np.hstack([base.K, np.zeros((base.rank, len(out)))]),
         distance=distance,
     )
-    return whole, replace(solution, x=x)
+    return complete, replace(solution, x=x)

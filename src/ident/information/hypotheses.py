@@ -26,7 +26,7 @@ import numpy as np
 
 from ident.information import linear
 from ident.information.blocks import places
-from ident.information.chance import MINE
+from ident.information.chance import CONTRIBUTES
 from ident.information.linear import Array, Index
 from ident.information.projection import VISIBLE, Projection
 
@@ -66,10 +66,10 @@ class Refit:
         return float(self.D.sum())
 
     @property
-    def mends(self) -> list[int]:
+    def affected_coordinates(self) -> list[int]:
         """Coordinates in which a part of the fall is that is more than a by-product."""
         by = np.maximum(self.by, 0.0)
-        return np.flatnonzero(by >= MINE * max(by.sum(), 1e-300)).tolist()
+        return np.flatnonzero(by >= CONTRIBUTES * max(by.sum(), 1e-300)).tolist()
 
 
 class PartialRegression(Projection):
@@ -83,10 +83,10 @@ class PartialRegression(Projection):
         sizes = np.array([len(group) for group in groups])
         for u in np.unique(sizes[sizes > 0]):
             which = np.flatnonzero(sizes == u)
-            for some in np.array_split(which, -(-len(which) * u // 600)):
-                found = self._gains(np.array([groups[i] for i in some]))
-                D[some], by[some] = found.D, found.by
-                null[some], visible[some] = found.null, found.visible
+            for chosen in np.array_split(which, -(-len(which) * u // 600)):
+                gains = self._gains(np.array([groups[i] for i in chosen]))
+                D[chosen], by[chosen] = gains.D, gains.by
+                null[chosen], visible[chosen] = gains.null, gains.visible
         return Gains(D, by, null, visible)
 
     def _gains(self, groups: Index) -> Gains:
@@ -98,15 +98,17 @@ class PartialRegression(Projection):
         columns = []  # by part, which groups have columns there, and these (m, ·), weighted
         for part in self.parts:
             at = places(part.columns, self.columns)[groups]
-            mine = np.flatnonzero((at >= 0).any(axis=1))
-            X = part.at(at[mine].ravel()) * self._factor(part)[groups[mine].ravel()]
-            columns.append((mine, X))
+            present = np.flatnonzero((at >= 0).any(axis=1))
+            X = part.at(at[present].ravel()) * self._factor(part)[groups[present].ravel()]
+            columns.append((present, X))
         p = np.zeros((blocks, rank, n * u))
         cc = np.zeros((blocks, n, u, u))
         cy = np.zeros((blocks, n * u, 1))
         cn = np.zeros((blocks, n * u, B), dtype=np.float32)
-        for part, Q, Y, (mine, X) in zip(self.parts, self.Q, self.residual, columns, strict=True):
-            place = (mine[:, None] * u + np.arange(u)).ravel()
+        for part, Q, Y, (present, X) in zip(
+            self.parts, self.Q, self.residual, columns, strict=True
+        ):
+            place = (present[:, None] * u + np.arange(u)).ravel()
             r, single = Y[:, 1:].astype(np.float32), X.astype(np.float32) if B else X
             where = slice(None) if len(place) == n * u else place  # a view, where it can be
             for k in range(blocks):
@@ -116,7 +118,7 @@ class PartialRegression(Projection):
                 cy[k][where] += x.T @ Y[rows, :1]
                 if B:
                     cn[k][where] += single[rows].T @ r[rows]
-                cc[k, mine] += _inner(x, x, u)
+                cc[k, present] += _inner(x, x, u)
         P = p.sum(axis=0)
         small, qn = P.astype(np.float32), q[:, :, 1:].astype(np.float32)
         for k in range(blocks):
@@ -150,40 +152,42 @@ class PartialRegression(Projection):
             Z[k] = P - Mp
         D, by = np.zeros((n, blocks)), np.zeros((n, self.d))
         null = np.zeros((n, self.d, B), dtype=np.float32)
-        few = Z.astype(np.float32) if B else Z
-        for part, Q, left, (mine, X) in zip(self.parts, self.Q, self._left, columns, strict=True):
-            X = _turned(V[mine], X)
+        Z_single = Z.astype(np.float32) if B else Z
+        for part, Q, by_block, (present, X) in zip(
+            self.parts, self.Q, self._block_terms, columns, strict=True
+        ):
+            X = _turned(V[present], X)
             single = X.astype(np.float32) if B else X
-            for k, (QQ, e, qe, random, q_random) in enumerate(left):
+            for k, (QQ, e, qe, random, q_random) in enumerate(by_block):
                 rows = part.block(k)
                 x = X[rows]
                 a = _inner(Z[k], QQ @ Z[k], u)
-                own = Z[k].reshape(rank, n, u)[:, mine].reshape(rank, len(mine) * u)
-                cross = _inner(Q[rows].T @ x, own, u)
-                a[mine] += _inner(x, x, u) - cross - cross.transpose(0, 2, 1)
-                fall = _fall(mine, cy[k], x, Z[k], e, qe, a)[:, 0]
+                Z_block = Z[k].reshape(rank, n, u)[:, present].reshape(rank, len(present) * u)
+                cross = _inner(Q[rows].T @ x, Z_block, u)
+                a[present] += _inner(x, x, u) - cross - cross.transpose(0, 2, 1)
+                fall = _fall(present, cy[k], x, Z[k], e, qe, a)[:, 0]
                 D[:, k] += fall
                 by[:, part.coordinate] += fall
                 if B:
                     a = a.astype(np.float32)
-                    fall = _fall(mine, cn[k], single[rows], few[k], random, q_random, a)
+                    fall = _fall(present, cn[k], single[rows], Z_single[k], random, q_random, a)
                     null[:, part.coordinate] += fall
         return Gains(D, by, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
 
     @cached_property
-    def _left(self) -> list[list[tuple[np.ndarray, ...]]]:
+    def _block_terms(self) -> list[list[tuple[np.ndarray, ...]]]:
         """By part and block QᵀQ, e = L b̃ and Qᵀe, and of r_1 … r_B in single precision."""
-        found = []
+        parts = []
         G, M = self._downdated
         inside = self._inside + G @ (M @ self._inside.sum(axis=0))  # Qᵀe, as L = I + Q M Qᵀ
         for u, (part, E) in enumerate(zip(self.parts, self.errors, strict=True)):
-            mine = list[tuple[np.ndarray, ...]]()
+            blocks = list[tuple[np.ndarray, ...]]()
             for k in range(self.blocks):
                 e, qe = E[part.block(k)], inside[u, k]
                 random, q_random = (y[:, 1:].astype(np.float32) for y in (e, qe))
-                mine.append((G[u, k], e[:, :1], qe[:, :1], random, q_random))
-            found.append(mine)
-        return found
+                blocks.append((G[u, k], e[:, :1], qe[:, :1], random, q_random))
+            parts.append(blocks)
+        return parts
 
     def shares(self, groups: Sequence[Index]) -> Array:
         """(groups,) shares g that groups of columns explain."""
@@ -199,13 +203,13 @@ class PartialRegression(Projection):
 
     def refits(self, groups: Sequence[Index]) -> list[Refit]:
         """Groups of columns in detail, each by itself."""
-        found, numbers = list[Refit](), [len(group) for group in groups]
+        refits, numbers = list[Refit](), [len(group) for group in groups]
         parts = -(-sum(numbers) // TOGETHER) or 1
-        for some in filter(len, np.array_split(np.arange(len(groups)), parts)):
-            flat = np.concatenate([groups[i] for i in some])
+        for chosen in filter(len, np.array_split(np.arange(len(groups)), parts)):
+            flat = np.concatenate([groups[i] for i in chosen])
             C = np.concatenate([self._taken(p, flat) for p in self.parts])
-            found += self._refits(C, self.size[flat], [numbers[i] for i in some])
-        return found
+            refits += self._refits(C, self.size[flat], [numbers[i] for i in chosen])
+        return refits
 
     def refit_with(self, C: Sequence[Array]) -> Refit:
         """Columns C (m, u), one array a part, that are not among the candidates'."""
@@ -220,8 +224,8 @@ class PartialRegression(Projection):
         X = self._projected(C)
         LX = self._plus(X, self._Q, self._downdated[1] @ self.by_block(self._Q, X))
         ends = pairwise(np.cumsum([0, *numbers]))
-        some = (np.s_[:, a:b] for a, b in ends)
-        return [self._refit(X[g], LX[g], size[g[1]], float(squares[g[1]].sum())) for g in some]
+        slices = (np.s_[:, a:b] for a, b in ends)
+        return [self._refit(X[g], LX[g], size[g[1]], float(squares[g[1]].sum())) for g in slices]
 
     def _refit(self, C: Array, LC: Array, size: Array, squares: float) -> Refit:
         """One group of projected columns C (rows, u), with L C; their squares before that."""
@@ -270,7 +274,7 @@ def _theta(
 
 
 def _fall(
-    mine: Index, theta: np.ndarray, x: np.ndarray, Z: np.ndarray, e: np.ndarray, qe: np.ndarray,
+    present: Index, theta: np.ndarray, x: np.ndarray, Z: np.ndarray, e: np.ndarray, qe: np.ndarray,
     a: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
     """Fall of a block's left-out squares (n, R) in one coordinate: θᵀ(2 (Lc̃)ᵀe − (Lc̃)ᵀLc̃ θ).
@@ -279,5 +283,5 @@ def _fall(
     left-out errors e (m, R), `qe` = Qᵀe; a (n, u, u) = (Lc̃)ᵀLc̃.
     """
     c = -(Z.T @ qe).reshape(theta.shape)
-    c[mine] += (x.T @ e).reshape(len(mine), *theta.shape[1:])
+    c[present] += (x.T @ e).reshape(len(present), *theta.shape[1:])
     return (theta * (2 * c - a @ theta)).sum(axis=1)

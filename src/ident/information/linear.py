@@ -62,10 +62,10 @@ class Triangle:
     def merge(cls, triangles: Iterable[Triangle]) -> Triangle:
         """Return the triangle of all equations together; they must have the same unknowns."""
         first, *others = triangles = list(triangles)
-        stack = np.concatenate([np.zeros((0, first.k + 1)), *(each.stack() for each in others)])
+        stack = np.concatenate([np.zeros((0, first.k + 1)), *(item.stack() for item in others)])
         stack = stack[stack.any(axis=1)]  # rows of zeros hold no information
         merged = first.updated(stack[:, :-1], stack[:, -1]) if len(stack) else first
-        return replace(merged, rows=sum(each.rows for each in triangles))
+        return replace(merged, rows=sum(item.rows for item in triangles))
 
     @property
     def k(self) -> int:
@@ -197,7 +197,7 @@ def lstsq(A: Array, b: Array, rcond: float | None = None) -> tuple[Array, int]:
 
 
 def _check_finite(*arrays: Array) -> None:
-    if not all(np.isfinite(each).all() for each in arrays):
+    if not all(np.isfinite(item).all() for item in arrays):
         raise FitError(NOT_FINITE) from None
 
 

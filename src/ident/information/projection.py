@@ -47,12 +47,14 @@ class Projection:
         parts, times = [], information.times
         known = np.zeros(information.k) if reference is None else reference
         for u in range(information.d):
-            mine = {(b.log, b.block): b for b in information if b.coordinate == u}
-            if not mine:
+            of_coordinate = {(b.log, b.block): b for b in information if b.coordinate == u}
+            if not of_coordinate:
                 continue
-            support = next(iter(mine.values())).support
+            support = next(iter(of_coordinate.values())).support
             rows = [
-                mine[t].triangle.stack() if t in mine else np.zeros((0, len(support) + 1))
+                of_coordinate[t].triangle.stack()
+                if t in of_coordinate
+                else np.zeros((0, len(support) + 1))
                 for t in times
             ]
             edges = np.cumsum([0, *map(len, rows)])
@@ -70,8 +72,8 @@ class Projection:
     def place(self, columns: Index) -> int:
         """The coordinate in which some columns are; d if they are in several."""
         squares = self.squares[columns].sum(axis=0) * self.weight**2
-        mine = np.flatnonzero(squares > VISIBLE * squares.sum())
-        return int(mine[0]) if len(mine) == 1 else self.d
+        coordinates = np.flatnonzero(squares > VISIBLE * squares.sum())
+        return int(coordinates[0]) if len(coordinates) == 1 else self.d
 
     @property
     def blocks(self) -> int:
@@ -86,10 +88,10 @@ class Projection:
     @cached_property
     def squares(self) -> Array:
         """(columns, d) squares of each column in each coordinate, unweighted."""
-        found = np.zeros((self.columns, self.d))
+        sums = np.zeros((self.columns, self.d))
         for part in self.parts:
-            found[part.columns, part.coordinate] += part.squares
-        return found
+            sums[part.columns, part.coordinate] += part.squares
+        return sums
 
     @cached_property
     def size(self) -> Array:
@@ -100,20 +102,20 @@ class Projection:
     @cached_property
     def _Q(self) -> Array:
         """Q (rows, rank), part after part."""
-        k, mine, triangles = len(self.model), [], [np.zeros((0, len(self.model)))]
+        k, pieces, triangles = len(self.model), [], [np.zeros((0, len(self.model)))]
         for part in self.parts:  # in a tree a coordinate has the columns of few bodies
-            own = np.flatnonzero(np.isin(self.model, part.columns))
-            A = self._taken(part, self.model[own])
-            mine.append((A, own))
+            present = np.flatnonzero(np.isin(self.model, part.columns))
+            A = self._taken(part, self.model[present])
+            pieces.append((A, present))
             triangles.append(np.zeros((min(A.shape), k)))
-            triangles[-1][:, own] = np.linalg.qr(A, mode="r")
+            triangles[-1][:, present] = np.linalg.qr(A, mode="r")
         R = np.concatenate(triangles)
         if not k or not R.any():
             return np.zeros((int(self.cells.max()), 0))
         _, s, Vt = linear.svd(np.asarray(np.linalg.qr(R, mode="r")), full_matrices=False)
         good = s > RANK * s[0]
         T = Vt[good].T / s[good]
-        Q = np.concatenate([A @ T[own] for A, own in mine])
+        Q = np.concatenate([A @ T[present] for A, present in pieces])
         for _ in range(2):  # what rounding leaves of QᵀQ − I goes
             Q = Q @ np.linalg.inv(np.linalg.cholesky(Q.T @ Q)).T
         return Q
@@ -187,10 +189,10 @@ class Projection:
     @cached_property
     def null_losses(self) -> Array:
         """(d, B) left-out squares of r_1 … r_B in each coordinate, all blocks together."""
-        found = np.zeros((self.d, self._errors.shape[1] - 1))
+        sums = np.zeros((self.d, self._errors.shape[1] - 1))
         for part, e in zip(self.parts, self.errors, strict=True):
-            found[part.coordinate] += np.einsum("ij,ij->j", e[:, 1:], e[:, 1:])
-        return found
+            sums[part.coordinate] += np.einsum("ij,ij->j", e[:, 1:], e[:, 1:])
+        return sums
 
     def explained(self, fall: Array, before: Array | None = None) -> Array:
         """Return the shares g that falls (…, d) of left-out squares `before` explain, or of b's."""
@@ -219,10 +221,10 @@ class Projection:
         """(blocks, d) sums of x (rows,)."""
         first, last = self.cells.reshape(-1, 2).T
         sums = np.add.reduceat(np.append(x, 0.0), first) * (last > first)
-        found = np.zeros((self.blocks, self.d))
-        for part, own in zip(self.parts, sums.reshape(-1, self.blocks), strict=True):
-            found[:, part.coordinate] += own
-        return found
+        table = np.zeros((self.blocks, self.d))
+        for part, of_part in zip(self.parts, sums.reshape(-1, self.blocks), strict=True):
+            table[:, part.coordinate] += of_part
+        return table
 
     @cached_property
     def rows(self) -> Array:
@@ -245,14 +247,14 @@ class Projection:
         What is projected already stays: with q orthonormal, spanning what the columns C have that
         the model does not, Q' = [Q q] and Ỹ' = Ỹ − q qᵀỸ.
         """
-        found = replace(self, model=np.append(self.model, columns))
+        extended = replace(self, model=np.append(self.model, columns))
         if "_residual" not in vars(self):
-            return found
+            return extended
         C = self._projected(np.concatenate([self._taken(part, columns) for part in self.parts]))
         q, R = np.linalg.qr(C)
         U, s, _ = linear.svd(R)
-        q = np.linalg.qr(self._projected(q @ U[:, s > RANK * np.sqrt(len(found.model))]))[0]
-        return found._with(
+        q = np.linalg.qr(self._projected(q @ U[:, s > RANK * np.sqrt(len(extended.model))]))[0]
+        return extended._with(
             np.hstack([self._Q, q]), self._residual - q @ (q.T @ self._residual), self
         )
 
@@ -262,16 +264,16 @@ class Projection:
         What is projected already stays: the left singular vectors U of Qᵀ times the columns that
         are left turn Q into Q' and the removed column q, so that Ỹ' = Ỹ + q qᵀY.
         """
-        found = replace(self, model=self.model[~np.isin(self.model, columns)])
+        reduced = replace(self, model=self.model[~np.isin(self.model, columns)])
         if "_residual" not in vars(self):
-            return found
+            return reduced
         both = [*zip(self.parts, self.Q, strict=True)]
-        K = np.sum([Q.T @ self._taken(part, found.model) for part, Q in both], axis=0)
+        K = np.sum([Q.T @ self._taken(part, reduced.model) for part, Q in both], axis=0)
         U, s, _ = linear.svd(K)
         rank = int((s > RANK * s.max(initial=0.0)).sum())
         U, V = U[:, :rank], U[:, rank:]
         qY = np.sum([self.weight[p.coordinate] * (Q @ V).T @ p.Y for p, Q in both], axis=0)
-        return found._with(self._Q @ U, self._residual + (self._Q @ V) @ qY, self)
+        return reduced._with(self._Q @ U, self._residual + (self._Q @ V) @ qY, self)
 
     def _with(self, Q: Array, residual: Array, rows: Self) -> Self:
         """The same with what is projected, and with what only the rows decide."""
@@ -283,26 +285,26 @@ class Projection:
         """The same rows with further candidates C (m, u), one array a part, and which they are."""
         new = self.columns + np.arange(C[0].shape[1])
         parts = (part.added(c, new) for part, c in zip(self.parts, C, strict=True))
-        found = replace(self, parts=tuple(parts), count=int(new[-1]) + 1)
-        own = {"columns", "squares", "size", *(field.name for field in fields(self))}
-        vars(found).update({name: x for name, x in vars(self).items() if name not in own})
-        return found, new
+        added = replace(self, parts=tuple(parts), count=int(new[-1]) + 1)
+        recomputed = {"columns", "squares", "size", *(field.name for field in fields(self))}
+        vars(added).update({name: x for name, x in vars(self).items() if name not in recomputed})
+        return added, new
 
     def weighted(self, weight: Array) -> Self:
         """The same rows with other weights."""
         return replace(self, weight=np.asarray(weight, dtype=float))
 
-    def judging(self, Y: Sequence[Array]) -> Self:
+    def with_targets(self, Y: Sequence[Array]) -> Self:
         """The same rows with other right-hand sides Y (m, 1 + B), one a part."""
         parts = zip(self.parts, Y, strict=True)
-        found = replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))
-        vars(found).update(_Q=self._Q, _downdated=self._downdated, squares=self.squares)  # of X
-        return found
+        replaced = replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))
+        vars(replaced).update(_Q=self._Q, _downdated=self._downdated, squares=self.squares)  # of X
+        return replaced
 
     @property
     def bare(self) -> Self:
         """The same rows without r_1 … r_B."""
-        return self.judging([part.Y[:, :1] for part in self.parts])
+        return self.with_targets([part.Y[:, :1] for part in self.parts])
 
     @property
     def solved(self) -> tuple[Array, Array]:

@@ -179,30 +179,30 @@ def eliminate(chunks: Iterable[Chunk], count: int, blocks: int = 1) -> Eliminati
     for number, rows in enumerate(_intervals(chunks, group, (count - width) // group + 1)):
         balance[block[number]] += len(rows)
         before = np.hstack([carried[:, :w], np.zeros((len(carried), w)), carried[:, w:]])
-        own, rest = _parted(np.concatenate([before, rows]), w, tol)
+        solved, rest = _parted(np.concatenate([before, rows]), w, tol)
         carried, done = _parted(rest[:, w:], w, tol)
-        knots.append(own)
-        balance[block[number]] -= len(own)
+        knots.append(solved)
+        balance[block[number]] -= len(solved)
         free[block[number]].append(done[:, w:])
     sums = np.maximum.accumulate(np.maximum(np.cumsum(balance), 0))
     # a block that is short of equations owes them to the next ones
-    each = np.diff(np.minimum(sums, max(int(balance.sum()), 0)), prepend=0)
+    shares = np.diff(np.minimum(sums, max(int(balance.sum()), 0)), prepend=0)
     factors = []
-    for parts, n in zip(free, each, strict=True):
+    for parts, n in zip(free, shares, strict=True):
         rows = np.concatenate([np.zeros((0, k + 1)), *parts])
         factors.append(replace(Triangle.of(rows[:, :-1], rows[:, -1]), rows=int(n)))
     total = sum(len(chunk.b) for chunk in chunks)
-    return Elimination(tuple(factors), total, total - int(each.sum()), count, m, tuple(knots), w)
+    return Elimination(tuple(factors), total, total - int(shares.sum()), count, m, tuple(knots), w)
 
 
 def _intervals(chunks: Sequence[Chunk], group: int, intervals: int) -> Iterator[Array]:
     """Yield rows (r, 2 w + k + 1) of every interval, on its two knots, p and b; at last none."""
     (_, width, m), k = chunks[0].L.shape, chunks[0].A.shape[1]
     number = [chunk.first // group for chunk in chunks]
-    order = [np.argsort(each, kind="stable") for each in number]
+    order = [np.argsort(number_of, kind="stable") for number_of in number]
     ends = [
-        np.searchsorted(each[at], np.arange(intervals + 1))
-        for each, at in zip(number, order, strict=True)
+        np.searchsorted(number_of[at], np.arange(intervals + 1))
+        for number_of, at in zip(number, order, strict=True)
     ]
     starts = np.array(ends)
     for i in range(intervals):
@@ -224,13 +224,13 @@ def _parted(rows: Array, c: int, tol: float) -> tuple[Array, Array]:
     Combinations that the rows weigh less than `tol` are left open: they count as zero.
     """
     R = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) else rows
-    own, rest = R[:c], R[c:]
-    if (len(own) == c and (np.abs(own.diagonal()) > CLOSE * tol).all()) or not c:
-        return own, rest
-    U, s, Vt = linear.svd(own[:, :c], full_matrices=True)
-    turned = U.T @ own
+    leading, rest = R[:c], R[c:]
+    if (len(leading) == c and (np.abs(leading.diagonal()) > CLOSE * tol).all()) or not c:
+        return leading, rest
+    U, s, Vt = linear.svd(leading[:, :c], full_matrices=True)
+    turned = U.T @ leading
     turned[:, :c] = 0.0
     turned[: len(s), :c] = s[:, None] * Vt[: len(s)]
-    known = np.append(s > tol, np.zeros(len(own) - len(s), dtype=bool))
+    known = np.append(s > tol, np.zeros(len(leading) - len(s), dtype=bool))
     turned[~known, :c] = 0.0
     return turned[known], np.concatenate([rest, turned[~known]])

@@ -40,7 +40,7 @@ WORDS = {  # in names of columns that are a joint's position, speed or torque
     "tau": re.compile(r"eff|torq|trq|tau|moment|force|current|(?<![a-z])i(?![a-z])", re.I),
 }
 ORDERED = re.compile(r"cmd|command|target|desired|(?<![a-z])ref", re.I)  # not what was measured
-ALIKE = 0.8  # range: likeness of names from which one is the other in another spelling
+SIMILAR_NAMES = 0.8  # range: likeness of names from which one is the other in another spelling
 
 
 class NoTime(LogError):
@@ -90,7 +90,7 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
         )
         rows = pl.DataFrame(dict(table.columns)).fill_nan(None)
         rows = rows.group_by("t", maintain_order=True).agg(pl.all().drop_nulls().first())
-        columns = {each.name: each.fill_null(np.nan).to_numpy() for each in rows}
+        columns = {column.name: column.fill_null(np.nan).to_numpy() for column in rows}
         repairs = (*table.repairs, note)
         table = replace(table, columns=columns, repairs=repairs, lines=None)  # rows are no lines
         t = table.columns["t"]
@@ -137,9 +137,9 @@ def _no_time(table: RawTable) -> str:
         )
     step = float(np.median(steps[best])) if best in increasing else 0.0
     scale = (_scales(step) or [1.0])[0] if step > LONGEST_STEP else 1.0
-    alike = f" (so do: {', '.join(others[:5])})" if others else ""
+    similar = f" (so do: {', '.join(others[:5])})" if others else ""
     return (
-        f"no time column 't'; {best!r} looks like a time{alike}; name it t, "
+        f"no time column 't'; {best!r} looks like a time{similar}; name it t, "
         f"or write in mechanism.toml: {_entry(best, scale)}"
     )
 
@@ -162,28 +162,34 @@ def entry_for(signal: str, joints: Sequence[str], columns: Iterable[str]) -> str
         for before in ("", stem):  # joints may have only their numbers in common with columns
             tag = joint.removeprefix(before)
             of = [x for x in names if (re.findall(r"\d+", x) == [tag] if before else tag in x)]
-            found = next((x for x in of if WORDS[signal].search(x.replace(tag, ""))), "")
-            if not found:
+            matching = next((x for x in of if WORDS[signal].search(x.replace(tag, ""))), "")
+            if not matching:
                 continue
-            own, numbered = _by_number(joint, joints, found, found.index(tag) + len(tag), names)
-            lone = numbered.keys() - own.keys()  # where columns count from 0, one more may be any
-            if lone and ("0" in lone or own.keys() - numbered.keys()):
-                pairs = [*zip(sorted(own, key=int), sorted(numbered, key=int), strict=False)]
+            numbers, numbered = _by_number(
+                joint, joints, matching, matching.index(tag) + len(tag), names
+            )
+            lone = (
+                numbered.keys() - numbers.keys()
+            )  # where columns count from 0, one more may be any
+            if lone and ("0" in lone or numbers.keys() - numbered.keys()):
+                pairs = [*zip(sorted(numbers, key=int), sorted(numbered, key=int), strict=False)]
                 apart = {int(b) - int(a) for a, b in pairs}
-                if len(own) != len(numbered) or apart not in ({1}, {-1}) or "0" not in pairs[0]:
+                if len(numbers) != len(numbered) or apart not in ({1}, {-1}) or "0" not in pairs[0]:
                     continue  # which column is of which joint is open
                 ends = (pairs[0], pairs[-1])
-                return ", … ".join(f'"{signal}.{own[a]}" = "{numbered[b]}"' for a, b in ends)
-            pattern = found.replace(tag, "*")
-            alike = [x for x in joints if pattern.replace("*", x.removeprefix(before)) in names]
-            if len(alike) > 1 and pattern.count("*") == 1:
+                return ", … ".join(f'"{signal}.{numbers[a]}" = "{numbered[b]}"' for a, b in ends)
+            pattern = matching.replace(tag, "*")
+            matching_joints = [
+                x for x in joints if pattern.replace("*", x.removeprefix(before)) in names
+            ]
+            if len(matching_joints) > 1 and pattern.count("*") == 1:
                 return f'"{signal}.{before}*" = "{pattern}"'
-            return _lone(signal, joint, found, joints)
+            return _lone(signal, joint, matching, joints)
     for joint in joints:  # in another spelling, with the same numbers
         number = re.findall(r"\d+", joint)
-        plain = {x.casefold(): x for x in names if re.findall(r"\d+", x) == number}
-        if like := get_close_matches(f"{signal}.{joint}".casefold(), plain, 1, ALIKE):
-            return _lone(signal, joint, plain[like[0]], joints)
+        by_spelling = {x.casefold(): x for x in names if re.findall(r"\d+", x) == number}
+        if like := get_close_matches(f"{signal}.{joint}".casefold(), by_spelling, 1, SIMILAR_NAMES):
+            return _lone(signal, joint, by_spelling[like[0]], joints)
     return ""
 
 
@@ -208,7 +214,7 @@ def _by_number(
     both = []
     for before, after, names in ((stem, "", joints), (column[:start], column[end:], columns)):
         rule = re.compile(f"{re.escape(before)}(\\d+){re.escape(after)}")
-        both.append({found[1]: name for name in names if (found := rule.fullmatch(name))})
+        both.append({match[1]: name for name in names if (match := rule.fullmatch(name))})
     return both[0], both[1]
 
 

@@ -77,8 +77,8 @@ def open_log(path: str | os.PathLike[str], columns: Mapping[str, Column] | None 
         elif suffix == ".parquet":
             (rows, table), sha256 = _open_parquet(source.path), source.sha256()
         else:
-            whole = _whole(source, source.path.stat().st_mtime_ns)
-            rows, sha256 = len(next(iter(whole.columns.values()), ())), source.sha256()
+            entire = _entire(source, source.path.stat().st_mtime_ns)
+            rows, sha256 = len(next(iter(entire.columns.values()), ())), source.sha256()
             table = partial(_rows_of_whole, source)
         names = tuple(renamed(table(0, min(rows, STRIDE)), mapping).columns)
     return Pieces(source.path, source.name, mapping, rows, sha256, table, names)
@@ -147,11 +147,11 @@ def _rows_of_csv(
 
 
 def _rows_of_whole(file: LogFile, first: int, stop: int) -> RawTable:
-    return _whole(file, file.path.stat().st_mtime_ns).cut(slice(first, stop))
+    return _entire(file, file.path.stat().st_mtime_ns).cut(slice(first, stop))
 
 
 @lru_cache(maxsize=1)
-def _whole(file: LogFile, changed: int) -> RawTable:
+def _entire(file: LogFile, changed: int) -> RawTable:
     return file.table()
 
 

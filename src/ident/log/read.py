@@ -106,7 +106,7 @@ def log_file(path: str | os.PathLike[str], topic: str | None) -> LogFile:
                 f"{path}: names a topic, and topic = {topic!r} is given; give one of them"
             )
         path, topic = Path(before), behind
-    topics = [each.strip() for each in (topic or "").split(",")]
+    topics = [name.strip() for name in (topic or "").split(",")]
     if topic is not None and not all(topics):
         raise LogError(f"{path}: topic '{topic}'; name one, such as {path}#/joint_states")
     suffix = suffix_of(path)
@@ -128,7 +128,7 @@ def log_file(path: str | os.PathLike[str], topic: str | None) -> LogFile:
         raise LogError(
             f"{path}: unknown suffix {path.suffix!r}; valid: {_valid()}, or a ROS 2 bag's folder"
         )
-    return LogFile(path, tuple(each for each in topics if each))
+    return LogFile(path, tuple(name for name in topics if name))
 
 
 def likely_rows(path: str | os.PathLike[str]) -> int:
@@ -212,8 +212,8 @@ def expanded(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
     """Return logs, and in place of every folder the logs in it; each file once."""
     unique: dict[Path, Path] = {}
     for path in map(Path, paths):
-        for each in logs_in(path) if is_folder_of_logs(path) else [path]:
-            unique.setdefault(Path(os.path.realpath(each)), each)
+        for log in logs_in(path) if is_folder_of_logs(path) else [path]:
+            unique.setdefault(Path(os.path.realpath(log)), log)
     return list(unique.values())
 
 
@@ -224,8 +224,8 @@ def distinct(names: Iterable[str]) -> list[str]:
     ['run.csv', 'run.csv (2)']
     """
     count = Counter[str]()
-    found = []
+    unique_names = []
     for name in names:
         count[name] += 1
-        found.append(name if count[name] == 1 else f"{name} ({count[name]})")
-    return found
+        unique_names.append(name if count[name] == 1 else f"{name} ({count[name]})")
+    return unique_names

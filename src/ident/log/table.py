@@ -79,7 +79,9 @@ def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
     for source in mapping.values():
         if source.group:
             groups.setdefault(source.group, []).append(source.column)
-    own = {name for name, source in mapping.items() if source.required} & table.columns.keys()
+    wanted_names = {
+        name for name, source in mapping.items() if source.required
+    } & table.columns.keys()
     mapping = {
         name: source
         for name, source in mapping.items()
@@ -87,7 +89,7 @@ def renamed(table: RawTable, mapping: Mapping[str, Column]) -> RawTable:
         or (source.column in every and (source.required or name not in every))
     }
     used = {source.column for source in mapping.values()}
-    if "t" in table.columns and own - {"t"} and not used & every:
+    if "t" in table.columns and wanted_names - {"t"} and not used & every:
         return table
     free = every - used
     for group, sources in groups.items():
@@ -254,16 +256,16 @@ def frame_table(name: str, frame: Any, mapped: Collection[str] = ()) -> RawTable
 
 # not pl.from_pandas, which needs pyarrow for most types
 def _series_of_pandas(name: str, frame: Any, mapped: Collection[str]) -> Iterator[pl.Series]:
-    index, own = frame.index, list(frame.columns)
-    for label in [*own, *index.names]:
-        if not isinstance(label, str) and not (label is None and label not in own):
+    index, labels = frame.index, list(frame.columns)
+    for label in [*labels, *index.names]:
+        if not isinstance(label, str) and not (label is None and label not in labels):
             raise LogError(f"{name}: column {label!r} is not named by text; rename it")
     if index.nlevels == 1:
         times = getattr(index.dtype, "kind", "") in "mM"
-        label = "t" if times and "t" not in own and index.name not in mapped else index.name
-        if label is not None and label not in own:
+        label = "t" if times and "t" not in labels and index.name not in mapped else index.name
+        if label is not None and label not in labels:
             yield _series(label, index)
-    for position, label in enumerate(own):
+    for position, label in enumerate(labels):
         yield _series(label, frame.iloc[:, position])
 
 

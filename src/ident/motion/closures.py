@@ -65,24 +65,28 @@ class LoopSolver:
         """y (n, d), W_u (n, d, nv) and Ẇ_u v (n, d) of the joints."""
         n, d, nv = len(q), len(self.joints), self.mechanism.model.nv
         y, W, drift = np.empty((n, d)), np.zeros((n, d, nv)), np.zeros((n, d))
-        own = None
+        rates = None
         if not all(joint.in_tree for joint in self.joints):
-            own = self.mechanism.kinematics.own_rows(q, v)
+            rates = self.mechanism.kinematics.own_rows(q, v)
         for i, joint in enumerate(self.joints):
             at = joint.index
-            if joint.in_tree or own is None:
+            if joint.in_tree or rates is None:
                 y[:, i], W[:, i, at] = q[:, at], 1.0
             else:
-                y[:, i], W[:, i], drift[:, i] = own.value[:, at], own.rate[:, at], own.drift[:, at]
+                y[:, i], W[:, i], drift[:, i] = (
+                    rates.value[:, at],
+                    rates.rate[:, at],
+                    rates.drift[:, at],
+                )
         return ConstraintRows(y, W, drift)
 
     def _residual(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        closure, own = self.mechanism.kinematics.closure_rows(q), self.coordinates(q)
-        off = target - own.value
+        closure, coordinates = self.mechanism.kinematics.closure_rows(q), self.coordinates(q)
+        off = target - coordinates.value
         for i, joint in enumerate(self.joints):
             if joint.rotational and not joint.in_tree:  # its angle is known up to whole turns
                 off[:, i] = (off[:, i] + np.pi) % (2 * np.pi) - np.pi
-        K = np.concatenate([closure.rate, own.rate / self.scale[:, None]], axis=1)
+        K = np.concatenate([closure.rate, coordinates.rate / self.scale[:, None]], axis=1)
         return np.concatenate([-closure.value, off / self.scale], axis=1), K
 
     def newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -113,8 +117,8 @@ class LoopSolver:
     ) -> tuple[np.ndarray, np.ndarray]:
         """v and a (n, nv) that keep the closures, from the joints' rates (n, d)."""
         closure_rows = self.mechanism.kinematics.closure_rows
-        J, own = closure_rows(q).rate, self.coordinates(q).rate
-        Kp = pseudo_inverse(np.concatenate([J, own / self.scale[:, None]], axis=1))
+        J, W = closure_rows(q).rate, self.coordinates(q).rate
+        Kp = pseudo_inverse(np.concatenate([J, W / self.scale[:, None]], axis=1))
         v = _times(Kp[:, :, J.shape[1] :], yd / self.scale)
         Jp = linear.pinv(J, 1e-9) if self.surplus else None
         if Jp is not None:
@@ -152,24 +156,24 @@ class LoopSolver:
         for a, b in pairwise(known):
             self._bridge(path, target, t, int(a), int(b))
         while len(known) <= n:  # halve the distances; each level is one call for all samples
-            left, right = known[:-1], known[1:]
-            wide = right - left > 1
-            left, right = left[wide], right[wide]
-            middle = (left + right) // 2
-            step = _difference(model, path[left], path[right])
+            lower, upper = known[:-1], known[1:]
+            wide = upper - lower > 1
+            lower, upper = lower[wide], upper[wide]
+            middle = (lower + upper) // 2
+            step = _difference(model, path[lower], path[upper])
             path[middle], gap = self.newton(
-                integrate(model, path[left], 0.5 * step), target[middle]
+                integrate(model, path[lower], 0.5 * step), target[middle]
             )
             for bad in np.flatnonzero(gap > OPEN):
-                self._bridge(path, target, t, int(left[bad]), int(middle[bad]))
+                self._bridge(path, target, t, int(lower[bad]), int(middle[bad]))
             known = np.union1d(known, middle)
         return path[1:]
 
     def _bridge(self, q: np.ndarray, target: np.ndarray, t: np.ndarray, a: int, b: int) -> None:
         """Set q[b] from q[a], over the samples between them where that is too far."""
         near, gap = self.newton(q[a : a + 1], target[b : b + 1])
-        moved = target[b] - target[a]
-        if gap[0] < OPEN and self._straight(np.stack([q[a], near[0]]), moved[None])[0]:
+        change = target[b] - target[a]
+        if gap[0] < OPEN and self._straight(np.stack([q[a], near[0]]), change[None])[0]:
             q[b] = near[0]
         elif abs(b - a) > 1:
             middle = (a + b) // 2
@@ -178,7 +182,7 @@ class LoopSolver:
         else:
             q[b] = self._travel(q[a], target[a], target[b], t[b], LEAP)
 
-    def _straight(self, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    def _straight(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
         """(n,) whether the tangents at both ends of each step between configurations q (n + 1, nq)
         lead from one to the other, where the joints have moved by (n, d).
 
@@ -187,10 +191,10 @@ class LoopSolver:
         """
         step = _difference(self.mechanism.model, q[:-1], q[1:])
         size = np.abs(step).max(axis=1)
-        near = size < 0.2 + 3 * np.abs(moved).max(axis=1)
+        near = size < 0.2 + 3 * np.abs(change).max(axis=1)
         _, K = self._residual(q, np.zeros((len(q), len(self.joints))))
-        Z = pseudo_inverse(K)[:, :, K.shape[1] - moved.shape[1] :]
-        predicted = 0.5 * _times(Z[:-1] + Z[1:], moved / self.scale)
+        Z = pseudo_inverse(K)[:, :, K.shape[1] - change.shape[1] :]
+        predicted = 0.5 * _times(Z[:-1] + Z[1:], change / self.scale)
         return np.asarray(near & (np.abs(step - predicted).max(axis=1) < 0.02 + BENT * size))
 
     def _travel(
@@ -208,8 +212,8 @@ class LoopSolver:
         while done < 1.0:
             share = min(1.0, done + step)
             near, gap = self.newton(q[None], (y + share * (goal - y))[None])
-            moved = np.abs(_difference(self.mechanism.model, q[None], near)).max()
-            if gap[0] < OPEN and moved < 1.0:
+            change = np.abs(_difference(self.mechanism.model, q[None], near)).max()
+            if gap[0] < OPEN and change < 1.0:
                 q, done, step = near[0], share, step * 1.5
             elif step > 1e-4:
                 step *= 0.5
@@ -287,16 +291,16 @@ def best_conditioned(mechanism: Mechanism, q: np.ndarray) -> tuple[str, ...]:
     if len(fixed) < d:
         others = [joint.name for joint in mechanism.joints if joint.name not in fixed]
         sets = [(*fixed, *more) for more in combinations(others, d - len(fixed))]
-    names = tuple(dict.fromkeys(name for each in sets for name in each))
+    names = tuple(dict.fromkeys(name for joints in sets for name in joints))
     J = mechanism.kinematics.closure_rows(q).rate
     W = LoopSolver(mechanism, names).coordinates(q).rate
     best, least = sets[0], np.inf
-    for each in islice(sets, 500):
-        K = np.concatenate([J, W[:, [names.index(name) for name in each]]], axis=1)
+    for joints in islice(sets, 500):
+        K = np.concatenate([J, W[:, [names.index(name) for name in joints]]], axis=1)
         with np.errstate(all="ignore"):
             size = np.linalg.norm(pseudo_inverse(K), axis=(1, 2)).max()
         if size < 0.99 * least:
-            best, least = each, size
+            best, least = joints, size
     return tuple(joint.name for joint in mechanism.joints if joint.name in best)
 
 
@@ -309,20 +313,20 @@ def check_freedom(mechanism: Mechanism) -> None:
         raise MechanismError(
             f"{name}: no joint of it moves; valid: one revolute or prismatic, or more"
         )
-    left = f"{name}: the loops leave 0 degrees of freedom, so nothing can move"
+    problem = f"{name}: the loops leave 0 degrees of freedom, so nothing can move"
     if mechanism.locked:
-        raise MechanismError(f"{left}; lock fewer joints than {', '.join(mechanism.locked)}")
+        raise MechanismError(f"{problem}; lock fewer joints than {', '.join(mechanism.locked)}")
     J = pin.computeJointJacobians(model, model.createData(), mechanism.assembled)
     axes = {j.name: J[3:, j.index] for j in mechanism.joints if j.in_tree and j.rotational}
     parallel = [
-        [each for each, axis in axes.items() if np.linalg.norm(np.cross(one, axis)) < PARALLEL]
+        [name for name, axis in axes.items() if np.linalg.norm(np.cross(one, axis)) < PARALLEL]
         for one in axes.values()
     ]
     most = max(parallel, key=len, default=[])
-    apart = [each for each in axes if each not in most]
+    apart = [name for name in axes if name not in most]
     if 0 < len(apart) < len(most):
-        left += (
+        problem += (
             f"; the axis of {', '.join(apart)} is not parallel to those of {', '.join(most)}, as "
             "it is in a planar loop (without an <axis> it is x of the joint's frame)"
         )
-    raise MechanismError(f"{left}; check the closures' kinds and frames, and the joints' <axis>")
+    raise MechanismError(f"{problem}; check the closures' kinds and frames, and the joints' <axis>")

@@ -29,7 +29,7 @@ from ident.mechanism.parameters import regressor
 from ident.motion.closures import best_conditioned
 from ident.motion.recipe import Band
 from ident.motion.signals import SLOW, LogSignals, runs
-from ident.motion.smoothing import FEWEST, Derived, finest
+from ident.motion.smoothing import MIN_INTERVALS, Derived, finest
 from ident.motion.spline import LOUD, basis_over, fitted
 from ident.motion.state import State
 
@@ -59,14 +59,16 @@ def without_time_errors(
     size = float(np.mean(error**2))
     if np.median(shares) < PREDICTED or np.mean(np.diff(error) ** 2) < ROUGH * 2 * size:
         return None
-    columns, here = dict(log.columns), dict(signals.columns)
+    columns, resampled = dict(log.columns), dict(signals.columns)
     for j, name in enumerate(moving):
         for column, rate in ((f"q.{name}", v), (f"v.{name}", a)):
-            if column in here:
+            if column in resampled:
                 columns[column] = columns[column] - rate[:, j] * error
                 good = np.isfinite(columns[column])
-                here[column] = np.interp(signals.t, t[good], columns[column][good])
-    return replace(signals, log=replace(log, columns=columns), columns=here), float(np.sqrt(size))
+                resampled[column] = np.interp(signals.t, t[good], columns[column][good])
+    return replace(signals, log=replace(log, columns=columns), columns=resampled), float(
+        np.sqrt(size)
+    )
 
 
 def common(r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -85,12 +87,12 @@ def common(r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         [(x[part] ** 2).sum(axis=0) for x in (r - v * others, r)]
         for part in np.array_split(np.arange(len(r)), STRETCHES)
     ]
-    return error, np.array([1 - left / (all_ + 1e-300) for left, all_ in squares])
+    return error, np.array([1 - remaining / (all_ + 1e-300) for remaining, all_ in squares])
 
 
 STEP = 2.0  # work: ratio of one spacing that is tried to the next
 FINER, COARSER = 4, 3  # work: steps from the present spacing that are tried
-ALIKE = 0.02  # tuned: share by which errors must fall for other knots than the present ones
+BETTER_BY = 0.02  # tuned: share by which errors must fall for other knots than the present ones
 ROWS = 250  # work: filtered rows of a coordinate, at least: a dozen in each of 20 blocks
 OVERSAMPLING = 4.0  # level: filtered rows a period of the cut-off, as `equations.filter` keeps them
 CLOSEST = 1.01  # numerics: times the closest knots: no further than rounding
@@ -105,12 +107,13 @@ EQUATIONS = 12_000  # work: of all joints: with more than twelve fewer samples a
 def doubtful(derived: Sequence[Derived], band: Band) -> bool:
     """Whether smoothing leaves more than white noise, or asks for the closest knots there are."""
     return any(
-        each.smooth is not None
+        motion.smooth is not None
         and (
-            each.smooth.spacing <= CLOSEST * max(finest(band, each.smooth.channels), band.knots[0])
-            or any(c.spacing and c.residual > LOUD * c.noise for c in each.table)
+            motion.smooth.spacing
+            <= CLOSEST * max(finest(band, motion.smooth.channels), band.knots[0])
+            or any(c.spacing and c.residual > LOUD * c.noise for c in motion.table)
         )
-        for each in derived
+        for motion in derived
     )
 
 
@@ -120,44 +123,46 @@ def by_torques(
     """The band with the knots of the least error, if that is clearly less than with those of
     `derived`. A cut-off that is not given leaves rows enough, and is below what knots pass.
     """
-    start = float(np.median([each.smooth.spacing for each in derived if each.smooth]))
-    closest = max(band.knots[0], 2 * max(each.dt for each in logs))
-    lengths = [np.array([run.stop - run.start for run in runs(each.usable)]) for each in logs]
-    usual = [np.median(np.repeat(n, n)) * each.dt for n, each in zip(lengths, logs, strict=True)]
-    coarsest = float(min(usual)) / (FEWEST if given else LOST * FILTER)
+    start = float(np.median([motion.smooth.spacing for motion in derived if motion.smooth]))
+    closest = max(band.knots[0], 2 * max(motion.dt for motion in logs))
+    lengths = [np.array([run.stop - run.start for run in runs(motion.usable)]) for motion in logs]
+    usual = [
+        np.median(np.repeat(n, n)) * motion.dt for n, motion in zip(lengths, logs, strict=True)
+    ]
+    coarsest = float(min(usual)) / (MIN_INTERVALS if given else LOST * FILTER)
     if given and band.cutoff:
         coarsest = min(coarsest, 0.5 / band.cutoff)
     both, names = [*zip(logs, derived, strict=True)], derived[0].names
-    scenes = [_scene(mechanism, signals, each) for signals, each in both]
+    scenes = [_scene(mechanism, signals, motion) for signals, motion in both]
 
     def error(spacing: float) -> float:
         """Mean of the logarithms of all rms errors."""
-        found = []
-        for (signals, each), e in zip(both, scenes, strict=True):
+        logarithms = []
+        for (signals, motion), e in zip(both, scenes, strict=True):
             known, t = e.known(mechanism, names), signals.t
-            if each.smooth is not None:
-                place = [names.index(name) for name in each.smooth.names]
-                for run, _ in each.smooth.runs:
-                    inside = [channel.within(t[run]) for channel in each.smooth.channels]
+            if motion.smooth is not None:
+                place = [names.index(name) for name in motion.smooth.names]
+                for run, _ in motion.smooth.runs:
+                    inside = [channel.within(t[run]) for channel in motion.smooth.channels]
                     basis = basis_over(t[run][0], t[run][-1], spacing)
-                    spline = fitted(basis, inside, each.smooth.names)
-                    here = (e.t >= t[run][0]) & (e.t <= t[run][-1])
-                    known[np.ix_(range(3), here, place)] = spline.at(e.t[here])
-            found.append(np.log(torque_errors(mechanism, e.at(mechanism, known, names))))
-        return float(np.mean(found))
+                    spline = fitted(basis, inside, motion.smooth.names)
+                    inside_run = (e.t >= t[run][0]) & (e.t <= t[run][-1])
+                    known[np.ix_(range(3), inside_run, place)] = spline.at(e.t[inside_run])
+            logarithms.append(np.log(torque_errors(mechanism, e.at(mechanism, known, names))))
+        return float(np.mean(logarithms))
 
     ladder = [start * STEP**k for k in range(-FINER, COARSER + 1)]
-    tried = {h: error(h) for h in ladder if h == start or closest <= h <= coarsest}
-    best = min(tried, key=lambda h: tried[h])
-    if tried[best] > tried[start] - np.log1p(ALIKE):
+    errors = {h: error(h) for h in ladder if h == start or closest <= h <= coarsest}
+    best = min(errors, key=lambda h: errors[h])
+    if errors[best] > errors[start] - np.log1p(BETTER_BY):
         best = start
     knots = (best, best) if best != start else band.knots
     if given:
         return replace(band, knots=knots)
-    duration = sum(float(np.ptp(each.t)) for each in logs)
+    duration = sum(float(np.ptp(motion.t)) for motion in logs)
     cutoff = max(band.cutoff or 0.0, ROWS / OVERSAMPLING / duration)
     cutoff = min(cutoff if band.cutoff else np.inf, 0.5 / best)
-    fast = cutoff >= 0.25 / max(each.dt for each in logs)
+    fast = cutoff >= 0.25 / max(motion.dt for motion in logs)
     return replace(band, cutoff=band.cutoff if fast else cutoff, knots=knots)
 
 
@@ -191,12 +196,12 @@ def torque_errors(mechanism: Mechanism, e: State) -> np.ndarray:
         if u in mechanism.unmeasured_rows:
             continue
         x = np.concatenate([part[:, u] for part in parts], axis=1)
-        own = np.flatnonzero(x.any(axis=0))  # in a tree, the bodies that the coordinate carries
-        blocks.append(Part(u, own, x[:, own], y[:, None], edges))
+        present = np.flatnonzero(x.any(axis=0))  # in a tree, the bodies that the coordinate carries
+        blocks.append(Part(u, present, x[:, present], y[:, None], edges))
     largest = float(np.abs(b).max()) or 1.0
     sigma = np.full(b.shape[1], largest)  # a passive joint has no torque
     for _ in range(2):  # the second time with weights by the errors of the first
-        found = PartialRegression(tuple(blocks), np.arange(count), 1 / sigma)
-        left = sigma * np.sqrt(found.losses.sum(axis=0) / len(e))
-        sigma = np.maximum(left, ROUNDING * largest)
+        regression = PartialRegression(tuple(blocks), np.arange(count), 1 / sigma)
+        remaining = sigma * np.sqrt(regression.losses.sum(axis=0) / len(e))
+        sigma = np.maximum(remaining, ROUNDING * largest)
     return sigma

@@ -137,7 +137,7 @@ def complete(
     given: list[Any] = [*cast(Any, logs)] if several and not is_frame(logs) else [logs]
     if not given:
         raise MotionError(f"{mechanism.name}: no log given")
-    read = [without_repeats(log_of(mechanism, each)) for each in given]
+    read = [without_repeats(log_of(mechanism, item)) for item in given]
     different = zip(read, distinct(log.name for log in read), strict=True)
     read = [log if log.name == name else replace(log, name=name) for log, name in different]
     measured = [measure(mechanism, log) for log in read]
@@ -154,18 +154,18 @@ def complete(
 
     derived = derived_with(band)
     free = names if mechanism.degrees_of_freedom > 1 else ()  # of one, motion looks the same
-    moved = [without_time_errors(*both, free) for both in zip(measured, derived, strict=True)]
-    for i, found in enumerate(moved):
-        if found is not None:
-            measured[i], rms = found
+    shifted = [without_time_errors(*both, free) for both in zip(measured, derived, strict=True)]
+    for i, corrected_time in enumerate(shifted):
+        if corrected_time is not None:
+            measured[i], rms = corrected_time
             notes.append(
                 f"{read[i].name}: time stamps are off by {1e3 * rms:.2g} ms rms, the same in all "
                 "joints (jitter, repeated rows): positions are moved to their stamps"
             )
     # as logged: the smooth part of time errors stays
     white = band.white or not doubtful(derived, band)
-    if any(each is not None for each in moved):
-        spacing = min(each.smooth.spacing for each in derived if each.smooth)
+    if any(item is not None for item in shifted):
+        spacing = min(item.smooth.spacing for item in derived if item.smooth)
         band = replace(band, knots=(spacing, spacing))
         derived = derived_with(band)
     if cutoff == "auto" and band.cutoff is None and band.noise > CLEAN:
@@ -189,10 +189,10 @@ def complete(
                     "with which rigid bodies and friction predict the torques best"
                 )
     experiments: list[State] = []
-    for i, (signals, each) in enumerate(zip(measured, derived, strict=True)):
+    for i, (signals, item) in enumerate(zip(measured, derived, strict=True)):
         if progress:
             progress(f"completing {signals.log.name}", i / len(measured))
-        experiment, more = state_of(mechanism, signals, each)
+        experiment, more = state_of(mechanism, signals, item)
         experiments.append(experiment)
         notes += more
     independent = best_conditioned(mechanism, np.concatenate([e.q for e in experiments]))
@@ -271,18 +271,20 @@ def _entries(mechanism: Mechanism, columns: Collection[str]) -> str:
     """The entries of [log] that columns suggest for all channels that a log lacks."""
     joints = [joint.name for joint in mechanism.joints]
     has, free = {*columns, *mechanism.columns}, _unused(mechanism, columns)
-    found = (
-        entry_for(channel, [name for name in own if f"{channel}.{name}" not in has], free)
-        for channel, own in (("q", joints), ("v", joints), ("tau", mechanism.measured))
+    entries = (
+        entry_for(channel, [name for name in named if f"{channel}.{name}" not in has], free)
+        for channel, named in (("q", joints), ("v", joints), ("tau", mechanism.measured))
     )
-    return " and ".join(filter(None, found))
+    return " and ".join(filter(None, entries))
 
 
 def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) -> list[str]:
     columns, log = signals.columns, signals.log.name
     missing = [name for name in mechanism.measured if f"tau.{name}" not in columns]
-    moved = any(f"q.{joint.name}" in columns for joint in mechanism.joints)
-    if missing and needed and moved:  # else no position is mapped either, which is said first
+    has_positions = any(f"q.{joint.name}" in columns for joint in mechanism.joints)
+    if (
+        missing and needed and has_positions
+    ):  # else no position is mapped either, which is said first
         name, free = missing[0], _unused(mechanism, columns)
         lacking = f"there is no column 'tau.{name}'"
         lacking += f" ({one_of('tau.' + name, free)})" * bool(free)
@@ -303,7 +305,9 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
 def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str, ...]:
     """The joints of which all logs have positions; refused if they do not determine the motion."""
     joints, dof = [joint.name for joint in mechanism.joints], mechanism.degrees_of_freedom
-    logged = [name for name in joints if all(f"q.{name}" in each.columns for each in measured)]
+    logged = [
+        name for name in joints if all(f"q.{name}" in signals.columns for signals in measured)
+    ]
     order = [name for name in logged if name in mechanism.driven] + logged
     names = independent_joints(mechanism, order)
     if len(names) >= dof:
@@ -313,9 +317,13 @@ def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str,
         for name in joints
         if name not in logged and len(independent_joints(mechanism, [*names, name])) > len(names)
     ]
-    fewest = min(measured, key=lambda each: sum(f"q.{name}" in each.columns for name in joints))
+    fewest = min(
+        measured, key=lambda signals: sum(f"q.{name}" in signals.columns for name in joints)
+    )
     fixed = [name for name in logged if not independent_joints(mechanism, [name])]
-    given, wanted, still = (", ".join(f"q.{n}" for n in each) for each in (logged, free, fixed))
+    given, wanted, still = (
+        ", ".join(f"q.{n}" for n in signals) for signals in (logged, free, fixed)
+    )
     columns = _unused(mechanism, fewest.log.columns)
     if not logged and columns:
         entries = _entries(mechanism, fewest.log.columns)
@@ -394,24 +402,24 @@ def state_of(
 
 def _in_steps(mechanism: Mechanism, signals: LogSignals, channels: Sequence[Smoothed]) -> list[str]:
     """Notes on positions whose noise is mostly that of being rounded to steps."""
-    found: dict[str, list[tuple[str, float]]] = {}
-    for each in channels:
-        if not each.spacing or not each.column.startswith("q."):
+    rounded: dict[str, list[tuple[str, float]]] = {}
+    for channel in channels:
+        if not channel.spacing or not channel.column.startswith("q."):
             continue
-        step = grain(signals.log.series(each.column)[1])
+        step = grain(signals.log.series(channel.column)[1])
         noise = step / np.sqrt(12)
-        if not step or noise**2 < MOSTLY * each.residual**2:
+        if not step or noise**2 < MOSTLY * channel.residual**2:
             continue
-        joint = mechanism.joint(each.column.partition(".")[2])
+        joint = mechanism.joint(channel.column.partition(".")[2])
         words = f"{1e3 * step:.3g} m{joint.unit}"
         if joint.rotational:
             words += f" ({2 * np.pi / step:.0f} a turn, {np.log2(2 * np.pi / step):.3g} bit)"
         words += f": {1e3 * noise:.2g} m{joint.unit} rms"
-        found.setdefault(words, []).append((each.column, noise / each.residual))
+        rounded.setdefault(words, []).append((channel.column, noise / channel.residual))
     return [
         f"{signals.log.name}: {', '.join(name for name, _ in same)}: rounded to steps of {words}, "
         f"{min(1.0, max(share for _, share in same)):.0%} of the noise that smoothing takes off"
-        for words, same in found.items()
+        for words, same in rounded.items()
     ]
 
 
@@ -431,8 +439,8 @@ def _disagreements(
         )
         # noise of this column is no contradiction, nor is any part of its spread a motion
         noise = min(experiment.noise.get(f"q.{name}", 0.0), spread)
-        own = float(np.sqrt(spread**2 - noise**2))
-        if rms > LEAVES * own + 1.5 * noise:
+        excursion = float(np.sqrt(spread**2 - noise**2))
+        if rms > LEAVES * excursion + 1.5 * noise:
             raise MotionError(
                 f"{note}, while it moves by {spread:.3g} rms: the positions contradict the "
                 "closures; check sign, unit and zero of this column and the closures' frames"

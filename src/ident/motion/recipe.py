@@ -95,11 +95,11 @@ def band_of(
         for signals in logs
         for name in names
     ]
-    every = [channel for own in joints for channel in own]
+    every = [channel for channels in joints for channel in channels]
     taus = [f"tau.{name}" for name in mechanism.driven]
-    torques = [each.even(tau)[0] for each in logs for tau in taus if tau in each.columns]
+    torques = [signals.even(tau)[0] for signals in logs for tau in taus if tau in signals.columns]
     noise = max(
-        [noise_share(x, 2 - k) for own in joints for k, x, *_ in own[-1:]]
+        [noise_share(x, 2 - k) for channels in joints for k, x, *_ in channels[-1:]]
         + [noise_share(x) for x in torques]
     )
     motion, cutoff = _cutoff(joints)
@@ -107,7 +107,7 @@ def band_of(
     filtered = noise > CLEAN and cutoff > 0.0 and len(slow) < len(logs)
     if filtered and slow and given == AUTO:
         first = slow[0]
-        rest = [own for i, own in enumerate(joints) if logs[i // len(names)] not in slow]
+        rest = [channels for i, channels in enumerate(joints) if logs[i // len(names)] not in slow]
         need = "that the other logs need; leave it out"
         if _cutoff(rest)[1] < 0.25 / first.dt:
             need = f"that its own motion of up to {motion:.3g} Hz needs; identify it by itself"
@@ -128,9 +128,11 @@ def band_of(
 
 def _cutoff(joints: list[list[tuple[int, np.ndarray, float, float]]]) -> tuple[float, float]:
     """Bandwidth of the motion of some joints and the cut-off [Hz] that suits it."""
-    every = (channel for own in joints for channel in own)
+    every = (channel for channels in joints for channel in channels)
     motion = max((motion_bandwidth(x, dt, k) for k, x, dt, _ in every), default=0.0)
-    return motion, min([ROWS_OVER_MOTION * motion, *(_calm_cutoff(own, motion) for own in joints)])
+    return motion, min(
+        [ROWS_OVER_MOTION * motion, *(_calm_cutoff(channels, motion) for channels in joints)]
+    )
 
 
 def _calm_cutoff(channels: list[tuple[int, np.ndarray, float, float]], motion: float) -> float:
@@ -196,8 +198,8 @@ def standstill(
     """
     at = [mechanism.joint_index[name] for name in names]
     noise = np.array([NOISE * _speed_noise(signals, e, name) for name in names])
-    some = e.leverage[np.flatnonzero(e.usable)[:: max(1, len(e) // LOOKED_AT)]]
-    gain = some @ linear.pinv(some[:, at])
+    sampled = e.leverage[np.flatnonzero(e.usable)[:: max(1, len(e) // LOOKED_AT)]]
+    gain = sampled @ linear.pinv(sampled[:, at])
     return still_speeds(e, np.sqrt((gain**2).mean(axis=0) @ noise**2))
 
 
@@ -227,11 +229,11 @@ def recipe_of(states: Sequence[State], band: Band, clock: Clock | None = None) -
     """The recipe that states of one machine have in common, by default on the first one's clock."""
     e = states[0]
     clock = clock or Clock(float(e.t[0]), 1 / e.rate, len(e), even=True)
-    loops = [each for each in states if each.loop is not None]
-    smooth = [each.smooth for each in states if each.smooth is not None]
-    noisy = {c.column.partition(".")[2] for each in states for c in each.channels if c.spacing}
-    channels = [channel for each in smooth for channel in each.channels]
-    spacing = min((each.spacing for each in smooth), default=0.0)  # at rest coarser ones would do
+    loops = [state for state in states if state.loop is not None]
+    smooth = [state.smooth for state in states if state.smooth is not None]
+    noisy = {c.column.partition(".")[2] for state in states for c in state.channels if c.spacing}
+    channels = [channel for state in smooth for channel in state.channels]
+    spacing = min((state.spacing for state in smooth), default=0.0)  # at rest coarser ones would do
     length = clock.t_end - clock.t0
     return Recipe(
         clock,
@@ -242,11 +244,11 @@ def recipe_of(states: Sequence[State], band: Band, clock: Clock | None = None) -
             name: float(np.median([c.sigma for c in channels if c.column == name]))
             for name in dict.fromkeys(channel.column for channel in channels)
         },
-        ends=max(each.ends for each in states),
+        ends=max(state.ends for state in states),
         logged=e.logged,
         independent=e.independent,
         band=band,
-        still=np.max([each.still for each in states], axis=0),
+        still=np.max([state.still for state in states], axis=0),
         farthest=np.max([np.abs(x.leverage[x.usable]).max(axis=0, initial=0.0) for x in loops], 0)
         if loops
         else None,

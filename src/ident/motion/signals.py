@@ -28,7 +28,7 @@ UNEVEN = 1e-3  # numerics: jitter, as a share of the step, below which a clock c
 GAP = 5.0  # range: median steps without a sample that make a gap
 SHORTEST = 12.0  # range: median steps that a run between two gaps must last to be used
 SHARPEST = 1e-3  # numerics: noise of a derivative over that of what it derives, a log's length
-MOVED = 100.0  # range: times the noise of a position over which it has moved
+MOVES_BEYOND = 100.0  # range: times the noise of a position over which it has moved
 NO_MEASUREMENT = f"is no measurement: more than {ABSURD:g} times what is usual"
 NIL = 1e-12  # numerics: rad, m and their rates: what moves less stands still, but for rounding
 ROUNDING = 1e-9  # numerics: of its spread, or of 1 rad or m: no channel is trusted better
@@ -122,7 +122,7 @@ class LogSignals:
 
     def even(self, name: str) -> tuple[np.ndarray, float]:
         """A column (m,) in the longest run, uniform, no finer than its samples; its step [s]."""
-        run = max(runs(self.usable), key=lambda each: each.stop - each.start)
+        run = max(runs(self.usable), key=lambda run: run.stop - run.start)
         t, (at, x) = self.t[run], self.log.series(name)
         dt, step = float(t[1] - t[0]), float(np.median(np.diff(at)))
         if step > 1.5 * dt:
@@ -170,32 +170,32 @@ def measure(
     """A log's columns on a uniform clock of its median step; or, of a part of a log, on the `clock`
     and with the `limits` of torques of the whole, which was checked before.
     """
-    own = dict(log.columns)  # this robot's own names become ident's
+    columns = dict(log.columns)  # this robot's own names become ident's
     for name, source in mechanism.sources.items():
-        if name != "t" and name not in own and source.column in own:
-            own[name] = source.scale * own[source.column] + source.offset
+        if name != "t" and name not in columns and source.column in columns:
+            columns[name] = source.scale * columns[source.column] + source.offset
     notes = list(log.repairs)
-    for name in filter(is_signal, own):
-        if (lone := absurd_samples(own[name])).size:
+    for name in filter(is_signal, columns):
+        if (lone := absurd_samples(columns[name])).size:
             k, others = lone[0], f" and {len(lone) - 1} more" if len(lone) > 1 else ""
             notes.append(
-                f"{name} = {own[name][k]:.4g} in row {k + 1} (t = {log.t[k]:.6g} s){others} "
+                f"{name} = {columns[name][k]:.4g} in row {k + 1} (t = {log.t[k]:.6g} s){others} "
                 f"{NO_MEASUREMENT}; left out"
             )
-            own[name] = own[name].astype(float)
-            own[name][lone] = np.nan
+            columns[name] = columns[name].astype(float)
+            columns[name][lone] = np.nan
     for name in mechanism.unmeasured:
-        own.pop(f"tau.{name}", None)
-    if still := _rates_of_nothing(own):
+        columns.pop(f"tau.{name}", None)
+    if still := _rates_of_nothing(columns):
         notes.append(
             f"{listed(still)}: always 0 while the joint moves: no measurement; derived from the "
             "positions"
         )
-    limits = torque_limits(own) if limits is None else limits
-    notes += _without_limits(own, limits)
-    log = replace(log, columns=own)
+    limits = torque_limits(columns) if limits is None else limits
+    notes += _without_limits(columns, limits)
+    log = replace(log, columns=columns)
     names = [joint.name for joint in mechanism.joints]
-    for column in own:
+    for column in columns:
         prefix, _, rest = column.partition(".")
         if prefix in ("q", "v", "a", "tau") and rest and rest not in {*names, *mechanism.locked}:
             notes.append(f"column '{column}' names no joint and is not used; {one_of(rest, names)}")
@@ -241,18 +241,20 @@ def measure(
             continue
         empty = gaps(t, at)
         steps.append(float(np.median(np.diff(at))))
-        said = "values between are interpolated"
+        consequence = "values between are interpolated"
         if (count := int((empty & usable).sum())) > 0:
-            said = (
+            consequence = (
                 f"no sample near {count} of {n} instants (first at t = "
                 f"{t[np.argmax(empty)]:.4g} s), which are left out"
             )
-        holes_of.setdefault(np.isfinite(log.columns[name]).tobytes(), ([], said))[0].append(name)
+        holes_of.setdefault(np.isfinite(log.columns[name]).tobytes(), ([], consequence))[0].append(
+            name
+        )
         usable &= ~empty
-    for rows, (alike, said) in holes_of.items():
+    for rows, (names, consequence) in holes_of.items():
         if cells := rows.count(0):
-            where = f"{some(alike)} {'are' if alike[1:] else 'is'} empty in"
-            notes.append(f"{where} {cells} of {len(rows)} rows: {said}")
+            where = f"{some(names)} {'are' if names[1:] else 'is'} empty in"
+            notes.append(f"{where} {cells} of {len(rows)} rows: {consequence}")
     shortest = round(SHORTEST * max(steps) / (t[1] - t[0]))
     short = [run for run in runs(usable) if run.stop - run.start < min(shortest, n)]
     for run in short:
@@ -272,19 +274,21 @@ def measure(
     return signals
 
 
-def _rates_of_nothing(own: dict[str, np.ndarray]) -> list[str]:
+def _rates_of_nothing(columns: dict[str, np.ndarray]) -> list[str]:
     """Take out velocities that are always zero though the position moves, beyond its noise, where
     no acceleration says otherwise; return their names.
     """
-    found = []
-    for name in [name for name in own if name.startswith("v.") and f"a.{name[2:]}" not in own]:
-        q = own.get(f"q.{name[2:]}", np.zeros(0))
+    removed = []
+    for name in [
+        name for name in columns if name.startswith("v.") and f"a.{name[2:]}" not in columns
+    ]:
+        q = columns.get(f"q.{name[2:]}", np.zeros(0))
         q = q[np.isfinite(q)]
-        moves = len(q) > 1 and np.ptp(q) > MOVED * max(noise_level(q), NIL)
-        if moves and not np.nansum(abs(own[name])):
-            found.append(name)
-            del own[name]
-    return found
+        moves = len(q) > 1 and np.ptp(q) > MOVES_BEYOND * max(noise_level(q), NIL)
+        if moves and not np.nansum(abs(columns[name])):
+            removed.append(name)
+            del columns[name]
+    return removed
 
 
 def usual_range(x: np.ndarray) -> tuple[float, float]:
@@ -313,7 +317,7 @@ def absurd_samples(x: np.ndarray) -> np.ndarray:
 
 def at_limit(x: np.ndarray) -> np.ndarray:
     """Return where (n,) a torque (n,) stays at an extreme of its channel, not only turns there."""
-    found = np.zeros(len(x), dtype=bool)
+    at_extreme = np.zeros(len(x), dtype=bool)
     for y in (x, -x):
         known = y[np.isfinite(y)]
         if not len(known) or not (known.max() > 0 and np.ptp(known) > 0):
@@ -322,8 +326,8 @@ def at_limit(x: np.ndarray) -> np.ndarray:
         below = (y == known[known < known.max()].max()).sum()
         if top.sum() > max(CLIPPED * len(known), PILED * below):
             for run in runs(top):
-                found[run] = run.stop - run.start >= 3
-    return found if found.sum() > CLIPPED * len(x) else np.zeros(len(x), dtype=bool)
+                at_extreme[run] = run.stop - run.start >= 3
+    return at_extreme if at_extreme.sum() > CLIPPED * len(x) else np.zeros(len(x), dtype=bool)
 
 
 def torque_limits(columns: Mapping[str, np.ndarray]) -> dict[str, tuple[float, float]]:
@@ -338,32 +342,32 @@ def torque_limits(columns: Mapping[str, np.ndarray]) -> dict[str, tuple[float, f
 
 
 def _without_limits(
-    own: dict[str, np.ndarray], limits: Mapping[str, tuple[float, float]]
+    columns: dict[str, np.ndarray], limits: Mapping[str, tuple[float, float]]
 ) -> list[str]:
     """Empty the torques of moving joints at the limits of their channels; return what is said."""
-    found = {}
+    clipped_of = {}
     for name, (low, high) in limits.items():
-        if name not in own:
+        if name not in columns:
             continue
-        clipped = (own[name] <= low) | (own[name] >= high)
-        q = own.get("q." + name.partition(".")[2], np.array([np.nan]))
+        clipped = (columns[name] <= low) | (columns[name] >= high)
+        q = columns.get("q." + name.partition(".")[2], np.array([np.nan]))
         for run in runs(clipped):
             n = run.stop - run.start - 1
             if n > 1 and np.isfinite(q).all():
-                moved = float(np.sqrt(np.mean((q[n:] - q[:-n]) ** 2)))
-                clipped[run] = np.ptp(q[run]) > SLOW * moved
+                travel = float(np.sqrt(np.mean((q[n:] - q[:-n]) ** 2)))
+                clipped[run] = np.ptp(q[run]) > SLOW * travel
             elif n < 2:
                 clipped[run] = False
         if clipped.any():
-            found[name] = clipped
-    if not found or np.any(list(found.values()), axis=0).mean() > SWITCHED:
+            clipped_of[name] = clipped
+    if not clipped_of or np.any(list(clipped_of.values()), axis=0).mean() > SWITCHED:
         return []
-    for name, clipped in found.items():
-        own[name] = np.where(clipped, np.nan, own[name])
+    for name, clipped in clipped_of.items():
+        columns[name] = np.where(clipped, np.nan, columns[name])
     return [
         f"{name} stays at an extreme in {clipped.sum()} of {len(clipped)} samples, where the range "
         "of its drive or its sensor may end; left out"
-        for name, clipped in found.items()
+        for name, clipped in clipped_of.items()
     ]
 
 

@@ -50,11 +50,11 @@ from ident.motion.state import State
 
 RATIO = 2**0.5  # work: of one spacing that is tried to the next
 WORSE = 2  # work: spacings in a row that must be worse before coarser ones are given up
-FEWEST = 6  # work: knot intervals of a run
+MIN_INTERVALS = 6  # work: knot intervals of a run
 LOOKED_AT = 20000  # work: samples of a channel that decide
 ENDS = 2.0  # numerics: knots at either end of a run between which a spline is not to be trusted
-MOST = 0.08  # tuned: share of the shortest run that an end may lose
-WHOLE = 1e-4  # numerics: share of noise up to which q, v and a are exact but for rounding
+END_SHARE = 0.08  # tuned: share of the shortest run that an end may lose
+EXACT_SHARE = 1e-4  # numerics: share of noise up to which q, v and a are exact but for rounding
 ALONE = 1e-6  # numerics: the same for positions alone, which are differentiated
 AS_LOGGED = "as logged"
 SAMPLES = 1.5  # numerics: from one knot to the next, at least
@@ -77,14 +77,14 @@ def resolution(channels: Sequence[Channel], t: np.ndarray, band: Band) -> float:
     t = t[:LOOKED_AT]
     inside = [channel.within(t) for channel in channels]
     joints = [
-        [each for each in inside if each.joint == name]
+        [channel for channel in inside if channel.joint == name]
         for name in dict.fromkeys(channel.joint for channel in inside)
     ]
-    coarsest = min(band.knots[1], (t[-1] - t[0]) / FEWEST)
+    coarsest = min(band.knots[1], (t[-1] - t[0]) / MIN_INTERVALS)
     h = best = float(np.clip(finest(band, channels), *band.knots))
     least, worse = np.inf, 0
     while worse < WORSE and h <= coarsest:
-        value = sum(_criterion(basis_over(t[0], t[-1], h), own) for own in joints)
+        value = sum(_criterion(basis_over(t[0], t[-1], h), of_joint) for of_joint in joints)
         worse = 0 if value < least else worse + 1
         if value < least:
             least, best = value, h
@@ -93,7 +93,7 @@ def resolution(channels: Sequence[Channel], t: np.ndarray, band: Band) -> float:
 
 
 def _criterion(basis: Basis, channels: Sequence[Channel]) -> float:
-    n, m, names = sum(len(each.x) for each in channels), basis.count, (channels[0].joint,)
+    n, m, names = sum(len(channel.x) for channel in channels), basis.count, (channels[0].joint,)
     if n - m <= 1:
         return np.inf
     off = residuals(fitted(basis, channels, names), channels, names)
@@ -126,39 +126,39 @@ def derive(
     between gaps; inside gaps a coordinate goes straight, for the closures to be followed.
     """
     channels, t = channels_of(signals, names), signals.t
-    joints = {name: [each for each in channels if each.joint == name] for name in names}
+    joints = {name: [channel for channel in channels if channel.joint == name] for name in names}
     known, ends, smooth = np.zeros((3, len(t), len(names))), 0.0, None
     noisy: list[str] = []
     table: list[Smoothed] = []
-    for i, (name, own) in enumerate(joints.items()):
-        still, worst = all(c.spread == 0 for c in own), max(c.noise for c in own)
-        exact = worst <= WHOLE and len(own) == 3 and signals.exact
-        alone = worst <= ALONE and len(own) == 1 and band.cutoff is None
+    for i, (name, of_joint) in enumerate(joints.items()):
+        still, worst = all(c.spread == 0 for c in of_joint), max(c.noise for c in of_joint)
+        exact = worst <= EXACT_SHARE and len(of_joint) == 3 and signals.exact
+        alone = worst <= ALONE and len(of_joint) == 1 and band.cutoff is None
         as_logged = spacing is None or still or exact or alone
         if name in recipe.noisy if recipe else not as_logged:
             noisy.append(name)
             continue
-        known[:, :, i], lost, done = _unsmoothed(signals, own)
+        known[:, :, i], lost, done = _unsmoothed(signals, of_joint)
         ends = max(ends, lost)
         table += done
     if noisy:
-        own = [channel for channel in channels if channel.joint in noisy]
+        of_joint = [channel for channel in channels if channel.joint in noisy]
         h = recipe.knots if recipe else spacing
         if isinstance(h, str) or h is None:
-            h = resolution(own, max((t[run] for run in runs(signals.usable)), key=len), band)
-        smooth, done = smoothed(signals, own, tuple(noisy), h, recipe)
+            h = resolution(of_joint, max((t[run] for run in runs(signals.usable)), key=len), band)
+        smooth, done = smoothed(signals, of_joint, tuple(noisy), h, recipe)
         at = [names.index(name) for name in noisy]
         for run, spline in smooth.runs:
             known[:, run, at] = spline.at(t[run])
         table += done
-        if {channel.joint for channel in own if channel.order == 2} < set(noisy):
+        if {channel.joint for channel in of_joint if channel.order == 2} < set(noisy):
             shortest = min(float(np.ptp(t[run])) for run, _ in smooth.runs)
-            ends = max(ends, min(ENDS * smooth.spacing, MOST * shortest))
+            ends = max(ends, min(ENDS * smooth.spacing, END_SHARE * shortest))
     gap = ~signals.usable
     for i in range(len(names)):
         known[0, gap, i] = np.interp(t[gap], t[~gap], known[0, ~gap, i])
     order = [channel.column for channel in channels]
-    table.sort(key=lambda each: order.index(each.column))
+    table.sort(key=lambda channel: order.index(channel.column))
     return Derived(names, known, recipe.ends if recipe else ends, smooth, table)
 
 
@@ -173,17 +173,17 @@ def smoothed(
     spans = [(run, signals.t[run]) for run in runs(signals.usable)]
     if recipe:
         origin = recipe.clock.t0
-        noise = {each.column: each.sigma for each in channels} | dict(recipe.noise)
+        noise = {channel.column: channel.sigma for channel in channels} | dict(recipe.noise)
     else:
         t, origin = max((t for _, t in spans), key=len), None
         inside = [channel.within(t) for channel in channels]
         agreeing = weighted(basis_over(t[0], t[-1], h), inside, names)
         noise = {channel.column: channel.sigma for channel in agreeing}
     pieces = [(run, t, basis_over(t[0], t[-1], h, origin)) for run, t in spans]
-    own = [replace(channel, sigma=noise[channel.column]) for channel in channels]
-    smooth = Smooth.of(own, names, h, pieces)
+    weighed = [replace(channel, sigma=noise[channel.column]) for channel in channels]
+    smooth = Smooth.of(weighed, names, h, pieces)
     missed = [
-        residuals(spline, [channel.within(signals.t[run]) for channel in own], names)
+        residuals(spline, [channel.within(signals.t[run]) for channel in weighed], names)
         for run, spline in smooth.runs
     ]
     how = f"spline, knots {1e3 * h:.3g} ms"
@@ -204,8 +204,8 @@ def _unsmoothed(
         inside = [channel.within(t) for channel in channels]
         if orders == [0, 1, 2]:
             known[:, run] = [
-                each.x if len(each.t) == len(t) else interpolate(each.t, each.x, t)[0]
-                for each in inside
+                channel.x if len(channel.t) == len(t) else interpolate(channel.t, channel.x, t)[0]
+                for channel in inside
             ]
         elif all(channel.spread == 0 for channel in channels):
             for channel in channels:
@@ -220,7 +220,7 @@ def _unsmoothed(
     missing = " and ".join("qva"[k] for k in range(3) if k not in orders)
     logged = " and ".join("qva"[k] for k in orders)
     how = f"{missing} by quintic interpolation of {logged}" if missing else AS_LOGGED
-    return known, ends, [Smoothed(each.column, how, each.sigma, 0.0) for each in channels]
+    return known, ends, [Smoothed(channel.column, how, channel.sigma, 0.0) for channel in channels]
 
 
 # --- more joints logged than needed --------------------------------------------------------------
@@ -243,12 +243,13 @@ def together(mechanism: Mechanism, signals: LogSignals, e: State, recipe: Recipe
     names = best_conditioned(mechanism, e.q) if recipe is None else recipe.carriers
     channels = channels_of(signals, e.logged)
     through = through_motion(mechanism, e, names)
-    own = recipe and replace(recipe, noise={})
-    e = along(mechanism, e, smoothed(signals, through, names, e.smooth.spacing, own)[0])
+    without_noise = recipe and replace(recipe, noise={})
+    e = along(mechanism, e, smoothed(signals, through, names, e.smooth.spacing, without_noise)[0])
     white = [channel.sigma for channel in channels]
     if recipe is not None:
         channels = [
-            replace(each, sigma=recipe.noise.get(each.column, each.sigma)) for each in channels
+            replace(channel, sigma=recipe.noise.get(channel.column, channel.sigma))
+            for channel in channels
         ]
     else:
         e = along(mechanism, e, fused(mechanism, e, channels))
@@ -257,8 +258,8 @@ def together(mechanism: Mechanism, signals: LogSignals, e: State, recipe: Recipe
     e = along(mechanism, e, smooth)
     how = f"spline in {', '.join(names)}, knots {1e3 * smooth.spacing:.3g} ms"
     table = [
-        Smoothed(each.column, how, sigma, off, smooth.spacing)
-        for each, sigma, off in zip(channels, white, missed(mechanism, e, channels), strict=True)
+        Smoothed(channel.column, how, sigma, off, smooth.spacing)
+        for channel, sigma, off in zip(channels, white, missed(mechanism, e, channels), strict=True)
     ]
     return replace(e, channels=tuple(table))
 
@@ -272,8 +273,8 @@ def finer(mechanism: Mechanism, e: State, times: int) -> Smooth:
         b = spline.basis
         count = times * (b.count - DEGREE) + DEGREE
         runs.append((run, e.t[run], Basis.with_count(b.t0, b.t_end, count, DEGREE)))
-    own = through_motion(mechanism, e, smooth.names) if surplus else smooth.channels
-    fine = Smooth.of(own, smooth.names, smooth.spacing / times, runs)
+    channels = through_motion(mechanism, e, smooth.names) if surplus else smooth.channels
+    fine = Smooth.of(channels, smooth.names, smooth.spacing / times, runs)
     return fused(mechanism, along(mechanism, e, fine), smooth.channels) if surplus else fine
 
 
@@ -301,14 +302,14 @@ def fused(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> Smooth
             for order in (1, 2):
                 rates[order][run] = np.gradient(rates[order - 1][run], t, axis=0)
             rows = [
-                _rows(before, each.within(t), e, rates, mechanism.joint_index[each.joint])
-                for each in channels
+                _rows(before, channel.within(t), e, rates, mechanism.joint_index[channel.joint])
+                for channel in channels
             ]
             spline = solved(before.basis, rows, len(smooth.names))
             splines.append((run, spline))
             now = spline.at(t)[0]
-            moved = np.abs(now - before.at(t)[0]).max(axis=0)
-            step = max(step, float((moved / (now.std(axis=0) + 1e-12)).max()))
+            change = np.abs(now - before.at(t)[0]).max(axis=0)
+            step = max(step, float((change / (now.std(axis=0) + 1e-12)).max()))
         smooth = replace(smooth, runs=tuple(splines), channels=tuple(channels))
         e = along(mechanism, e, smooth)
         if step < CONVERGED:
@@ -319,15 +320,15 @@ def fused(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> Smooth
 def missed(mechanism: Mechanism, e: State, channels: Sequence[Channel]) -> list[float]:
     """rms of measured minus smoothed of each channel, in all runs of an experiment."""
     assert e.smooth is not None
-    found = []
+    errors = []
     for channel in channels:
         series = e.known(mechanism, (channel.joint,))[channel.order, :, 0]
         parts = []
         for run, _ in e.smooth.runs:
             inside = channel.within(e.t[run])
             parts.append(inside.x - np.interp(inside.t, e.t[run], series[run]))
-        found.append(rms(parts))
-    return found
+        errors.append(rms(parts))
+    return errors
 
 
 def _rows(
@@ -341,8 +342,8 @@ def _rows(
     R, first = np.zeros((len(t), WIDTH, d)), np.zeros(len(t), dtype=np.intp)
     for r in range(k + 1):
         first, B = spline.basis.window(t, r)
-        own = rates[k - r][:, joint]
-        L = (1 - share) * own[at - 1] + share * own[at]
+        rates_of_joint = rates[k - r][:, joint]
+        L = (1 - share) * rates_of_joint[at - 1] + share * rates_of_joint[at]
         R += comb(k, r) * B[:, :, None] * L[:, None, :]
     now = np.interp(t, e.t, (e.y, e.yd, e.ydd)[k][:, joint])
     linear = np.einsum("nrd,nrd->n", R, spline.c[first[:, None] + np.arange(WIDTH)])

@@ -133,10 +133,10 @@ def grain(x: np.ndarray) -> float:
     if len(steps) < GRAINS or steps.min() * MOST < steps.max():
         return 0.0
     off = steps / steps.min()
-    whole = np.round(off)
-    multiples = (np.abs(off - whole) < 0.01 * off).all()
+    steps_off = np.round(off)
+    multiples = (np.abs(off - steps_off) < 0.01 * off).all()
     # a ramp has one step, too, but does not stay at its values again and again
-    return float(steps.min()) if multiples and (again or np.ptp(whole) > 0) else 0.0
+    return float(steps.min()) if multiples and (again or np.ptp(steps_off) > 0) else 0.0
 
 
 # --- splines through channels ---------------------------------------------------------------------
@@ -214,16 +214,16 @@ class Spline:
     def U(self) -> np.ndarray:
         """(count · d, WIDTH, d) rows of U."""
         count, d = self.c.shape
-        each = d // len(self.factors)
-        U, row = np.zeros((count, d, WIDTH, d)), np.arange(count * each)
-        column = row - np.minimum(row // each, count - WIDTH) * each
+        per_factor = d // len(self.factors)
+        U, row = np.zeros((count, d, WIDTH, d)), np.arange(count * per_factor)
+        column = row - np.minimum(row // per_factor, count - WIDTH) * per_factor
         for i, lower in enumerate(self.factors):
-            own = np.zeros((count * each, WIDTH * each))
-            for k in range(WIDTH * each):  # lower[k, a] = L[a + k, a] = U[a, a + k]
-                inside = column + k < WIDTH * each
-                own[row[inside], (column + k)[inside]] = lower[k, inside]
-            mine = slice(i * each, (i + 1) * each)
-            U[:, mine, :, mine] = own.reshape(count, each, WIDTH, each)
+            block = np.zeros((count * per_factor, WIDTH * per_factor))
+            for k in range(WIDTH * per_factor):  # lower[k, a] = L[a + k, a] = U[a, a + k]
+                inside = column + k < WIDTH * per_factor
+                block[row[inside], (column + k)[inside]] = lower[k, inside]
+            columns = slice(i * per_factor, (i + 1) * per_factor)
+            U[:, columns, :, columns] = block.reshape(count, per_factor, WIDTH, per_factor)
         return U.reshape(-1, WIDTH, d)
 
 
@@ -245,12 +245,12 @@ def evaluated(
     basis: Basis, c: np.ndarray, t: np.ndarray, orders: Sequence[int] = range(3)
 ) -> np.ndarray:
     """u, u̇, ü (3, n, d) of coefficients c (count, d) at times t (n,); beyond the ends, theirs."""
-    t, found = np.clip(t, basis.t0, basis.t_end), np.zeros((len(orders), len(t), c.shape[1]))
-    for u, order in zip(found, orders, strict=True):
+    t, values = np.clip(t, basis.t0, basis.t_end), np.zeros((len(orders), len(t), c.shape[1]))
+    for u, order in zip(values, orders, strict=True):
         first, B = basis.window(t, order)
         for r in range(WIDTH):
             u += B[:, r, None] * c[first + r]
-    return found
+    return values
 
 
 def solved(basis: Basis, rows: Sequence[Observations], d: int) -> Spline:
@@ -293,12 +293,12 @@ def fitted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) -> S
     """
     parts = []
     for name in names:
-        own = [each for each in channels if each.joint == name]
-        windows = [basis.window(np.clip(c.t, basis.t0, basis.t_end), c.order) for c in own]
+        of_joint = [channel for channel in channels if channel.joint == name]
+        windows = [basis.window(np.clip(c.t, basis.t0, basis.t_end), c.order) for c in of_joint]
         largest = [float(np.abs(B).max(initial=1e-300)) for _, B in windows]
-        most = HEAVIEST * min(size / c.sigma for size, c in zip(largest, own, strict=True))
+        most = HEAVIEST * min(size / c.sigma for size, c in zip(largest, of_joint, strict=True))
         rows = []
-        for channel, (first, B), size in zip(own, windows, largest, strict=True):
+        for channel, (first, B), size in zip(of_joint, windows, largest, strict=True):
             weight = min(1 / channel.sigma, most / size)
             rows.append(Observations(first, weight * B[:, :, None], weight * channel.x))
         parts.append(solved(basis, rows, 1))
@@ -312,8 +312,8 @@ def residuals(
     """Measured minus smoothed (n_k,) of each channel."""
     at = {name: spline.c[:, [i]] for i, name in enumerate(names)}
     return [
-        each.x - evaluated(spline.basis, at[each.joint], each.t, (each.order,))[0, :, 0]
-        for each in channels
+        channel.x - evaluated(spline.basis, at[channel.joint], channel.t, (channel.order,))[0, :, 0]
+        for channel in channels
     ]
 
 
@@ -326,16 +326,16 @@ def weighted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) ->
     """
     result = []
     for name in names:
-        own = before = [channel for channel in channels if channel.joint == name]
-        n = sum(len(channel.x) for channel in own)
+        of_joint = before = [channel for channel in channels if channel.joint == name]
+        n = sum(len(channel.x) for channel in of_joint)
         spare = np.sqrt(n / max(n - basis.count, 1))  # as if coefficients cost nothing
         for _ in range(DOUBLINGS + 1):
-            off = residuals(fitted(basis, own, (name,)), own, (name,))
+            off = residuals(fitted(basis, of_joint, (name,)), of_joint, (name,))
             rms = [spare * float(np.sqrt(np.mean(x**2))) for x in off]
-            late = [c.order == 0 and r > LOUD * c.sigma for c, r in zip(own, rms, strict=True)]
-            if not any(late) or len(own) == 1:
+            late = [c.order == 0 and r > LOUD * c.sigma for c, r in zip(of_joint, rms, strict=True)]
+            if not any(late) or len(of_joint) == 1:
                 break
-            own = [c if c.order == 0 else replace(c, sigma=2 * c.sigma) for c in own]
+            of_joint = [c if c.order == 0 else replace(c, sigma=2 * c.sigma) for c in of_joint]
         result += reweighted(before, rms)
     return result
 

@@ -124,7 +124,7 @@ class State:
 
     def at_samples(self, index: slice | np.ndarray) -> State:
         """Some samples only."""
-        arrays = {each.name: getattr(self, each.name) for each in fields(self)}
+        arrays = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         cut: dict[str, Any] = {
             name: x[index]
             for name, x in arrays.items()
@@ -268,7 +268,9 @@ def wrenches(
     parts = ("fx", "fy", "fz", "mx", "my", "mz")
     known = [f.name for f in mechanism.model.frames if f.type == pin.FrameType.BODY]
     frames: dict[str, np.ndarray] = {}
-    for column in (each for each in columns if each.startswith("wrench.")):
+    for column in (
+        name_of_column for name_of_column in columns if name_of_column.startswith("wrench.")
+    ):
         frame, _, part = column[len("wrench.") :].rpartition(".")
         if part not in parts or not frame:
             raise MotionError(f"{name}: column '{column}': write wrench.<link>.<{'|'.join(parts)}>")

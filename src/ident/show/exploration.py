@@ -120,7 +120,7 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
     shown = [each for each in first.every if each.effect.label not in hidden]
     for each in simplest_first(first, shown):
         left = each.refit.loss.sum(axis=0)
-        mends = sorted(each.refit.mends, key=lambda u: -each.refit.by[u])
+        mends = sorted(each.refit.affected_coordinates, key=lambda u: -each.refit.by[u])
         joint = independent[each.coordinate]
         open_.append(
             PredictedGain(

@@ -89,7 +89,7 @@ class Cutter:
 
     def cut(self, rows: Rows, last: bool = False) -> Iterator[Rows]:
         """Yield the rows of intervals that are over, if about as many as usual; `last`: all are."""
-        rows = Rows.joined([*self.waiting, rows])
+        rows = Rows.concatenated([*self.waiting, rows])
         edges = np.flatnonzero(np.diff(np.floor(rows.t / self._seconds))) + 1
         whole = [rows[a:b] for a, b in pairwise([0, *edges, len(rows)])]
         self.waiting = [] if last else [whole.pop()]

@@ -114,7 +114,7 @@ class Gathered(Displayed):
         of = [plan.parts[portion.log].name for portion in portions]
         nothing, several = (np.empty(0), np.empty((0, len(names)))), len({*of}) > 1
         yield multipliers_rows(names, *nothing, "" if several else None, header=True)
-        done = self.workers.over(multipliers_of, portions, plan, of, "multipliers")
+        done = self.workers.run(multipliers_of, portions, plan, of, "multipliers")
         for log, (_, each) in zip(of, done, strict=True):
             t, values = each or nothing
             values = np.where(determined, values, np.nan)
@@ -251,7 +251,7 @@ def _summed(
         messages.append(f"{saved.file}: {saved.unused}; not used, all portions are read")
     remaining = list(plan.portions())[resumed:]
     names = [plan.parts[portion.log].name for portion in remaining]
-    tasks = workers.over(absorbed, remaining, plan, names, "equations")
+    tasks = workers.run(absorbed, remaining, plan, names, "equations")
     for count, (portion, done) in enumerate(tasks, start=resumed + 1):
         more, notes, findings = done or ((), (), ())
         summed(total, more)
@@ -295,7 +295,7 @@ def _validation(
     texts = "its errors are no validation", "validate on another log"
     portions, names = list(plan.portions()), [part.name for part in plan.parts]
     logs = [names[portion.log] for portion in portions]
-    done = alone.over(absorbed, portions, plan, logs, "validation")
+    done = alone.run(absorbed, portions, plan, logs, "validation")
     information = Information.of(
         (block for _, (blocks, _, _) in done for block in blocks), len(x), r.information.d
     )

@@ -128,7 +128,7 @@ def compare_logs(
             why = broken.get(name, "no sample of it can be used")
             results.append(LogRow(name, count, left_out=why))
             continue
-        both = [mine.squares(x).judged for x in (joint.x, own[number])]
+        both = [mine.squares(x).counted for x in (joint.x, own[number])]
         row = LogRow(name, count, disagreement=odd.get(number))
         if total := float(both[0][2, np.isfinite(torque)].sum()):
             shares = [error / torque for error, _, _ in both]
@@ -271,7 +271,7 @@ def diagnose_each(
     workers = Workers(jobs, scheduler, False, on_progress)
     tasks = list(zip(names, paths, strict=True))
     verdicts, common = list[Verdict](), (mechanism, settings, rule)
-    for (name, _), found in workers.over(_verdict, tasks, common, names, "logs"):
+    for (name, _), found in workers.run(_verdict, tasks, common, names, "logs"):
         verdicts.append(found or Verdict(name, left_out=workers.broken[name]))
         if done is not None:
             done.append(verdicts[-1])

@@ -313,7 +313,7 @@ class Online:
         return Snapshot(
             t=self._accumulator.now,
             samples=self.samples,
-            rows=float(squares.whole[2].mean()),
+            rows=float(squares.all_rows[2].mean()),
             parameters=tuple(parameters),
             base_parameters=known.base,
             held=tuple(held),
@@ -427,7 +427,7 @@ class Online:
         m, parts = len(kinematics.multipliers), []
         for around, part in windows:
             scene = Scene.of(mechanism, stream.columns, around, stream.point, cutoff)
-            e, equations, s = scene.e, scene.terms(part, full=True), scene.whole.generalised(part)
+            e, equations, s = scene.e, scene.terms(part, full=True), scene.samples.generalised(part)
             K_T = e.pinv[part, :, :m].transpose(0, 2, 1)
             b = equations.b - s.measured(e.independent)
             values = np.einsum("nmi,ni->nm", K_T, b - equations.A @ x)

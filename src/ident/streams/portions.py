@@ -120,7 +120,7 @@ class Plan:
 def summaries(mechanism: Mechanism, paths: Sequence[Path], workers: Workers) -> list[LogOnDisk]:
     """Look at all logs that can be opened and give them names that differ."""
     names = distinct(path.name or str(path) for path in paths)
-    done = workers.over(summarise, paths, mechanism, names, "looking at the logs")
+    done = workers.run(summarise, paths, mechanism, names, "looking at the logs")
     opened = [
         replace(log, file=replace(log.file, name=name))
         for name, (_, log) in zip(names, done, strict=True)
@@ -147,7 +147,7 @@ def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Work
     plan = replace(plan, parts=tuple(parts))
     several = [i for i, part in enumerate(parts) if len(part.borders) > 2]
     names = [parts[i].name for i in several]
-    for i, decision in workers.over(_decided, several, plan, names, "deciding on smoothing"):
+    for i, decision in workers.run(_decided, several, plan, names, "deciding on smoothing"):
         if decision is not None:
             parts[i] = decision
     remaining = tuple(part for part in parts if part.name not in workers.broken)

@@ -333,7 +333,7 @@ class Accumulator:
         """Absorb what waits, interval by interval."""
         if not self._waiting:
             return
-        rows, self._waiting, known = Rows.joined(self._waiting), [], self._intervals
+        rows, self._waiting, known = Rows.concatenated(self._waiting), [], self._intervals
         while len(rows):
             inside = self._inside(rows, known[-1].start) if known else 0
             if begins := not inside:
