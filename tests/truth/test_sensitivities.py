@@ -72,8 +72,8 @@ def test_a_shapes_column_is_the_slope_of_the_torque(text):
     else:  # by a far smaller step than the equations take
         shape = {p.name: given[p.name] for p in effect.shapes}
         h = 1e-6 * given[name]
-        s = scene.samples.reduced(slice(None))
-        beside = [s.columns(effect, {**shape, name: given[name] + d}) for d in (h, -h)]
+        reduced = scene.samples.reduced(slice(None))
+        beside = [reduced.columns(effect, {**shape, name: given[name] + d}) for d in (h, -h)]
         slope = (beside[0] - beside[1])[:, 0, 0] * given["sigma"] / (2 * h)
     S = found.A[:, row, place]
     smooth = np.abs(s.v[:, 0]) > s.still[0]
