@@ -55,8 +55,8 @@ def read_sdf(path: Path) -> Description:
                 where,
                 f"a <{tag}> within the model is not read; write one model (gz sdf -p prints one)",
             )
-    beside = len(place.findall("include"))
-    notes = [f"{beside} <include> beside the model left out"] if beside else []
+    includes = len(place.findall("include"))
+    notes = [f"{includes} <include> beside the model left out"] if includes else []
     element = None if world is None else world.find("gravity")
     gravity = None
     if element is not None:
@@ -230,7 +230,7 @@ class _SdfModel:
     def _body(self, link: etree._Element, offset: pin.SE3) -> RigidBody:
         inertial = link.find("inertial")
         if inertial is None:
-            return RigidBody(1.0, np.zeros(3), np.eye(3)).moved(offset)
+            return RigidBody(1.0, np.zeros(3), np.eye(3)).expressed_at(offset)
         if inertial.get("auto") in TRUE:
             self.refuse(
                 inertial,
@@ -246,7 +246,9 @@ class _SdfModel:
             self.refuse(
                 inertial, f"link '{link.get('name')}' has the mass {mass:g} kg; it must be ≥ 0"
             )
-        return RigidBody(mass, np.zeros(3), tensor).moved(offset * self._within(inertial, link))
+        return RigidBody(mass, np.zeros(3), tensor).expressed_at(
+            offset * self._within(inertial, link)
+        )
 
     def _visuals(self, link: etree._Element, offset: pin.SE3) -> list[Visual]:
         visuals = []
@@ -302,8 +304,8 @@ class _SdfModel:
         if _text(axis, "use_parent_model_frame") in TRUE or self.version < (1, 5):
             frame = MODEL  # as SDF had it before 1.7, and always before 1.5
         if frame:
-            own = self.pose_of(str(name))
-            direction = own.rotation.T @ self.pose_of(frame).rotation @ direction
+            joint_pose = self.pose_of(str(name))
+            direction = joint_pose.rotation.T @ self.pose_of(frame).rotation @ direction
         return direction / np.linalg.norm(direction)
 
     def _closure(self, joint: etree._Element) -> dict[str, Any]:
@@ -351,9 +353,11 @@ class _SdfModel:
             for word in DYNAMICS
         }
         notes += effect_notes(having)
-        away = [n for n in self.carrying if not self.origin(n).isApprox(self.pose_of(n), 1e-9)]
-        if away:
-            notes.append(f"{', '.join(away)}: the link's origin is at its joint, not at the body's")
+        shifted = [n for n in self.carrying if not self.origin(n).isApprox(self.pose_of(n), 1e-9)]
+        if shifted:
+            notes.append(
+                f"{', '.join(shifted)}: the link's origin is at its joint, not at the body's"
+            )
         return notes
 
     def _value(

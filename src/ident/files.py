@@ -88,7 +88,7 @@ def atomic_write(path: Path) -> Iterator[BinaryIO]:
     _check_replaceable(path)
     # same folder, so that the last step is one rename; not tempfile, whose files are private
     _clear(path)
-    part = _beside(path, "part")
+    part = _sibling(path, "part")
     try:
         with part.open("xb") as stream:
             yield stream
@@ -97,16 +97,16 @@ def atomic_write(path: Path) -> Iterator[BinaryIO]:
         _quietly(part.unlink)
 
 
-def plain(value: Any) -> Any:
+def jsonable(value: Any) -> Any:
     """Return a value as JSON can hold it: numbers of Python, None for what is not finite."""
     if isinstance(value, Mapping):
-        return {str(key): plain(each) for key, each in value.items()}
+        return {str(key): jsonable(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(each) for each in value]
+        return [jsonable(item) for item in value]
     if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value))
+        return jsonable(asdict(value))
     if hasattr(value, "tolist"):  # of numpy, which is not imported for this
-        return plain(value.tolist())
+        return jsonable(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
@@ -114,13 +114,13 @@ def plain(value: Any) -> Any:
 
 def json_bytes(content: Mapping[str, Any]) -> bytes:
     """Return the content of a JSON file; numbers that are not finite are null."""
-    text = json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(jsonable(content), indent=1, ensure_ascii=False, allow_nan=False)
     return text.encode() + b"\n"
 
 
 def json_line(content: Mapping[str, Any]) -> str:
     """Return the same in one line of ASCII, for another program to read."""
-    return json.dumps(plain(content), allow_nan=False)
+    return json.dumps(jsonable(content), allow_nan=False)
 
 
 def write_all(folder: Path, contents: Mapping[str, bytes | Iterable[bytes]]) -> list[Path]:
@@ -140,14 +140,14 @@ def write_all(folder: Path, contents: Mapping[str, bytes | Iterable[bytes]]) -> 
                 _check_replaceable(path)
             for path in paths:
                 _clear(path)
-            parts = [_beside(path, "part") for path in paths]
+            parts = [_sibling(path, "part") for path in paths]
             for part, content in zip(parts, contents.values(), strict=True):
                 scraps.callback(_quietly, part.unlink)
                 undo.callback(_quietly, part.unlink)
                 with part.open("xb") as stream:
                     stream.writelines([content] if isinstance(content, bytes) else content)
             for part, path in zip(parts, paths, strict=True):
-                old = _beside(path, "old")
+                old = _sibling(path, "old")
                 scraps.callback(_quietly, old.unlink)
                 undo.callback(_quietly, old.unlink)
                 if path.exists():
@@ -187,7 +187,7 @@ def function_of(file: Path, name: str, *, allow_code: bool) -> Callable[..., Any
     except (Exception, SystemExit) as error:  # it is the user's code
         raise MechanismError(f"{file} fails: {line_of(error)}; correct it") from None
     if not callable(members.get(name)):
-        functions = [key for key, each in members.items() if isfunction(each)]
+        functions = [key for key, member in members.items() if isfunction(member)]
         raise MechanismError(f"{file} has no function '{name}'; {one_of(name, functions)}")
     return members[name]
 
@@ -199,7 +199,7 @@ def check_writable(folder: Path) -> None:
     with contextlib.ExitStack() as undo:
         try:
             _make_folder(folder, undo)
-            probe = _beside(folder / "probe", "part")
+            probe = _sibling(folder / "probe", "part")
             probe.touch()
             probe.unlink()
         except OSError as error:
@@ -213,7 +213,7 @@ def _unwritable(error: OSError, folder: Path) -> IdentError:
     )
 
 
-def _beside(path: Path, suffix: str) -> Path:
+def _sibling(path: Path, suffix: str) -> Path:
     return path.with_name(f".{path.name}.{os.urandom(4).hex()}.{suffix}")
 
 
@@ -226,9 +226,9 @@ def _clear(path: Path) -> None:
 
 
 def _make_folder(folder: Path, undo: contextlib.ExitStack) -> None:
-    for each in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
-        each.mkdir(exist_ok=True)
-        undo.callback(_quietly, each.rmdir)
+    for parent in reversed([parent for parent in (folder, *folder.parents) if not parent.exists()]):
+        parent.mkdir(exist_ok=True)
+        undo.callback(_quietly, parent.rmdir)
 
 
 def _quietly(change: Callable[..., object], *args: Path) -> None:
@@ -277,10 +277,10 @@ class TomlTable:
     def tables(self, key: str) -> list[TomlTable]:
         """Return all tables `[[key]]`."""
         tables = self.data.get(key, [])
-        if not isinstance(tables, list) or not all(isinstance(each, dict) for each in tables):
+        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
             raise self.error(f"write every {key} as a table [[{key}]]")
         return [
-            TomlTable(f"{self.where}: {key} {i}", each) for i, each in enumerate(tables, start=1)
+            TomlTable(f"{self.where}: {key} {i}", table) for i, table in enumerate(tables, start=1)
         ]
 
     def text(self, key: str, default: str | None = None) -> str:
@@ -342,7 +342,7 @@ def read_toml(path: Path) -> TomlTable:
 
 
 GROUP = "ident.formats"
-OWN = {
+BUILT_IN = {
     "log.csv": "ident.log.storage:read_csv",
     "log.parquet": "ident.log.storage:read_parquet",
     "log.npz": "ident.log.storage:read_npz",
@@ -358,7 +358,7 @@ ERRORS: dict[str, type[IdentError]] = {"log": LogError, "mechanism": MechanismEr
 
 def suffixes(kind: Kind) -> tuple[str, ...]:
     """Return the suffixes of all formats of a kind, ident's own first."""
-    names = [*OWN, *(each.name for each in _of_others())]
+    names = [*BUILT_IN, *(entry.name for entry in _of_others())]
     kinds = [f".{name.partition('.')[2].lower()}" for name in names if name.startswith(f"{kind}.")]
     return tuple(dict.fromkeys(kinds))
 
@@ -366,10 +366,10 @@ def suffixes(kind: Kind) -> tuple[str, ...]:
 def reader_of(kind: Kind, suffix: str) -> Callable[..., Any] | None:
     """Return the function that reads files of a suffix, such as ".csv"; None if there is none."""
     name = f"{kind}{suffix}"
-    if name in OWN:
-        module, _, function = OWN[name].partition(":")
+    if name in BUILT_IN:
+        module, _, function = BUILT_IN[name].partition(":")
         return getattr(import_module(module), function)
-    entry = next((each for each in _of_others() if each.name.lower() == name), None)
+    entry = next((candidate for candidate in _of_others() if candidate.name.lower() == name), None)
     if entry is None:
         return None
 

@@ -41,7 +41,7 @@ class Estimator:
 
 def with_free_multipliers(mechanism: Mechanism, log: Log, **options: Any) -> Fit:
     """Return the fit of a completed log with `options` of `identify` and free multipliers."""
-    model = mechanism.alike(multipliers=Multipliers())
+    model = mechanism.with_same_kinematics(multipliers=Multipliers())
     return identify(model, complete(model, log), **options)
 
 
@@ -50,7 +50,7 @@ def _paper(mechanism: Mechanism, log: Log, spacing: float | None = None) -> Fit:
     basis = mechanism.multipliers
     if spacing is not None or basis.degree <= 0:
         basis = Multipliers("linear", spacing or SAMPLES * float(np.median(np.diff(log.t))))
-    model = mechanism.alike(multipliers=basis)
+    model = mechanism.with_same_kinematics(multipliers=basis)
     motion = complete(model, log, smoothing=None, cutoff=None)
     return identify(model, motion, estimator="least-squares")
 

@@ -375,7 +375,7 @@ def test_mechanism_toml_has_the_last_word(make, tmp_path):
 def test_a_grown_folder_is_the_same_machine(make, tmp_path, text):
     """From the model's own text, as it is there: what it says of loops is written out."""
     mechanism = load(make(text))
-    files = folder_files(mechanism, mechanism.urdf.read_bytes(), [], unknown=None, found={})
+    files = folder_files(mechanism, mechanism.urdf.read_bytes(), [], unknown=None, estimates={})
     (tmp_path / "grown").mkdir()
     for name, content in files.items():
         (tmp_path / "grown" / name).write_bytes(content)

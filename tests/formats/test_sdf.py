@@ -133,7 +133,7 @@ def test_commands_from_model_to_identified_folder(make, tmp_path, spoken):
 
 def test_a_grown_folder_is_the_same_machine(make, tmp_path):
     mechanism = make(SDF, PASSIVE)
-    files = folder_files(mechanism, mechanism.urdf.read_bytes(), [], unknown=None, found={})
+    files = folder_files(mechanism, mechanism.urdf.read_bytes(), [], unknown=None, estimates={})
     (tmp_path / "grown").mkdir()
     for name, content in files.items():
         (tmp_path / "grown" / name).write_bytes(content)

@@ -69,7 +69,9 @@ def somewhere(model, seed=0, spread=1.0):
 def check_derivatives(kinematics, q, v):
     """J and J̇v, W and Ẇv against finite differences along pin.integrate."""
     model = kinematics.model
-    for rows in (kinematics.closure_rows, kinematics.own_rows)[: 2 if kinematics.own else 1]:
+    for rows in (kinematics.closure_rows, kinematics.own_rows)[
+        : 2 if kinematics.closure_joints else 1
+    ]:
         found = rows(q[None], v[None])
         J = jacobian(model, q, lambda x, rows=rows: rows(x[None]).value[0])
         drift = along(model, q, v, lambda x, rows=rows: rows(x[None]).rate[0] @ v, 1e-3)
@@ -99,7 +101,7 @@ def test_multipliers_are_named_and_have_units(case, tmp_path):
     words = words.split()
     assert kinematics.multipliers == tuple(f"c.{word}" for word in words)
     assert kinematics.units == ("N",) * forces + ("N m",) * (len(words) - forces)
-    assert len(kinematics.own) == own
+    assert len(kinematics.closure_joints) == own
 
 
 def test_every_kind_is_expected_here():
@@ -224,7 +226,9 @@ def test_a_closures_own_joint_is_its_free_coordinate(kind):
     shift, turn = FREE[kind]
     found = dict(
         zip(
-            [own.name for own in kinematics.own], kinematics.own_rows(q[None]).value[0], strict=True
+            [own.name for own in kinematics.closure_joints],
+            kinematics.own_rows(q[None]).value[0],
+            strict=True,
         )
     )
     expected = {
@@ -233,6 +237,6 @@ def test_a_closures_own_joint_is_its_free_coordinate(kind):
         "cylindrical": {"closure.c.z": shift[2], "closure.c.rz": turn},
     }[kind]
     assert found == pytest.approx(expected)
-    assert [own.rotational for own in kinematics.own] == [
+    assert [own.rotational for own in kinematics.closure_joints] == [
         n.endswith("rz") or kind == "revolute" for n in found
     ]

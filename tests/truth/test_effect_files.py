@@ -186,7 +186,7 @@ def test_lengths_across_the_plane_of_a_planar_loop_are_no_candidates(name):
 
 def test_a_place_of_a_closure_moves_in_the_axes_of_its_link():
     mechanism = ident.load(ROBOTS / "four_bar")  # whose frames are turned against the links
-    moved = mechanism.moved("pin.a.x", 0.01).moved("pin.a.y", 0.02)
+    moved = mechanism.displaced("pin.a.x", 0.01).displaced("pin.a.y", 0.02)
     off = {place: x - mechanism.lengths[place] for place, x in moved.lengths.items()}
     assert off["pin.a.x"] == pytest.approx(0.01)
     assert off["pin.a.y"] == pytest.approx(0.02)

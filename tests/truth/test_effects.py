@@ -163,7 +163,7 @@ def test_a_correction_of_nothing_is_nothing(kind):
     effect = made(kind)
     s = signals(effect)
     zero = effect.correction(replace(s, shape=dict.fromkeys(s.shape, 0.0)))
-    for each in (zero.dq, zero.delay, zero.moved, zero.gap):
+    for each in (zero.dq, zero.delay, zero.displaced, zero.gap):
         assert not any(np.any(x) for x in each.values())
     assert zero.tilt == (0.0, 0.0)
 
@@ -235,7 +235,11 @@ FORMULAS = {
 def test_what_a_kind_states_refers_to_what_exists(kind):
     related = {*kind.nested_in, *kind.companions, *kind.separated_by, *kind.needs}
     assert related <= {*KINDS} - {kind.kind}
-    assert {kind.sits, kind.tried or kind.sits} <= {*vars(Sites()), "mechanism", "nowhere"}
+    assert {kind.sits, kind.candidate_sites or kind.sits} <= {
+        *vars(Sites()),
+        "mechanism",
+        "nowhere",
+    }
     assert kind.watched in ("always", "request", "never")
     assert {*made(kind.kind).asks} <= {"a", "torque", "load"}
     acts = {unknown.acts for unknown in made(kind.kind).unknowns}
@@ -270,7 +274,7 @@ CORRECTIONS = {  # what s = 0.01 corrects
     "backlash": lambda s, c: np.allclose(
         c.dq["a"], -0.005 * np.tanh(s.load[:, 0] / (0.05 * np.sqrt(np.mean(s.load**2))))
     ),
-    "geometry": lambda s, c: c.moved == {"a.x": 0.01},
+    "geometry": lambda s, c: c.displaced == {"a.x": 0.01},
     "closure_compliance": lambda s, c: c.gap == {"pin": 0.01},
 }
 

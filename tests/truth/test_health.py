@@ -316,7 +316,7 @@ def test_a_position_counted_from_another_link_is_found(opposite):
     if opposite:
         turn = turned.jointPlacements[at].rotation @ np.diag([1.0, -1.0, -1.0])
         turned.jointPlacements[at].rotation = turn
-        mechanism = mechanism.alike(model=turned)
+        mechanism = mechanism.with_same_kinematics(model=turned)
         values = dict.fromkeys((n for e in mechanism.effects for n in e.names), 0.1)
         log = ident.simulate(mechanism, log, values=values)[0]
     c, sign = dict(log.columns), -1.0 if opposite else 1.0
@@ -653,7 +653,7 @@ def test_the_other_sign_is_named_in_any_unit():
 
 def test_a_urdf_without_masses_has_no_shape():
     p = planted("arm")
-    massless = p.mechanism.alike(model=p.mechanism.model.copy())
+    massless = p.mechanism.with_same_kinematics(model=p.mechanism.model.copy())
     for i in range(1, massless.model.njoints):
         massless.model.inertias[i].setZero()
     assert not massless.prior.any()

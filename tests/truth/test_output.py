@@ -15,7 +15,7 @@ import ident
 from helpers import ROBOTS
 from ident import Diagnosis, IdentError
 from ident.effects.library import named
-from ident.files import plain
+from ident.files import jsonable
 from ident.show.diagnosis import candidate_rows, card
 from ident.show.ladder import history_card
 from pages import charts, read_page, reading, titles
@@ -100,7 +100,7 @@ def test_diagnosis_json_keeps_the_contract(make, tmp_path):
 
 def test_numbers_that_are_not_finite_are_null():
     content = {"a": math.nan, "b": [math.inf, 1.0, np.float64(-np.inf)], "c": (np.int64(3), True)}
-    assert plain(content) == {"a": None, "b": [None, 1.0, None], "c": [3, True]}
+    assert jsonable(content) == {"a": None, "b": [None, 1.0, None], "c": [3, True]}
 
 
 def hostile(d: Diagnosis) -> Diagnosis:

@@ -269,7 +269,9 @@ class FitOptions(RunOptions):
             )
         if spacing is None:
             spacing = 0.0 if basis == "free" else mechanism.multipliers.spacing
-        return mechanism.alike(multipliers=multipliers(basis, spacing, "--basis, --spacing"))
+        return mechanism.with_same_kinematics(
+            multipliers=multipliers(basis, spacing, "--basis, --spacing")
+        )
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from ident.diagnosis.laws import FoundLaw, LossComparison
 from ident.diagnosis.search import Selection
 from ident.effects import Effect, Signals
 from ident.effects.curve import Curve
-from ident.effects.formula import plain
+from ident.effects.formula import file_name_of
 from ident.information.chance import PARSIMONY
 from ident.information.hypotheses import Array, PartialRegression
 
@@ -64,7 +64,7 @@ class FoundCurve:
     @property
     def file(self) -> str:
         """Name of its file."""
-        return f"curve_{plain(self.joint)}.csv"
+        return f"curve_{file_name_of(self.joint)}.csv"
 
     @property
     def csv(self) -> str:

@@ -20,7 +20,7 @@ from ident.effects.joint import direction
 from ident.errors import MechanismError, one_of
 
 PIECES = 5  # range: intervals of a curve of one signal
-FEW = 3  # range: of a curve that multiplies another signal, and of each half of a curve of speed
+COARSE_PIECES = 3  # range: of a curve that multiplies a signal, and of half a curve of speed
 DEGREE = 3  # range
 PRODUCTS = (  # the curve's signal, what it multiplies
     "q*sign", "t*sign", "load*sign", "temperature*sign", "q*v", "t*v", "temperature*v", "t*load",
@@ -48,10 +48,10 @@ class OnFirst(Effect):
         return E
 
     def informed(self, s: Signals) -> np.ndarray:
-        found = np.ones(s.q.shape, dtype=bool)
+        informing = np.ones(s.q.shape, dtype=bool)
         if self.dry:
-            found[:, 0] = (np.abs(s.v) >= s.still).all(axis=1)
-        return found
+            informing[:, 0] = (np.abs(s.v) >= s.still).all(axis=1)
+        return informing
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,9 @@ class Curve(OfSignals):
     """A torque that is a smooth curve of a signal, or of a signal times another one."""
 
     kind = "curve"
-    tried = NOWHERE  # a diagnosis compares laws with curves, and proposes one where no law holds
+    candidate_sites = (
+        NOWHERE  # a diagnosis compares laws with curves, and proposes one where no law holds
+    )
     signals = (*UNITS, *PRODUCTS, OF_TWO)
     settings: ClassVar = {"pieces": 0.0}
     equation = "Σ c_k B_k(x) w, B_k cubic B-splines of x, with x w the signal: q, v, a, load, t, …"
@@ -132,13 +134,13 @@ class Curve(OfSignals):
     @property
     def pieces(self) -> int:
         """Number of its intervals."""
-        few = self.second or self.first == "v"
-        return int(self.setting("pieces")) or (FEW if few else PIECES)
+        coarse = self.second or self.first == "v"
+        return int(self.setting("pieces")) or (COARSE_PIECES if coarse else PIECES)
 
     @property
     def depends_on(self) -> frozenset[str]:
         second = "v" if self.second == "sign" else self.second
-        return frozenset(each for each in (self.first, second) if each)
+        return frozenset(signal for signal in (self.first, second) if signal)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:  # type: ignore[override]
@@ -184,7 +186,7 @@ class Curve(OfSignals):
 
     def bounds(self, s: Signals) -> Bounds:
         x = self._argument(s)
-        return {each.name: (float(x.min()), float(x.max())) for each in self.shapes}
+        return {shape.name: (float(x.min()), float(x.max())) for shape in self.shapes}
 
     def starts(self, s: Signals) -> list[Shape]:
         # knots with as many samples in each piece
@@ -193,7 +195,7 @@ class Curve(OfSignals):
         if len(np.unique(knots)) < len(knots):  # constant over most of the log
             low, high = float(x.min()), float(x.max())
             knots = np.linspace(low, high if high > low else low + 1.0, len(knots))
-        return [{f"x{i}": float(each) for i, each in enumerate(knots)}]
+        return [{f"x{i}": float(knot) for i, knot in enumerate(knots)}]
 
 
 @dataclass(frozen=True)
@@ -206,7 +208,7 @@ class PastSpeed(Effect):
     """
 
     kind = "curve"
-    tried = NOWHERE
+    candidate_sites = NOWHERE
     signals = ("past v",)
     settings: ClassVar = {"T": 1.0}  # the shortest time constant [s]
     unknowns = tuple(Unknown(f"c{i}", ("N m s/rad", "N s/m"), "coefficient") for i in range(LAGS))
@@ -219,11 +221,11 @@ class PastSpeed(Effect):
     def columns(self, s: Signals) -> np.ndarray:
         # x_i − (1 − k) x_{i−1} = k v_i, x_0 = v_0; scipy.signal takes half a second to be imported
         v, step = s.v[:, 0], float(np.median(np.diff(s.t))) if len(s.t) > 1 else 1.0
-        found = []
+        memories = []
         for k in -np.expm1(-step / (self.setting("T") * 2.0 ** np.arange(LAGS))):
             bands = np.stack([np.ones(len(v)), np.full(len(v), k - 1.0)])
-            found.append(solve_banded((1, 0), bands, np.append(v[:1], k * v[1:])))
-        return np.stack(found, axis=1)[:, None, :]
+            memories.append(solve_banded((1, 0), bands, np.append(v[:1], k * v[1:])))
+        return np.stack(memories, axis=1)[:, None, :]
 
 
 def basis(x: np.ndarray, knots: np.ndarray) -> np.ndarray:

@@ -41,7 +41,7 @@ class Coupling(Effect):
     """Inertia and friction at the sum of two joints' rates, felt by both joints alike."""
 
     kind = "coupling"
-    plain = "mechanical coupling"
+    noun = "mechanical coupling"
     arity = 2
     sits = "driven"
     watched = "request"
@@ -92,7 +92,7 @@ class TorqueGain(Effect):
     """A torque channel with a wrong scale, such as a motor constant a few percent off."""
 
     kind = "torque_gain"
-    plain = "wrong scale of the torque"
+    noun = "wrong scale of the torque"
     watched = "always"
     sits = "driven"
     unknowns = (Unknown("g", ("1", "1"), "share of the torque", largest=0.5),)
@@ -115,7 +115,7 @@ class Drift(Effect):
     """An offset that grows with time, from the log's beginning."""
 
     kind = "drift"
-    plain = "torque drift"
+    noun = "torque drift"
     sits = "driven"
     unknowns = (Unknown("c", ("N m/s", "N/s"), "growth of the offset"),)
     equation = "c (t − t0), t0 the log's first sample"
@@ -133,7 +133,7 @@ class Delay(Correcting):
     """A torque channel that is late against the positions, or several by the same time."""
 
     kind = "delay"
-    plain = "torque delay"
+    noun = "torque delay"
     shared = True
     watched = "request"
     fault = "delay"
@@ -169,7 +169,7 @@ class EncoderOffset(Correcting):
     """An encoder whose zero is off, at a joint whose position is logged."""
 
     kind = "encoder_offset"
-    tried = "logged"
+    candidate_sites = "logged"
     watched = "always"
     shapes = (Unknown("delta", ("rad", "m"), "true minus logged coordinate"),)
     equation = "q = q_logged + delta"
@@ -192,7 +192,7 @@ class GravityTilt(Correcting):
     """A base that is not level."""
 
     kind = "gravity_tilt"
-    plain = "tilted base"
+    noun = "tilted base"
     arity = 0
     sits = "mechanism"
     watched = "always"
@@ -271,10 +271,10 @@ class Geometry(Correcting):
     """A length that differs from the URDF's."""
 
     kind = "geometry"
-    plain = "another length"
+    noun = "another length"
     rare = True
     sits = "place"
-    tried = "length"
+    candidate_sites = "length"
     watched = "request"
     shapes = (
         Unknown("Delta", ("m", "m"), "displacement along the axis", range=(-DISPLACED, DISPLACED)),
@@ -286,7 +286,7 @@ class Geometry(Correcting):
     source = "Hollerbach, Khalil, Gautier, Springer Handbook of Robotics, ch. 6"
 
     def correction(self, s: Signals) -> Correction:
-        return Correction(moved={self.joints[0]: s.shape["Delta"]})
+        return Correction(displaced={self.joints[0]: s.shape["Delta"]})
 
 
 class ClosureCompliance(Correcting):
@@ -295,7 +295,7 @@ class ClosureCompliance(Correcting):
     kind = "closure_compliance"
     rare = True
     sits = "closure"
-    tried = "loop"
+    candidate_sites = "loop"
     watched = "always"
     not_integrable = (
         "a closure that yields would vibrate, and this effect has no inertia to do it with"

@@ -44,10 +44,10 @@ def _dimension(node: ast.expr, of: Mapping[str, Powers]) -> Powers:
         case ast.BinOp(left=x, op=ast.Pow(), right=ast.Constant(value=power)):
             return scaled(_dimension(x, of), power)  # type: ignore[arg-type]
         case ast.BinOp(left=x, op=ast.Mult() | ast.Div() as op, right=y):
-            found = dict(_dimension(x, of))
+            powers = dict(_dimension(x, of))
             for name, power in _dimension(y, of).items():
-                found[name] = found.get(name, 0) + (power if isinstance(op, ast.Mult) else -power)
-            return {name: power for name, power in found.items() if power}
+                powers[name] = powers.get(name, 0) + (power if isinstance(op, ast.Mult) else -power)
+            return {name: power for name, power in powers.items() if power}
         case ast.BinOp(left=x, op=ast.Add() | ast.Sub()):
             return _dimension(x, of)
     return {}  # a number, a power that is searched, sin, cos, exp, …
@@ -60,19 +60,21 @@ def scaled(powers: Powers, by: float) -> Powers:
 
 def unit_of(powers: Powers, turns: bool, second: bool, force: float = 0.0) -> str:
     """Return the unit of powers of the joint's force and of signals, of joints that turn or not."""
-    own = "N m" if turns else "N"
-    found = {own: force}
+    force_unit = "N m" if turns else "N"
+    by_unit = {force_unit: force}
     for signal, power in powers.items():
         place = 0 if (second if signal.endswith("_o") else turns) else 1
-        unit = own if signal == "load" else UNITS[signal.removesuffix("_o")][place]
+        unit = force_unit if signal == "load" else UNITS[signal.removesuffix("_o")][place]
         base, _, time = unit.replace("°C", "K").partition("/")
-        found[base] = found.get(base, 0.0) + power
+        by_unit[base] = by_unit.get(base, 0.0) + power
         if time:
-            found["s"] = found.get("s", 0.0) - power * (2 if "²" in time else 1)
-    over = [_raised(u, p) for u, p in found.items() if p > 0]
-    under = [_raised(u, -p, " " in u) for u, p in found.items() if p < 0]
-    top = " ".join(over) or "1"
-    return f"{top}/({' '.join(under)})" if len(under) > 1 else "/".join([top, *under])
+            by_unit["s"] = by_unit.get("s", 0.0) - power * (2 if "²" in time else 1)
+    numerator = [_raised(u, p) for u, p in by_unit.items() if p > 0]
+    denominator = [_raised(u, -p, " " in u) for u, p in by_unit.items() if p < 0]
+    top = " ".join(numerator) or "1"
+    if len(denominator) > 1:
+        return f"{top}/({' '.join(denominator)})"
+    return "/".join([top, *denominator])
 
 
 def _raised(unit: str, power: float, bracket: bool = False) -> str:
@@ -156,14 +158,16 @@ class Correction:
     dq: Mapping[str, np.ndarray | float] = field(default_factory=dict)  # by joint, true − logged
     delay: Mapping[str, float] = field(default_factory=dict)  # by joint, of its torque [s]
     tilt: tuple[float, float] = (0.0, 0.0)  # rotation of the base about x and y [rad]
-    moved: Mapping[str, float] = field(default_factory=dict)  # by place, displacement [m]
+    displaced: Mapping[str, float] = field(default_factory=dict)  # by place, displacement [m]
     gap: Mapping[str, float] = field(default_factory=dict)  # by closure, C in Φ = C λ [m/N]
 
 
 NOWHERE = "nowhere"  # `Effect.tried` of a kind that a diagnosis does not try by itself
 Bounds = Mapping[str, tuple[float, float]]
 Shape = Mapping[str, float]
-Found = Mapping[str, tuple[float, float | None]]  # value ± standard error of parameters, by name
+Estimates = Mapping[
+    str, tuple[float, float | None]
+]  # value ± standard error of parameters, by name
 
 
 @dataclass(frozen=True)
@@ -183,7 +187,7 @@ class Effect(ABC):
     arity: ClassVar[int] = 1
     shared: ClassVar[bool] = False  # whether several joints may have it with the same parameters
     sits: ClassVar[str] = "joint"  # a field of `Sites`, or `mechanism` for the whole of it
-    tried: ClassVar[str] = ""  # the field of `Sites` where a diagnosis tries it, if not `sits`
+    candidate_sites: ClassVar[str] = ""  # the field of `Sites` where a diagnosis tries it
     unknowns: ClassVar[tuple[Unknown, ...]] = ()
     shapes: ClassVar[tuple[Unknown, ...]] = ()
     settings: ClassVar[Mapping[str, float]] = {}  # further keys of `values`, with defaults
@@ -191,7 +195,7 @@ class Effect(ABC):
     needs: ClassVar[tuple[str, ...]] = ()  # kinds that must be at the same joints
 
     # text
-    plain: ClassVar[str] = ""  # a noun for it, where its kind's name alone does not say what it is
+    noun: ClassVar[str] = ""  # a noun for it, where its kind's name alone does not say what it is
     equation: ClassVar[str]
     signature: ClassVar[str]
     confused_with: ClassVar[tuple[str, ...]] = ()
@@ -279,7 +283,7 @@ class Effect(ABC):
     @property
     def full(self) -> dict[str, str]:
         """Full names of all parameters by their short ones."""
-        return dict(zip((each.name for each in self.parameters), self.names, strict=True))
+        return dict(zip((parameter.name for parameter in self.parameters), self.names, strict=True))
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -311,7 +315,7 @@ class Effect(ABC):
     def __str__(self) -> str:
         return self.label
 
-    def source_file(self, found: Found) -> tuple[str, bytes] | None:
+    def source_file(self, estimates: Estimates) -> tuple[str, bytes] | None:
         """Return name and content of the Python file that defines a kind outside of the library.
 
         Args:
@@ -327,9 +331,9 @@ class Effect(ABC):
 
         One that joints may share is tried at all of them together, too.
         """
-        if cls.tried == NOWHERE:
+        if cls.candidate_sites == NOWHERE:
             return []
-        places = getattr(sites, cls.tried or cls.sits, ())
+        places = getattr(sites, cls.candidate_sites or cls.sits, ())
         together = [tuple(places)] if cls.shared and len(places) > 1 else []
         return [*together, *combinations(places, cls.arity)]
 
@@ -359,7 +363,7 @@ class Effect(ABC):
     @property
     def loaded_link(self) -> str | None:
         """The link whose columns of Γ, times the unknowns, are this effect; None for torques."""
-        return self.joints[0] if any(each.acts == "body" for each in self.unknowns) else None
+        return self.joints[0] if any(unknown.acts == "body" for unknown in self.unknowns) else None
 
     # --- parameters -----------------------------------------------------------------------------
 
@@ -375,12 +379,12 @@ class Effect(ABC):
     @property
     def known(self) -> bool:
         """Return whether all its parameters are given."""
-        return all(each.name in self.values for each in self.parameters)
+        return all(parameter.name in self.values for parameter in self.parameters)
 
     @property
     def freed(self) -> Effect:
         """The effect with its unknowns open, or the shapes of a correction, which has none."""
-        open_ = {each.name for each in self.unknowns or self.shapes}
+        open_ = {unknown.name for unknown in self.unknowns or self.shapes}
         return replace(self, values={n: x for n, x in self.values.items() if n not in open_})
 
     @property
@@ -431,7 +435,7 @@ class Effect(ABC):
     @property
     def not_integrable(self) -> str:
         """The reason why it has no place in a forward simulation; empty where it has one."""
-        if self.memory and not any(each.acts == "state" for each in self.unknowns):
+        if self.memory and not any(unknown.acts == "state" for unknown in self.unknowns):
             return "it depends on the past, and its state has no differential equation"
         return ""
 

@@ -22,7 +22,7 @@ from ident.effects.curve import OfSignals
 from ident.effects.effect import (
     UNITS,
     Bounds,
-    Found,
+    Estimates,
     Powers,
     Shape,
     Signals,
@@ -117,7 +117,7 @@ class Term:
     @cached_property
     def powers(self) -> tuple[Powers, ...]:
         """Powers of signals in the unit of each column."""
-        of = {each.name: each.powers for each in self.scales}
+        of = {scale.name: scale.powers for scale in self.scales}
         return tuple(dimension(text, of) for text in self.columns)
 
     @cached_property
@@ -135,9 +135,9 @@ class Term:
 
     def renamed(self, suffix: str) -> Term:
         """Return the term with a suffix on its constants, so that a sum has each name once."""
-        new = {each.name: f"{each.name}{suffix}" for each in self.scales}
-        word, own = re.compile(r"\b[A-Za-z_]\w*\b"), lambda m: new.get(m.group(), m.group())
-        columns = tuple(word.sub(own, text) for text in self.columns)
+        new = {scale.name: f"{scale.name}{suffix}" for scale in self.scales}
+        word, new_name = re.compile(r"\b[A-Za-z_]\w*\b"), lambda m: new.get(m.group(), m.group())
+        columns = tuple(word.sub(new_name, text) for text in self.columns)
         scales = tuple(Scale(new[s.name], s.of, s.signal) for s in self.scales)
         return Term(columns, scales, self.known_as)
 
@@ -198,25 +198,28 @@ class Formula(OfSignals):
 
     @cached_property
     def unknowns(self) -> tuple[Unknown, ...]:  # type: ignore[override]
-        found, second = [], self.second_rotational
+        unknowns, second = [], self.second_rotational
         every = [scaled(powers, -1) for term in self.renamed for powers in term.powers]
         for i, inverse in enumerate(every, 1):
-            units = tuple(unit_of(inverse, own, second, 1.0) for own in (True, False))
-            found.append(Unknown(f"k{i}" if len(every) > 1 else "k", units, "coefficient"))
-        return tuple(found)
+            units = tuple(unit_of(inverse, rotational, second, 1.0) for rotational in (True, False))
+            unknowns.append(Unknown(f"k{i}" if len(every) > 1 else "k", units, "coefficient"))
+        return tuple(unknowns)
 
     @cached_property
     def shapes(self) -> tuple[Unknown, ...]:  # type: ignore[override]
         units = [
-            [x.unit(own, self.second_rotational) for own in (True, False)] for x in self.scales
+            [x.unit(rotational, self.second_rotational) for rotational in (True, False)]
+            for x in self.scales
         ]
         both = zip(self.scales, units, strict=True)
-        return tuple(Unknown(each.name, tuple(own), "constant") for each, own in both)
+        return tuple(
+            Unknown(scale.name, tuple(rotational), "constant") for scale, rotational in both
+        )
 
     @property
     def scales(self) -> tuple[Scale, ...]:
         """All constants."""
-        return tuple(each for term in self.renamed for each in term.scales)
+        return tuple(scale for term in self.renamed for scale in term.scales)
 
     @property
     def depends_on(self) -> frozenset[str]:
@@ -242,7 +245,11 @@ class Formula(OfSignals):
 
     def written(self, text: str) -> str:
         """Return a text with the other joint's name."""
-        other = plain(self.joints[1]).replace("-", "_").replace(".", "_") if self.arity > 1 else "o"
+        other = (
+            file_name_of(self.joints[1]).replace("-", "_").replace(".", "_")
+            if self.arity > 1
+            else "o"
+        )
         return OTHER.sub(rf"\1_{other}", text)
 
     @property
@@ -277,36 +284,36 @@ class Formula(OfSignals):
         if self.found:
             return [{name: start for name, (start, _, _) in self.found.items()}]
         names = self._namespace(s)
-        every = [each.starts(_value(each.signal or "t", names)) for each in self.scales]
-        labels = [each.name for each in self.scales]
+        every = [scale.starts(_value(scale.signal or "t", names)) for scale in self.scales]
+        labels = [scale.name for scale in self.scales]
         return [dict(zip(labels, values, strict=True)) for values in product(*every)]
 
     def _namespace(self, s: Signals) -> dict[str, Any]:
-        found: dict[str, Any] = {
+        namespace: dict[str, Any] = {
             **FUNCTION_OF, "q": s.q[:, 0], "v": s.v[:, 0], "a": s.a[:, 0], "t": s.t - s.t[0],
         }  # fmt: skip
         if self.implicit:  # the model predicts it, which takes time
-            found["load"] = s.load[:, 0]
+            namespace["load"] = s.load[:, 0]
         if s.q.shape[1] > 1:
-            found |= {"q_o": s.q[:, 1], "v_o": s.v[:, 1]}
+            namespace |= {"q_o": s.q[:, 1], "v_o": s.v[:, 1]}
         for name in self.reads():
-            found["temperature"] = s.extra[name]
-        turns = {id(found[name]): i for i, name in enumerate(("v", "v_o")) if name in found}
+            namespace["temperature"] = s.extra[name]
+        turns = {id(namespace[name]): i for i, name in enumerate(("v", "v_o")) if name in namespace}
 
         def sign(x: np.ndarray) -> np.ndarray:
             i = turns.get(id(x))
             return np.tanh(x / SMOOTH) if i is None else direction(s.v[:, i], s.still[i])
 
-        return {**found, "sign": sign}
+        return {**namespace, "sign": sign}
 
     # --- effect file ----------------------------------------------------------------------------
 
     @property
     def file_name(self) -> str:
         """Name of its effect file."""
-        return f"{self.name}_{plain(self.joints[0])}.py"
+        return f"{self.name}_{file_name_of(self.joints[0])}.py"
 
-    def source_file(self, found: Found) -> tuple[str, bytes] | None:
+    def source_file(self, estimates: Estimates) -> tuple[str, bytes] | None:
         """Return name and content of its effect file; None if its constants were not found yet."""
         if len(self.found) < len(self.shapes):
             return None
@@ -319,13 +326,13 @@ class Formula(OfSignals):
         units = dict(zip((u.name for u in self.parameters), self.units, strict=True))
         given = ""
         for name, (start, low, high) in self.found.items():
-            start = found.get(name, (start, None))[0]
+            start = estimates.get(name, (start, None))[0]
             low, high = min(low, start), max(high, start)
             given += f', {name}: "{units[name]}" = ({start:.6g}, {low:.6g}, {high:.6g})'
         functions = [word for word in FUNCTIONS if word in words and word != "sign"]
-        values = [f"    {n} = {rounded(*found[n])} {units[n]}" for n in units if n in found]
+        values = [f"    {n} = {rounded(*estimates[n])} {units[n]}" for n in units if n in estimates]
         parts = [
-            f'"""A law found in the data of {plain(self.joints[0])}: {DESCRIPTION}."""\n',
+            f'"""A law found in the data of {file_name_of(self.joints[0])}: {DESCRIPTION}."""\n',
             "import casadi as ca",
             *([f"from casadi import {', '.join(functions)}"] if functions else []),
             *([SMOOTH_SIGN] if "sign" in words else []),
@@ -346,7 +353,7 @@ class Formula(OfSignals):
         return self.file_name, "\n".join(parts).encode()
 
 
-def plain(text: str) -> str:
+def file_name_of(text: str) -> str:
     """Return a name that is safe as a file's name and within a text of Python."""
     return re.sub(r"[^A-Za-z0-9_.-]", "_", text).replace("..", "_")
 

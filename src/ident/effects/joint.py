@@ -29,7 +29,7 @@ class Viscous(Effect):
     """Friction torque in proportion to speed."""
 
     kind = "viscous"
-    plain = "viscous friction"
+    noun = "viscous friction"
     model_words = ("damping",)
     common = True
     nested_in = ("friction_width",)  # its limit where it builds up over all speeds
@@ -64,7 +64,7 @@ class Coulomb(Dry):
     """Dry friction: constant against the direction of motion."""
 
     kind = "coulomb"
-    plain = "dry friction"
+    noun = "dry friction"
     model_words = ("frictionloss", "friction")
     common = True
     companions = ("viscous",)
@@ -129,7 +129,7 @@ class Stribeck(Dry, OverSpeed):
     """Dry friction that is higher at low speed."""
 
     kind = "stribeck"
-    plain = "extra dry friction at low speed"
+    noun = "extra dry friction at low speed"
     unknowns = (
         Unknown("Fs", ("N m", "N"), "friction at the least speed beyond Coulomb", True, acts="dry"),
     )
@@ -150,7 +150,7 @@ class FrictionWidth(OverSpeed):
     """Dry friction that builds up over some speed instead of jumping at zero."""
 
     kind = "friction_width"
-    plain = "dry friction that builds up over speed"
+    noun = "dry friction that builds up over speed"
     needs = ("coulomb",)
     unknowns = (Unknown("Fw", ("N m", "N"), "friction that builds up, about Fc", True, acts="dry"),)
     shapes = (
@@ -171,7 +171,7 @@ class Drag(Effect):
     """Resistance of a fluid: with the square of speed."""
 
     kind = "drag"
-    plain = "fluid drag"
+    noun = "fluid drag"
     watched = "request"
     unknowns = (Unknown("Fd", ("N m s²/rad²", "N s²/m²"), "drag coefficient", nonnegative=True),)
     equation = "Fd v |v|"
@@ -187,8 +187,8 @@ class LoadFriction(Dry):
     """Dry friction that grows with the load that the joint passes on."""
 
     kind = "load_friction"
-    plain = "dry friction that grows with load"
-    tried = "loaded"
+    noun = "dry friction that grows with load"
+    candidate_sites = "loaded"
     watched = "request"
     unknowns = (
         Unknown("mu", ("1", "1"), "share of the load (closures: a lever in m)", True, acts="dry"),
@@ -208,7 +208,7 @@ class Hysteresis(Effect):
     """Presliding friction: a spring of small reach that yields (Dahl)."""
 
     kind = "hysteresis"
-    plain = "presliding friction"
+    noun = "presliding friction"
     slow = True
     at_reversals = True
     unknowns = (
@@ -253,7 +253,7 @@ class TemperatureFriction(Effect):
     """Viscous friction that changes with temperature."""
 
     kind = "temperature_friction"
-    plain = "friction that changes with temperature"
+    noun = "friction that changes with temperature"
     unknowns = (Unknown("kappa", ("1/K", "1/K"), "relative change a degree"),)
     settings: ClassVar = {"T0": 25.0}
     equation = "Fv v kappa (T − T0), Fv of `viscous`; T: temperature.<joint>; T0 25"
@@ -307,7 +307,7 @@ class Cable(Effect):
     """Hoses and cables along a joint: a smooth curve over position."""
 
     kind = "cable"
-    plain = "pull of hoses and cables"
+    noun = "pull of hoses and cables"
     of_position = True
     descriptive = True
     settings: ClassVar = {"degree": 3.0}
@@ -381,7 +381,7 @@ class Ripple(Effect):
     """A torque that repeats with position: cogging, gear teeth, an eccentric gear."""
 
     kind = "ripple"
-    plain = "torque ripple"
+    noun = "torque ripple"
     of_position = True
     waves = "N"
     unknowns = (

@@ -96,7 +96,7 @@ def parse(text: str) -> tuple[str, tuple[str, ...], str, dict[str, float]]:
 
 def separating(kinds: Collection[str]) -> list[str]:
     """Return the experiments that separate kinds which no motion separates, without repetition."""
-    pairs = (each for name in KINDS if name in kinds for each in KINDS[name].separated_by.items())
+    pairs = (pair for name in KINDS if name in kinds for pair in KINDS[name].separated_by.items())
     return list(dict.fromkeys(text for rival, text in pairs if rival in kinds))
 
 
@@ -107,10 +107,10 @@ PREPOSITIONS = {"link": "on", "place": "at"}  # by site; of joints and closures:
 
 def by_kind(effects: Iterable[Effect]) -> list[list[Effect]]:
     """Return effects of one kind together, in the order of the first of each."""
-    found: dict[str, list[Effect]] = {}
+    groups: dict[str, list[Effect]] = {}
     for effect in effects:
-        found.setdefault(effect.kind, []).append(effect)
-    return list(found.values())
+        groups.setdefault(effect.kind, []).append(effect)
+    return list(groups.values())
 
 
 def named(effects: Iterable[Effect], word: str = "and") -> str:
@@ -118,25 +118,27 @@ def named(effects: Iterable[Effect], word: str = "and") -> str:
     return listed([_of_one_kind(group, word) for group in by_kind(effects)], word)
 
 
-def plain(effect: Effect) -> str:
+def effect_noun(effect: Effect) -> str:
     """Return the words for an effect's kind."""
-    return effect.plain or effect.kind.replace("_", " ")
+    return effect.noun or effect.kind.replace("_", " ")
 
 
 def _of_one_kind(group: Sequence[Effect], word: str) -> str:
     first = group[0]
-    signals = listed(dict.fromkeys(each.signal for each in group if each.signal))
-    of = f" of {signals}" if any(each.signal for each in group) else ""
+    signals = listed(dict.fromkeys(effect.signal for effect in group if effect.signal))
+    of = f" of {signals}" if any(effect.signal for effect in group) else ""
     sites = [
-        " with ".join(each.joints) if len(each.joints) < 3 else f"{places(each.joints)} together"
-        for each in group
+        " with ".join(effect.joints)
+        if len(effect.joints) < 3
+        else f"{places(effect.joints)} together"
+        for effect in group
     ]
-    own = places(sites) if word == "and" else listed(sites, word)  # of rivals the best first
+    names = places(sites) if word == "and" else listed(sites, word)  # of rivals the best first
     if len(group) == 1:
-        own = places(first.joints)
-    where = f" {PREPOSITIONS.get(first.site, 'in')} {own}" if first.joints else ""
-    code = "" if first.kind.replace("_", " ") in plain(first) else f" ({first.kind})"
-    return f"{plain(first)}{of}{where}{code}"
+        names = places(first.joints)
+    where = f" {PREPOSITIONS.get(first.site, 'in')} {names}" if first.joints else ""
+    code = "" if first.kind.replace("_", " ") in effect_noun(first) else f" ({first.kind})"
+    return f"{effect_noun(first)}{of}{where}{code}"
 
 
 # --- of a user ------------------------------------------------------------------------------------
@@ -211,7 +213,7 @@ class UserEffect(OnFirst):
         zero = np.zeros_like(s.q)
         asked = (s.torque, s.load) if self.implicit else (zero, zero)
         heat = np.stack([s.extra[name] for name in self.reads()] or list(zero.T))
-        shape = np.array([s.shape[each.name] for each in self.shapes]).reshape(-1, 1)
+        shape = np.array([s.shape[shape.name] for shape in self.shapes]).reshape(-1, 1)
         values = self._compiled(
             *(x.T for x in (s.q, s.v, s.a, *asked, joint.direction(s.v, s.still))), heat,
             (s.t - s.t[0])[None], np.tile(shape, len(s.t)),
@@ -347,7 +349,7 @@ def _evaluated(
 @cache
 def _compiled(kind: type[UserEffect], joints: int) -> ca.Function:
     columns, inputs = _evaluated(kind, joints)
-    column = ca.densify(ca.vertcat(*(each for each, _ in columns.values())))
+    column = ca.densify(ca.vertcat(*(column for column, _ in columns.values())))
     try:
         return ca.Function("columns", inputs, [column])
     except Exception as error:  # it contains other symbols than its inputs

@@ -54,7 +54,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             continue
         what = effect.correction(replace(base.signals(effect.joints), shape=shape))
         mechanism = mechanism.corrected(what)
-        if what.moved:
+        if what.displaced:
             e = e.at(mechanism, e.known(mechanism))
         for name, d in what.delay.items():
             tau, channel = e.tau.copy(), mechanism.driven.index(name)

@@ -134,7 +134,7 @@ def motion_faults(
         def turned(mechanism: Mechanism, e: State, g: Array = g) -> tuple[Mechanism, State]:
             model = mechanism.model.copy()
             model.gravity.linear = g
-            return mechanism.alike(model=model), e
+            return mechanism.with_same_kinematics(model=model), e
 
         if np.linalg.norm(g - given) >= 0.05 * EARTH:
             found.append(none.with_("gravity", *map(float, g), state=turned))

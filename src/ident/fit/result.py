@@ -13,7 +13,7 @@ import polars as pl
 
 from ident.display import render
 from ident.effects import Effect
-from ident.effects.effect import Found
+from ident.effects.effect import Estimates
 from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, one_of
@@ -292,7 +292,7 @@ class Fit(Charted):
         ]
 
     @property
-    def found(self) -> dict[str, Found]:
+    def found(self) -> dict[str, Estimates]:
         """Values and standard errors of all effects' parameters: by label, then short name."""
         return {
             each.effect.label: {v.name.rpartition(".")[2]: (v.value, v.stderr)

@@ -71,7 +71,7 @@ def _compiled(path: Path, data: bytes) -> tuple[mujoco.MjModel, list[str]]:
         raise MechanismError(f"{path}: has flexible bodies (flex); a mechanism is of rigid ones")
     if model.njnt > MOST:
         raise MechanismError(f"{path}: {model.njnt} joints; a mechanism has at most {MOST}")
-    return model, [*notes, *(f"MuJoCo: {' '.join(each.split())}" for each in warnings)]
+    return model, [*notes, *(f"MuJoCo: {' '.join(warning.split())}" for warning in warnings)]
 
 
 def _without_missing_files(path: Path) -> tuple[mujoco.MjModel, list[str]]:
@@ -86,23 +86,23 @@ def _without_missing_files(path: Path) -> tuple[mujoco.MjModel, list[str]]:
 
     def missing(assets: Iterable[Any], folder: str) -> dict[str, Any]:
         """Return assets with a file that is not there, by name."""
-        named = [(each, Path(each.file)) for each in assets if each.file]
+        named = [(asset, Path(asset.file)) for asset in assets if asset.file]
         place = path.parent / folder
         return {
-            each.name or file.stem: each
-            for each, file in named
+            asset.name or file.stem: asset
+            for asset, file in named
             if not (place / (file.name if spec.strippath else file)).is_file()
         }
 
     meshes, textures = missing(spec.meshes, spec.meshdir), missing(spec.textures, spec.texturedir)
     assets = [*meshes.values(), *textures.values()]
-    files = [each.file for each in assets]
-    for geom in [each for each in spec.geoms if each.meshname in meshes]:
+    files = [asset.file for asset in assets]
+    for geom in [geom for geom in spec.geoms if geom.meshname in meshes]:
         geom.type, geom.size, geom.meshname = mujoco.mjtGeom.mjGEOM_SPHERE, [DOT, 0, 0], ""
     for material in spec.materials:
-        material.textures = ["" if each in textures else each for each in material.textures]
-    for each in assets:
-        spec.delete(each)
+        material.textures = ["" if name in textures else name for name in material.textures]
+    for asset in assets:
+        spec.delete(asset)
     model = spec.compile()
     return model, [
         f"{len(files)} files of meshes and textures are missing, the first {files[0]}: a link "
@@ -142,9 +142,9 @@ class _MjcfModel:
         # by body, massless links between its joints, and where MuJoCo's frame is in its link's
         self.steps, self.offsets = [], []
         for body in range(model.nbody):
-            own = self.joints_of(body)
-            self.steps.append([_free(f"{self.joints[j]}_link", self.links) for j in own[:-1]])
-            anchor = model.jnt_pos[own[-1]] if own else np.zeros(3)
+            joints = self.joints_of(body)
+            self.steps.append([_free(f"{self.joints[j]}_link", self.links) for j in joints[:-1]])
+            anchor = model.jnt_pos[joints[-1]] if joints else np.zeros(3)
             self.offsets.append(_pose(-anchor))
 
     def joints_of(self, body: int) -> range:
@@ -190,8 +190,8 @@ class _MjcfModel:
         for name in self.steps[body]:
             urdf.link(name)
         inertia = RigidBody(float(m.body_mass[body]), np.zeros(3), np.diag(m.body_inertia[body]))
-        own = self.offsets[body] * _pose(m.body_ipos[body], m.body_iquat[body])
-        urdf.link(self.links[body], inertia.moved(own), self._visuals(body))
+        inertial = self.offsets[body] * _pose(m.body_ipos[body], m.body_iquat[body])
+        urdf.link(self.links[body], inertia.expressed_at(inertial), self._visuals(body))
         if not joints:
             name = _free(f"{links[1]}_fixed", self.joints)
             urdf.joint(name, "fixed", (links[0], links[1]), placement)
@@ -268,9 +268,11 @@ class _MjcfModel:
         notes += effect_notes(
             {word: [self.joints[int(j)] for j in np.flatnonzero(x)] for word, x in values.items()}
         )
-        away = [self.links[i] for i, at in enumerate(self.offsets) if np.any(at.translation)]
-        if away:
-            notes.append(f"{', '.join(away)}: the link's origin is at its joint, not at the body's")
+        shifted = [self.links[i] for i, at in enumerate(self.offsets) if np.any(at.translation)]
+        if shifted:
+            notes.append(
+                f"{', '.join(shifted)}: the link's origin is at its joint, not at the body's"
+            )
         return notes
 
     # --- equalities -----------------------------------------------------------------------------

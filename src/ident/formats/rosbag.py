@@ -52,7 +52,7 @@ def read_bag(path: Path, topics: Sequence[str] = ()) -> RawTable:
 
 
 def _chosen(connections: Sequence[Any], topics: Sequence[str], file: str) -> list[Any]:
-    kinds = {each.topic: _kind(each) for each in reversed(connections)}
+    kinds = {connection.topic: _kind(connection) for connection in reversed(connections)}
     joints = [topic for topic, kind in kinds.items() if kind == JOINTS]
     for topic in topics:
         if topic not in kinds:
@@ -60,9 +60,9 @@ def _chosen(connections: Sequence[Any], topics: Sequence[str], file: str) -> lis
         if topic not in joints:
             raise LogError(f"{file}: topic '{topic}' holds {kinds[topic]}; valid: {JOINTS}")
     if not joints:
-        held = ", ".join(sorted({f"{t} ({kind})" for t, kind in kinds.items()})[:8])
-        raise LogError(f"{file}: no topic of {JOINTS}; it holds: {held or 'no topic'}")
-    filled = {each.topic for each in connections if each.msgcount}
+        topics = ", ".join(sorted({f"{t} ({kind})" for t, kind in kinds.items()})[:8])
+        raise LogError(f"{file}: no topic of {JOINTS}; it holds: {topics or 'no topic'}")
+    filled = {connection.topic for connection in connections if connection.msgcount}
     wanted = list(topics)
     if not wanted:
         wanted = [topic for topic in joints if topic in filled] or joints
@@ -71,7 +71,7 @@ def _chosen(connections: Sequence[Any], topics: Sequence[str], file: str) -> lis
                 f"{file}: several topics hold joint states: {', '.join(sorted(wanted))}; name one, "
                 f"{file}#{min(wanted)}, or several, to be merged, with commas between"
             )
-    return [each for each in connections if each.topic in wanted]
+    return [connection for connection in connections if connection.topic in wanted]
 
 
 def _kind(connection: Any) -> str:
@@ -131,18 +131,18 @@ def _merged(file: str, groups: Groups) -> RawTable:
     notes = []
     if not groups:
         raise LogError(f"{file}: no message of joint states with a value in it")
-    none = sum(int((each["stamp"] == 0).sum()) for each in groups.values())
+    none = sum(int((table["stamp"] == 0).sum()) for table in groups.values())
     if none:
         notes.append(
             f"{none} of {sum(map(len, groups.values()))} messages have no stamp: t is when "
             "messages were received, which jitters more"
         )
     timed = {
-        key: each.with_columns(pl.col("received" if none else "stamp").alias("t"))
-        for key, each in groups.items()
+        key: table.with_columns(pl.col("received" if none else "stamp").alias("t"))
+        for key, table in groups.items()
     }
     _check_topics(timed, file)
-    both = pl.concat([each.drop("received", "stamp") for each in timed.values()], how="diagonal")
+    both = pl.concat([table.drop("received", "stamp") for table in timed.values()], how="diagonal")
     count = both.group_by("t").agg(pl.all().count()).drop("t")
     repeated = int((count.max_horizontal().cast(pl.Int64) - 1).clip(0).sum())
     if repeated:
@@ -171,8 +171,8 @@ def _check_topics(timed: Groups, file: str) -> None:
                     f"{file}: topics {other} and {topic} both hold '{name}'; name one of them"
                 )
     for name, topic in topic_of.items():
-        parts = [each for (_, columns), each in timed.items() if name in columns]
-        at = pl.concat([each.select("received", "t") for each in parts])
+        parts = [table for (_, columns), table in timed.items() if name in columns]
+        at = pl.concat([table.select("received", "t") for table in parts])
         times = at.sort("received", maintain_order=True)["t"].to_numpy()
         back = np.flatnonzero(np.diff(times) < 0)
         if len(back):

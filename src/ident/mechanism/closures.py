@@ -54,14 +54,14 @@ def placements(model: pin.Model, q: ca.SX) -> list[Placement]:
         fixed = placed[model.parents[index]] * Placement.of(model.jointPlacements[index])
         at = model.idx_qs[index]
         if model.joints[index].nq == 7:
-            own = Placement(_rotation_of_quaternion(q[at + 3 : at + 7]), q[at : at + 3])
+            motion = Placement(_rotation_of_quaternion(q[at + 3 : at + 7]), q[at : at + 3])
         elif is_rotational(model, index):
             cross = ca.skew(ca.SX(joint_axis(model, index)))  # Rodrigues
             turned = ca.sin(q[at]) * cross + (1 - ca.cos(q[at])) * (cross @ cross)
-            own = Placement(ca.SX.eye(3) + turned, ca.SX.zeros(3))
+            motion = Placement(ca.SX.eye(3) + turned, ca.SX.zeros(3))
         else:
-            own = Placement(ca.SX.eye(3), ca.SX(joint_axis(model, index)) * q[at])
-        placed.append(fixed * own)
+            motion = Placement(ca.SX.eye(3), ca.SX(joint_axis(model, index)) * q[at])
+        placed.append(fixed * motion)
     return placed
 
 
@@ -121,7 +121,7 @@ class Constraint:
     phi: ca.SX
     names: tuple[str, ...]
     units: tuple[str, ...]
-    own: tuple[OwnJoint, ...] = ()
+    joints: tuple[OwnJoint, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Context:
             )
         inner = TomlTable(f"{table.where}: {key}", table.data[key])
         inner.check("link", "xyz", "rpy")
-        xyz, rpy = (inner.vector(each, 3, (0.0, 0.0, 0.0)) for each in ("xyz", "rpy"))
+        xyz, rpy = (inner.vector(key, 3, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
         placement = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
         link, model = inner.text("link"), self.model
         links = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
@@ -177,7 +177,7 @@ class Closure(ABC):
         """Lengths [m] on which it depends: `<name>.<a|b>.<x|y|z>`, `<name>.length`."""
         return {}
 
-    def moved(self, place: str, by: float) -> Closure:
+    def displaced(self, place: str, by: float) -> Closure:
         """Return the closure with one of its `places` changed by a length [m]."""
         raise ValueError(place)
 
@@ -217,13 +217,19 @@ class FrameClosure(Closure):
             "rx": -(y_a.T @ z_b), "ry": x_a.T @ z_b, "rz": y_a.T @ x_b, "cross": -(x_a.T @ y_b),
         }  # fmt: skip
         rows += [zero[row] for row in self.rotation]
-        own = {"z": a.R[:, 2].T @ (b.p - a.p), "rz": ca.atan2(y_a.T @ x_b, x_a.T @ x_b)}
+        free_coordinates = {
+            "z": a.R[:, 2].T @ (b.p - a.p),
+            "rz": ca.atan2(y_a.T @ x_b, x_a.T @ x_b),
+        }
         words = [*self.position, *("rz" if row == "cross" else row for row in self.rotation)]
         return Constraint(
             ca.vertcat(*rows),
             tuple(f"{self.name}.{word}" for word in words),
             tuple("N" if word in "xyz" else "N m" for word in words),
-            tuple(OwnJoint(self.own_joint(word), word == "rz", own[word]) for word in self.free),
+            tuple(
+                OwnJoint(self.own_joint(word), word == "rz", free_coordinates[word])
+                for word in self.free
+            ),
         )
 
     def own_joint(self, free: str) -> str:
@@ -239,7 +245,7 @@ class FrameClosure(Closure):
             for i, axis in enumerate("xyz")
         }
 
-    def moved(self, place: str, by: float) -> Closure:
+    def displaced(self, place: str, by: float) -> Closure:
         _, end, axis = place.rsplit(".", 2)
         frame: Any = getattr(self, end)
         frame = replace(frame, placement=shifted(frame.placement, axis, by))
@@ -327,10 +333,10 @@ class DistanceClosure(FrameClosure):
     def places(self) -> Mapping[str, float]:
         return {**super().places, f"{self.name}.length": self.length}
 
-    def moved(self, place: str, by: float) -> Closure:
+    def displaced(self, place: str, by: float) -> Closure:
         if place == f"{self.name}.length":
             return replace(self, length=self.length + by)
-        return super().moved(place, by)
+        return super().displaced(place, by)
 
 
 @dataclass(frozen=True)

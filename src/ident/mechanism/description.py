@@ -25,7 +25,7 @@ import pinocchio as pin
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
-from ident.files import HUGE, OWN, reader_of, regular
+from ident.files import BUILT_IN, HUGE, reader_of, regular
 
 LARGEST = 50_000_000  # work: bytes of a file
 FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf"}  # by root element
@@ -78,7 +78,7 @@ def description_of(data: bytes, path: Path) -> Description:
     suffix = path.suffix.lower()
     if suffix == ".urdf":
         return Description(data)
-    foreign = None if f"mechanism{suffix}" in OWN else reader_of("mechanism", suffix)
+    foreign = None if f"mechanism{suffix}" in BUILT_IN else reader_of("mechanism", suffix)
     if foreign is not None and b"<robot" not in data:
         content = foreign(path)
         if isinstance(content, str):
@@ -176,7 +176,7 @@ def _check_tree(robot: etree._Element, where: str) -> None:
     for joint in robot.findall("joint"):
         name, ends = joint.get("name"), {}
         for end in ("parent", "child"):
-            link = next((each.get("link") for each in joint.findall(end)), None)
+            link = next((end_element.get("link") for end_element in joint.findall(end)), None)
             if not link:
                 refuse(joint, where, f"joint '{name}' has no <{end} link=…>")
             if link not in links and not (end == "parent" and link == "world"):
@@ -267,7 +267,7 @@ def lock(
                 f"{{ {name} = 0 }}) fixes it where the file has it; else state it as {chain} "
                 "joints with massless links between them"
             )
-    pending = {name: each for name, each in joints.items() if each.find("mimic") is not None}
+    pending = {name: joint for name, joint in joints.items() if joint.find("mimic") is not None}
     for _ in pending:  # one may mimic another that mimics
         for name, joint in pending.items():
             if name not in locked and (other := joint.find("mimic").get("joint")) in locked:
@@ -383,10 +383,10 @@ def _take_mimics(moving: Sequence[etree._Element], where: str) -> list[dict[str,
     if wrong:
         (name, other, first), *others = wrong
         what = f"joint '{name}' mimics '{other}', which is no other joint of one coordinate; "
-        what += one_of(other, [each for each in names if each != name])
+        what += one_of(other, [known for known in names if known != name])
         more = ", ".join(f"'{a}' mimics '{b}' (line {at.sourceline})" for a, b, at in others)
         what += f"; in the same way {more}" if more else ""
-        locks = " ".join(f"--lock {each}" for each, *_ in wrong)
+        locks = " ".join(f"--lock {known}" for known, *_ in wrong)
         refuse(first, where, f"{what}; correct the file, or take them as fixed: {locks}")
     return mimics
 

@@ -87,32 +87,34 @@ class Kinematics:
             for closure in self.closures:
                 if bool(closure.frames) == between_frames:
                     constraints[closure.name] = closure.constraint(placed, joints)
-            joints |= {own.name: own.expression for c in constraints.values() for own in c.own}
+            joints |= {
+                joint.name: joint.expression for c in constraints.values() for joint in c.joints
+            }
         return tuple(constraints[closure.name] for closure in self.closures)
 
     @cached_property
     def multipliers(self) -> tuple[str, ...]:
         """Names of the multipliers, `<closure>.<x|y|z|rx|ry|rz|1…>`."""
-        return tuple(name for each in self._constraints for name in each.names)
+        return tuple(name for constraint in self._constraints for name in constraint.names)
 
     @cached_property
     def units(self) -> tuple[str, ...]:
         """Units of the multipliers."""
-        return tuple(unit for each in self._constraints for unit in each.units)
+        return tuple(unit for constraint in self._constraints for unit in constraint.units)
 
     @cached_property
-    def own(self) -> tuple[OwnJoint, ...]:
+    def closure_joints(self) -> tuple[OwnJoint, ...]:
         """The closures' own joints."""
-        return tuple(joint for each in self._constraints for joint in each.own)
+        return tuple(joint for constraint in self._constraints for joint in constraint.joints)
 
     def forces_of(self, name: str) -> list[int]:
         """Which multipliers are forces of a closure, given its name or that of an own joint."""
-        found, first = [], 0
-        for closure, each in zip(self.closures, self._constraints, strict=True):
-            if name in (closure.name, *(joint.name for joint in each.own)):
-                found += [first + i for i, unit in enumerate(each.units) if unit == "N"]
-            first += len(each.names)
-        return found
+        forces, first = [], 0
+        for closure, constraint in zip(self.closures, self._constraints, strict=True):
+            if name in (closure.name, *(joint.name for joint in constraint.joints)):
+                forces += [first + i for i, unit in enumerate(constraint.units) if unit == "N"]
+            first += len(constraint.names)
+        return forces
 
     def _compile(self, name: str, value: ca.SX) -> ca.Function:
         q, v = self._symbols
@@ -124,12 +126,16 @@ class Kinematics:
     @cached_property
     def closure_function(self) -> ca.Function:
         """(q, v) → (Φ, J, J̇v) of one sample, for callers that cannot go over many at once."""
-        return self._compile("closure", ca.vertcat(*(each.phi for each in self._constraints)))
+        return self._compile(
+            "closure", ca.vertcat(*(constraint.phi for constraint in self._constraints))
+        )
 
     @cached_property
     def own_function(self) -> ca.Function:
         """(q, v) → (y, W, Ẇv) of one sample."""
-        return self._compile("own", ca.vertcat(*(joint.expression for joint in self.own)))
+        return self._compile(
+            "joints", ca.vertcat(*(joint.expression for joint in self.closure_joints))
+        )
 
     def closure_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
         """Return Φ (n, m), J (n, m, nv), J̇v (n, m) of q (n, nq), v (n, nv); v = 0 if left out."""

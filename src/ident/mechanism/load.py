@@ -96,29 +96,29 @@ def load(
         top.table(key)
     closures, effects = (top.tables(key) for key in ("closure", "effect"))
     source = read_description(urdf)
-    loops = (TomlTable(f"{urdf}: loop {i}", each) for i, each in enumerate(source.closures, 1))
+    loops = (TomlTable(f"{urdf}: loop {i}", table) for i, table in enumerate(source.closures, 1))
     top = replace(top, data=stated(top.data, source))
     robot = parse_urdf(source.urdf, str(urdf))
-    held, outside = lock(robot, _locked(top.table("joints"), locked or {}), str(urdf))
+    locks, outside = lock(robot, _locked(top.table("joints"), locked or {}), str(urdf))
     tree = build_tree(robot, top.vector("gravity", 3), str(urdf))
-    mimics = (TomlTable(f"{urdf}: mimic {each['joints'][0]}", each) for each in tree.mimics)
+    mimics = (TomlTable(f"{urdf}: mimic {table['joints'][0]}", table) for table in tree.mimics)
     bodies, joints = Bodies(tree.links), _tree_joints(tree)
-    logged = _columns(top.table("log"), [*(joint.name for joint in joints), *held])
+    logged = _columns(top.table("log"), [*(joint.name for joint in joints), *locks])
     folder = (toml or urdf).parent
     context = Context(tree.model, folder, allow_code)
-    passive, start = _passive_and_start(top.table("joints"), tree, joints, held)
+    passive, start = _passive_and_start(top.table("joints"), tree, joints, locks)
     basis, parameters = top.table("multipliers"), top.table("parameters")
     basis.check("basis", "spacing")
     parameters.check("unknown", "bounds", "total_mass", "covariance")
     asked = [link for link in bodies.links if link not in source.auxiliary]
     if "unknown" in parameters:  # links of locked joints are part of others
-        joined = (joint for joint in robot.findall("joint") if joint.get("name") in held)
-        parts = {joint.find("child").get("link") for joint in joined}
+        locked_joints = (joint for joint in robot.findall("joint") if joint.get("name") in locks)
+        parts = {joint.find("child").get("link") for joint in locked_joints}
         every = parameters.words("unknown")
         asked = [x for x in every if x not in parts and x.rpartition(".")[0] not in parts]
     constraints = tuple(read_closure(table, context) for table in (*loops, *closures, *mimics))
     driven = tuple(joint.name for joint in joints if joint.name not in passive)
-    without = _unmeasured(top.table("joints"), unmeasured, driven, held)
+    without = _unmeasured(top.table("joints"), unmeasured, driven, locks)
     if without and constraints:
         raise top.table("joints").error(
             f"unmeasured: {listed(without)}: closures pass its torque on to all equations, so none "
@@ -138,12 +138,12 @@ def load(
             basis.text("basis", "free"), basis.number("spacing", 0.0), basis.where
         ),
         columns={
-            name: replace(column, required=name.partition(".")[2] not in held)
+            name: replace(column, required=name.partition(".")[2] not in locks)
             for name, column in logged.items()
         },
         urdf=urdf,
         toml=toml,
-        locked=held,
+        locked=locks,
         unmeasured=without,
         consistency=read_consistency(parameters, bodies),
         covariance=read_covariance(parameters, folder),
@@ -151,18 +151,18 @@ def load(
     names = [closure.name for closure in mechanism.closures]
     if twice := [name for name in names if names.count(name) > 1]:
         raise top.error(f"two closures are named '{twice[0]}'")
-    at = ", ".join(f"{name} at {value:.4g}" for name, value in held.items())
-    locks = f"locked: {at}" if at else ""
-    remarks = [unused_toml(urdf, toml), *source.notes, *tree.notes, locks, *outside]
-    own = (
-        Joint(each.name, each.rotational, index, in_tree=False)
-        for index, each in enumerate(mechanism.kinematics.own)
+    at = ", ".join(f"{name} at {value:.4g}" for name, value in locks.items())
+    locking = f"locked: {at}" if at else ""
+    remarks = [unused_toml(urdf, toml), *source.notes, *tree.notes, locking, *outside]
+    closure_joints = (
+        Joint(joint.name, joint.rotational, index, in_tree=False)
+        for index, joint in enumerate(mechanism.kinematics.closure_joints)
     )
     notes = (*filter(None, remarks), *_remarks(mechanism))
-    mechanism = replace(mechanism, notes=notes, joints=(*joints, *own))
+    mechanism = replace(mechanism, notes=notes, joints=(*joints, *closure_joints))
     for column in mechanism.columns:  # a mapped name that nothing reads would be ignored
         prefix, _, joint = column.partition(".")
-        if prefix in CHANNELS and joint not in {*mechanism.joint_index, *held}:
+        if prefix in CHANNELS and joint not in {*mechanism.joint_index, *locks}:
             valid = one_of(joint, mechanism.joint_index)
             raise top.error(f"[log] \"{column}\": no joint '{joint}'; {valid}")
     still: list[str] = []
@@ -171,12 +171,12 @@ def load(
         if kind not in KINDS and "file" not in table:
             valid = f'{one_of(kind, KINDS)}; one of your own needs file = "….py"'
             raise table.error(f"there is no effect '{kind}'; {valid}")
-        if isinstance(joints, str) and {*held} & {*joints.replace(" ", "").split(",")}:
+        if isinstance(joints, str) and {*locks} & {*joints.replace(" ", "").split(",")}:
             still.append(f"{kind}:{joints}")  # its file is not run
             continue
         try:
             effect = _effect(table, context)
-            if effect.label in {each.label for each in mechanism.effects}:
+            if effect.label in {present.label for present in mechanism.effects}:
                 raise MechanismError(f"has the effect '{effect.label}' already")
             mechanism = mechanism + effect
         except MechanismError as error:
@@ -204,7 +204,7 @@ def _unknown_again(known: Mechanism, file: Path) -> Mechanism:
     """Return an identified mechanism in which what its fit.json estimated is unknown."""
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
-        name, bodies = str(data["mechanism"]), [str(each["name"]) for each in data["parameters"]]
+        name, bodies = str(data["mechanism"]), [str(body["name"]) for body in data["parameters"]]
         values = [value for effect in data["effects"] for value in effect["parameters"]]
         free = {value["name"] for value in values if value["stderr"] != 0.0}  # 0: it was given
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -220,10 +220,12 @@ def _unknown_again(known: Mechanism, file: Path) -> Mechanism:
 
 def unused_toml(urdf: Path, toml: Path | None) -> str:
     """Return the note on a mechanism.toml beside a bare URDF; "" where there is none."""
-    beside = urdf.parent / "mechanism.toml"
-    if toml is not None or urdf == Path() or not beside.is_file():
+    toml_beside = urdf.parent / "mechanism.toml"
+    if toml is not None or urdf == Path() or not toml_beside.is_file():
         return ""
-    return f"{beside} is there, and is not used with {urdf.name}: give the folder, {urdf.parent}"
+    return (
+        f"{toml_beside} is there, and is not used with {urdf.name}: give the folder, {urdf.parent}"
+    )
 
 
 def _toml_of(path: Path) -> Path | None:
@@ -285,9 +287,9 @@ def _tree_joints(tree: Tree) -> tuple[Joint, ...]:
 
 def _locked(section: TomlTable, asked: Mapping[str, float | None]) -> dict[str, float]:
     """Return the joints to hold and where, those of [joints] locked and those asked for."""
-    start, own = _coordinates(section, "start"), _coordinates(section, "locked")
-    held = {name: own.number(name) for name in own.data}
-    return held | {
+    start, given = _coordinates(section, "start"), _coordinates(section, "locked")
+    locked = {name: given.number(name) for name in given.data}
+    return locked | {
         name: start.number(name, 0.0) if value is None else value for name, value in asked.items()
     }
 
@@ -300,14 +302,14 @@ def _coordinates(section: TomlTable, key: str) -> TomlTable:
 
 
 def _passive_and_start(
-    section: TomlTable, tree: Tree, joints: tuple[Joint, ...], held: Collection[str]
+    section: TomlTable, tree: Tree, joints: tuple[Joint, ...], locked: Collection[str]
 ) -> tuple[set[str], np.ndarray]:
     section.check("passive", "start", "locked", "unmeasured")
     q, places = pin.neutral(tree.model), {joint.name: joint.index for joint in joints}
     passive, start = section.words("passive"), section.table("start")
     for key, names in (("passive", passive), ("start", start.data)):
         for name in names:
-            if name not in places and name not in held:
+            if name not in places and name not in locked:
                 raise section.error(f"{key}: no joint '{name}'; {one_of(name, places)}")
     for name in {*start.data} & {*places}:
         q[places[name]] = start.number(name)
@@ -315,12 +317,12 @@ def _passive_and_start(
 
 
 def _unmeasured(
-    section: TomlTable, asked: Collection[str], driven: Sequence[str], held: Collection[str]
+    section: TomlTable, asked: Collection[str], driven: Sequence[str], locked: Collection[str]
 ) -> tuple[str, ...]:
     """Return the driven joints without a torque sensor, of [joints] unmeasured and asked for."""
     if isinstance(asked, str):
         raise section.error(f"unmeasured = '{asked}'; give a list of joints, as ['{asked}']")
-    names = {*section.words("unmeasured"), *asked} - {*held}
+    names = {*section.words("unmeasured"), *asked} - {*locked}
     for name in sorted(names - {*driven}):
         raise section.error(f"unmeasured: '{name}' is no driven joint; {one_of(name, driven)}")
     if names and names == {*driven}:
@@ -361,21 +363,21 @@ def _columns(table: TomlTable, joints: Sequence[str]) -> dict[str, Column]:
     for pattern in [name for name in columns if "*" in name]:
         source, (before, _, after) = columns.pop(pattern), pattern.partition("*")
         channel, _, begin = before.partition(".")
-        alike = [x for x in joints if len(x) >= len(begin + after)]
-        alike = [x for x in alike if x.startswith(begin) and x.endswith(after)]
+        matching = [x for x in joints if len(x) >= len(begin + after)]
+        matching = [x for x in matching if x.startswith(begin) and x.endswith(after)]
         if "." not in before or "*" in after or source.column.count("*") != 1:
             raise MechanismError(
                 f'{table.where} "{pattern}" = "{source.column}": one * of each stands for the '
                 'name of a joint, or its rest, as in "q.*" = "position.*"'
             )
-        if not alike:
+        if not matching:
             raise MechanismError(
                 f'{table.where} "{pattern}": is the name of no joint; {one_of(begin, joints)}'
             )
-        for joint in alike:
+        for joint in matching:
             word = joint[len(begin) : len(joint) - len(after)]
-            own = replace(source, column=source.column.replace("*", word), group=pattern)
-            if columns.setdefault(f"{channel}.{joint}", own).group not in ("", pattern):
+            new = replace(source, column=source.column.replace("*", word), group=pattern)
+            if columns.setdefault(f"{channel}.{joint}", new).group not in ("", pattern):
                 raise MechanismError(
                     f'{table.where} "{pattern}": {channel}.{joint} is also made by '
                     f'"{columns[f"{channel}.{joint}"].group}"; leave out one of them'
@@ -388,7 +390,7 @@ def unlogged_hands(mechanism: Mechanism, columns: Iterable[str]) -> tuple[str, .
     own name, their link's or that of an unlogged joint before is a word for one.
     """
     given = {*columns}
-    given |= {name for name, own in mechanism.sources.items() if own.column in given}
+    given |= {name for name, column in mechanism.sources.items() if column.column in given}
     logged = {
         joint for prefix, _, joint in (name.partition(".") for name in given) if prefix in CHANNELS
     }
@@ -396,9 +398,9 @@ def unlogged_hands(mechanism: Mechanism, columns: Iterable[str]) -> tuple[str, .
         return ()  # columns are not mapped yet
     model, hands = mechanism.model, set[int]()
     for i, link in enumerate(mechanism.bodies.links, 1):
-        own = any(map(WORDS.search, (model.names[i], link)))
+        is_hand = any(map(WORDS.search, (model.names[i], link)))
         free = logged.isdisjoint(model.names[j] for j in model.subtrees[i])
-        if free and (own or model.parents[i] in hands):
+        if free and (is_hand or model.parents[i] in hands):
             hands.add(i)
     return tuple(model.names[i] for i in sorted(hands) if model.names[i] in mechanism.driven)
 
@@ -441,8 +443,8 @@ def absolute(mechanism: Mechanism) -> Mechanism:
         if f.type == pin.FrameType.FIXED_JOINT or (
             f.type == pin.FrameType.BODY and not model.existBodyName(f.name)
         ):
-            own = pin.Frame(f.name, f.parentJoint, f.placement, f.type, f.inertia)
-            model.addFrame(own, False)
+            frame = pin.Frame(f.name, f.parentJoint, f.placement, f.type, f.inertia)
+            model.addFrame(frame, False)
     data = tree.createData()
     pin.forwardKinematics(tree, data, mechanism.assembled)
     return replace(

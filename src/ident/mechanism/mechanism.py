@@ -23,7 +23,7 @@ from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.parameters import Bodies, Consistency, Covariance
 
 CLOSED = 1e-9  # numerics: [rad | m] of Φ up to which a loop is assembled
-AWAY = 0.05  # range: [rad | m] from the assembled configuration to one in general position
+GENERAL_STEP = 0.05  # range: [rad | m] from the assembled configuration to one in general position
 SHORTEST = 1e-6  # numerics: [m] of a length of the drawing that may be wrong
 DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
 
@@ -142,7 +142,9 @@ class Mechanism(Displayed):
     @cached_property
     def prior(self) -> np.ndarray:
         """Dynamic parameters (10 · bodies,) of the URDF, in Γ's order."""
-        return np.concatenate([each.toDynamicParameters() for each in self.model.inertias[1:]])
+        return np.concatenate(
+            [inertia.toDynamicParameters() for inertia in self.model.inertias[1:]]
+        )
 
     @cached_property
     def joint_index(self) -> Mapping[str, int]:
@@ -180,7 +182,7 @@ class Mechanism(Displayed):
         J = self.kinematics.closure_rows(q[None]).rate[0]
         free = linear.svd(J)[2][rank_of(J) :]  # directions in which it moves
         step = random.normal(size=len(free)) @ free
-        step *= AWAY / max(np.abs(step).max(initial=0.0), 1e-300)
+        step *= GENERAL_STEP / max(np.abs(step).max(initial=0.0), 1e-300)
         general, error = self.kinematics.assemble(pin.integrate(self.model, q, step))
         return general if error < CLOSED else q
 
@@ -198,11 +200,11 @@ class Mechanism(Displayed):
         at = int(worst.argmax())
         name = self.kinematics.multipliers[at]
         unit = {"N": " m", "N m": " rad"}.get(self.kinematics.units[at], "")  # λ does work along
-        held = ", ".join(f"{joint} at {value:.4g}" for joint, value in self.locked.items())
+        locks = ", ".join(f"{joint} at {value:.4g}" for joint, value in self.locked.items())
         raise MechanismError(
             f"{self.name}: the loops do not close from [joints] start: the equation '{name}' is "
             f"left at {worst.max():.3g}{unit}; give a start near an assembled position, and check "
-            "the closures' frames" + f" and where joints are locked: {held}" * bool(held)
+            "the closures' frames" + f" and where joints are locked: {locks}" * bool(locks)
         )
 
     # --- effects --------------------------------------------------------------------------------
@@ -211,10 +213,10 @@ class Mechanism(Displayed):
     def sites(self) -> Sites:
         """Everything on which an effect can sit; `logged` are all joints, as no log is known."""
         names = tuple(self.joint_index)
-        own = tuple(joint.name for joint in self.joints if not joint.in_tree)
+        closure_joints = tuple(joint.name for joint in self.joints if not joint.in_tree)
         return Sites(
             joint=names, driven=self.driven, geared=self._geared,
-            loaded=(*self.driven, *own), logged=names,
+            loaded=(*self.driven, *closure_joints), logged=names,
             link=self.bodies.links, place=tuple(self.lengths),
             closure=tuple(closure.name for closure in self.closures),
             loop=tuple(closure.name for closure in self.closures if closure.frames),
@@ -293,10 +295,10 @@ class Mechanism(Displayed):
         labels = {effect.label for effect in self.effects}
         every = (kind(joints) for kind in KINDS.values() for joints in kind.candidates(sites))
         return [
-            self.placed(each)
-            for each in every
-            if each.label not in labels
-            if labels.issuperset(each.required) and {*columns}.issuperset(each.reads())
+            self.placed(effect)
+            for effect in every
+            if effect.label not in labels
+            if labels.issuperset(effect.required) and {*columns}.issuperset(effect.reads())
         ]
 
     @property
@@ -305,8 +307,8 @@ class Mechanism(Displayed):
         kinds = ("q", "v", "tau")
         names = [f"{kind}.{joint.name}" for kind in kinds for joint in self.joints]
         usual = {name: Column(name.replace(".", "_", 1), required=False) for name in names}
-        taken = {each.column for each in self.columns.values()}
-        free = {name: each for name, each in usual.items() if each.column not in taken}
+        taken = {column.column for column in self.columns.values()}
+        free = {name: column for name, column in usual.items() if column.column not in taken}
         return {**free, **self.columns}
 
     def with_effect(self, text: str, values: Mapping[str, float] | None = None) -> Mechanism:
@@ -375,7 +377,7 @@ class Mechanism(Displayed):
         if not isinstance(effect, Effect):
             return NotImplemented
         new = self.placed(effect)
-        labels = [own.label for own in self.effects]
+        labels = [present.label for present in self.effects]
         if effect.label not in labels:
             return replace(self, effects=(*self.effects, new))
         at = labels.index(effect.label)
@@ -410,12 +412,12 @@ class Mechanism(Displayed):
             model = self.model.copy()
             R = pin.rpy.rpyToMatrix(x, 0.0, 0.0) @ pin.rpy.rpyToMatrix(0.0, y, 0.0)
             model.gravity.linear = R.T @ model.gravity.linear
-            mechanism = self.alike(model=model)
-        for place, by in correction.moved.items():
-            mechanism = mechanism.moved(place, by)
+            mechanism = self.with_same_kinematics(model=model)
+        for place, by in correction.displaced.items():
+            mechanism = mechanism.displaced(place, by)
         return mechanism
 
-    def moved(self, place: str, by: float) -> Mechanism:
+    def displaced(self, place: str, by: float) -> Mechanism:
         """The mechanism with a place of the drawing moved.
 
         Args:
@@ -435,7 +437,7 @@ class Mechanism(Displayed):
             index = model.getJointId(owner)
             model.jointPlacements[index] = shifted(model.jointPlacements[index], axis, by)
             return replace(self, model=model)
-        closures = [c.moved(place, by) if place in c.places else c for c in self.closures]
+        closures = [c.displaced(place, by) if place in c.places else c for c in self.closures]
         return replace(self, closures=tuple(closures))
 
     def freed(self, names: Collection[str]) -> Mechanism:
@@ -443,15 +445,15 @@ class Mechanism(Displayed):
         others, of effects' those without a value as well.
         """
         effects = []
-        for each in self.effects:
-            both = zip(each.names, each.parameters, strict=True)
-            unknown = {own.name for full, own in both if full in names}
-            values = {name: x for name, x in each.values.items() if name not in unknown}
-            effects.append(replace(each, values=values))
+        for effect in self.effects:
+            both = zip(effect.names, effect.parameters, strict=True)
+            unknown = {parameter.name for full, parameter in both if full in names}
+            values = {name: x for name, x in effect.values.items() if name not in unknown}
+            effects.append(replace(effect, values=values))
         bodies = tuple(name for name in self.bodies.names if name in names)
         return replace(self, unknown=bodies, effects=tuple(effects))
 
-    def alike(
+    def with_same_kinematics(
         self,
         model: pin.Model | None = None,
         start: np.ndarray | None = None,
@@ -471,7 +473,7 @@ class Mechanism(Displayed):
 
     def __getstate__(self) -> dict[str, object]:
         """Its fields: other processes compile their functions themselves."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+        return {attribute.name: getattr(self, attribute.name) for attribute in fields(self)}
 
     def view(self) -> Any:
         """The mechanism in 3-D as it is assembled, in a notebook or, by `.serve()`, in a browser.

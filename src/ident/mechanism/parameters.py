@@ -23,7 +23,7 @@ from ident.effects.joint import Payload
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import HUGE, TomlTable, is_number
 
-UNITS = {each.name: each.units[0] for each in Payload.unknowns}  # of a body as of a payload
+UNITS = {number.name: number.units[0] for number in Payload.unknowns}  # of a body as of a payload
 DYNAMIC = tuple(UNITS)
 CENTROIDAL = {name: "I" + name[1:] for name in DYNAMIC if name.startswith("L")}
 # the order in which base parameters are sought, so that they read as robotics has them:
@@ -77,7 +77,7 @@ class Bodies:
                     f"{one_of(word, WORDS)}"
                 )
             wanted = DYNAMIC if word == "*" else ("L" + word[1:] if word[0] == "I" else word,)
-            chosen.update(f"{link}.{each}" for each in wanted)
+            chosen.update(f"{link}.{parameter}" for parameter in wanted)
         return tuple(name for name in self.names if name in chosen)
 
     def with_values(self, pi: np.ndarray, given: dict[str, float]) -> np.ndarray:
@@ -157,8 +157,8 @@ class Covariance:
     def without(self, names: Collection[str]) -> Covariance | None:
         """The errors of all but some parameters; None where no other is left."""
         rest = [i for i, name in enumerate(self.names) if name not in names]
-        left = Covariance(tuple(self.names[i] for i in rest), self.matrix[np.ix_(rest, rest)])
-        return left if rest else None
+        remaining = Covariance(tuple(self.names[i] for i in rest), self.matrix[np.ix_(rest, rest)])
+        return remaining if rest else None
 
     def __add__(self, other: Covariance) -> Covariance:
         """Errors of both, of different parameters, that have nothing in common."""
@@ -217,7 +217,9 @@ def fixed_parameters(model: pin.Model, joint: int) -> np.ndarray:
     """The ten (10,) that links fixed to the own link of a body add to it."""
     fixed = [f for f in model.frames if f.type == pin.FrameType.FIXED_JOINT]
     inertias = [f.placement.act(f.inertia) for f in fixed if f.parentJoint == joint]
-    return np.sum([np.zeros(COUNT), *(each.toDynamicParameters() for each in inertias)], axis=0)
+    return np.sum(
+        [np.zeros(COUNT), *(inertia.toDynamicParameters() for inertia in inertias)], axis=0
+    )
 
 
 def split(pi: Sequence[float] | np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -260,13 +262,13 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
     Samples are contiguous in memory, as the filter of the rows wants them.
     """
     data, gamma = model.createData(), np.zeros((model.nv, COUNT * (model.njoints - 1), len(q)))
-    some, spans = np.empty((TURNED, *gamma.shape[:2])), row_spans(model)
+    piece, spans = np.empty((TURNED, *gamma.shape[:2])), row_spans(model)
     for start in range(0, len(q), TURNED):
         now = slice(start, start + TURNED)
         for i, state in enumerate(zip(q[now], v[now], a[now], strict=True)):
-            some[i] = pin.computeJointTorqueRegressor(model, data, *state)
+            piece[i] = pin.computeJointTorqueRegressor(model, data, *state)
         for row, span in enumerate(spans):  # the others are zero
-            gamma[row, span, now] = some[: len(q) - start, row, span].T
+            gamma[row, span, now] = piece[: len(q) - start, row, span].T
     return gamma.transpose(2, 0, 1)
 
 
@@ -282,16 +284,16 @@ def rigid_forces(
 
 def supports(model: pin.Model) -> list[np.ndarray]:
     """For every row of Γ the columns that can differ from zero: the bodies the joint moves."""
-    found: list[np.ndarray] = []
+    columns: list[np.ndarray] = []
     for joint in range(1, model.njoints):
         bodies = np.sort(model.subtrees[joint])[:, None] - 1
-        found += [(COUNT * bodies + np.arange(COUNT)).ravel()] * model.nvs[joint]
-    return found
+        columns += [(COUNT * bodies + np.arange(COUNT)).ravel()] * model.nvs[joint]
+    return columns
 
 
 def row_spans(model: pin.Model) -> list[slice]:
     """For every row of Γ the stretch of its columns that can differ from zero."""
-    return [slice(int(mine[0]), int(mine[-1]) + 1) for mine in supports(model)]
+    return [slice(int(columns[0]), int(columns[-1]) + 1) for columns in supports(model)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ class RigidBody:
     centre: np.ndarray  # (3,) [m]
     inertia: np.ndarray  # (3, 3) [kg m²] about the centre
 
-    def moved(self, placement: pin.SE3) -> RigidBody:
+    def expressed_at(self, placement: pin.SE3) -> RigidBody:
         """Return the body in a frame in which its own is at `placement`."""
         R = placement.rotation
         return RigidBody(self.mass, placement.act(self.centre), R @ self.inertia @ R.T)
@@ -61,11 +61,11 @@ class UrdfWriter:
             tensor = etree.SubElement(inertial, "inertia")
             for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
                 tensor.set("i" + "xyz"[i] + "xyz"[j], words([body.inertia[i, j]]))
-        for each in visuals:
+        for shape in visuals:
             visual = etree.SubElement(link, "visual")
-            self._origin(visual, each.placement)
+            self._origin(visual, shape.placement)
             geometry = etree.SubElement(visual, "geometry")
-            etree.SubElement(geometry, each.kind, dict(each.attributes))
+            etree.SubElement(geometry, shape.kind, dict(shape.attributes))
 
     def joint(
         self,

@@ -15,7 +15,7 @@ from typing import Any
 import tomlkit
 
 from ident.effects import KINDS, Effect
-from ident.effects.effect import Found
+from ident.effects.effect import Estimates
 from ident.errors import MechanismError
 from ident.files import write_all
 from ident.mechanism.description import Description, description_of, read_description
@@ -35,8 +35,8 @@ def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
             f"{path}: is there already; give it (or its folder) instead of {mechanism.urdf.name}"
         )
     new = {effect.label for effect in effects}
-    kept = [effect for effect in mechanism.effects if effect.label not in new]
-    replace(mechanism, effects=(*kept, *effects)).check_required()
+    others = [effect for effect in mechanism.effects if effect.label not in new]
+    replace(mechanism, effects=(*others, *effects)).check_required()
     document = _document(mechanism)
     tables = document.get("effect")
     if not isinstance(tables, tomlkit.items.AoT):  # [[effect]] does not fit behind an array in line
@@ -47,25 +47,25 @@ def add_effects(mechanism: Mechanism, effects: Sequence[Effect]) -> Path:
             del tables[i]
     files: dict[str, bytes] = {}
     for effect in effects:
-        beside = _beside(path.parent, effect, files)
-        tables.append(tomlkit.item(_effect_table(effect, effect.values, beside)))
+        file = _file_in_folder(path.parent, effect, files)
+        tables.append(tomlkit.item(_effect_table(effect, effect.values, file)))
     write_all(path.parent, {**files, path.name: tomlkit.dumps(document).encode()})
     return path
 
 
-def _beside(folder: Path, effect: Effect, files: dict[str, bytes]) -> str | None:
+def _file_in_folder(folder: Path, effect: Effect, files: dict[str, bytes]) -> str | None:
     """Return the path of an effect's file within a mechanism's folder, where it is copied if it is
     not, as results' folders are written again; None of an effect of the library.
     """
     if effect.file and effect.file.resolve().is_relative_to(folder.resolve()):
         return Path(os.path.relpath(effect.file, folder)).as_posix()
-    own = own_file(effect)
-    if own is None:
+    definition = definition_file(effect)
+    if definition is None:
         return None
-    there = folder / own[0]
-    if there.exists() and there.read_bytes() != own[1]:
-        files.setdefault(own[0], there.read_bytes())
-    return _copied(files, *own, effect.kind)
+    target = folder / definition[0]
+    if target.exists() and target.read_bytes() != definition[1]:
+        files.setdefault(definition[0], target.read_bytes())
+    return _copied(files, *definition, effect.kind)
 
 
 def folder_files(
@@ -73,13 +73,13 @@ def folder_files(
     urdf: bytes,
     effects: Sequence[tuple[Effect, Mapping[str, float]]],
     unknown: Sequence[str] | None,
-    found: Mapping[str, Found],
+    estimates: Mapping[str, Estimates],
     covariance: Covariance | None = None,
 ) -> dict[str, bytes]:
     """Return a mechanism folder's files by name, its mechanism.toml taken over from a mechanism.
 
     `urdf` is the content of the URDF, or of the file in its place; `effects` come with their known
-    values; `unknown` None leaves [parameters] as they are; of `found` a law's file is written.
+    values; `unknown` None leaves [parameters] as they are; of `estimates` a law's file is written.
     """
     document = _document(mechanism)
     source = read_description(mechanism.urdf)
@@ -106,8 +106,8 @@ def folder_files(
     document.pop("effect", None)
     tables = []
     for effect, values in effects:
-        own = own_file(effect, found.get(effect.label, {}))
-        name = None if own is None else _copied(files, *own, effect.kind)
+        definition = definition_file(effect, estimates.get(effect.label, {}))
+        name = None if definition is None else _copied(files, *definition, effect.kind)
         tables.append(_effect_table(effect, values, name))
     if tables:
         document["effect"] = _array(tables)
@@ -148,17 +148,17 @@ def _effect_table(effect: Effect, values: Mapping[str, float], file: str | None)
     return {**{key: word for key, word in words.items() if word}, **numbers}
 
 
-def own_file(effect: Effect, found: Found | None = None) -> tuple[str, bytes] | None:
+def definition_file(effect: Effect, estimates: Estimates | None = None) -> tuple[str, bytes] | None:
     """Return name and content of the file that defines an effect; None of one of the library."""
     if effect.kind in KINDS:
         return None
-    own = effect.source_file(found or {})
-    if own is None:
+    definition = effect.source_file(estimates or {})
+    if definition is None:
         raise MechanismError(
             f"effect '{effect.label}': its function is in no file, so no mechanism.toml can name "
             "it; write the function into a .py file and read it with ident.read_user_effect"
         )
-    return own
+    return definition
 
 
 def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Description) -> None:

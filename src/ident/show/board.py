@@ -24,7 +24,7 @@ from ident.diagnosis.result import Law
 from ident.display import Progress, part, quiet
 from ident.effects import Effect
 from ident.effects.formula import Formula
-from ident.effects.library import named, plain
+from ident.effects.library import effect_noun, named
 from ident.errors import IdentError, MechanismError
 from ident.files import json_line
 from ident.fit.identify import Comparison
@@ -105,7 +105,7 @@ def effect_rows(e: Exploration) -> list[dict[str, Any]]:
 def _row(effect: Effect, group: int, share: float, **more: Any) -> dict[str, Any]:
     """Return what the page shows of an effect, `share` of the error being what it takes away."""
     return {
-        "label": effect.label, "plain": plain(effect), "set": "", "present": group == 2,
+        "label": effect.label, "plain": effect_noun(effect), "set": "", "present": group == 2,
         "offered": group == 0,
         "mark": "", "sure": True, "why": "", "share": min(max(share, 0.0), 1.0),
         "group": GROUPS[group], **more,

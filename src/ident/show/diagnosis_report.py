@@ -16,7 +16,7 @@ from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders, writing
 from ident.effects.library import by_kind, named
-from ident.files import json_bytes, plain, regular, write_all
+from ident.files import json_bytes, jsonable, regular, write_all
 from ident.fit.identify import Comparison
 from ident.fit.residual import Failure, residual_of
 from ident.show.card import Bar
@@ -269,7 +269,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
         }
         for m in d.selection.members
     ]
-    content: dict[str, Any] = plain(
+    content: dict[str, Any] = jsonable(
         {
             "schema": SCHEMA,
             "mechanism": d.fit.mechanism.name,

@@ -228,7 +228,7 @@ def motion_of(plan: Plan, portion: Portion) -> tuple[Log, State | None, list[str
         if np.isfinite(log.columns[name]).sum() < 2:
             return log, None, [f"{where}: {name} is empty; they are left out"]
     if part.anchors is not None:  # on the branch on which the log arrives
-        mechanism = mechanism.alike(start=part.anchors[portion.number])
+        mechanism = mechanism.with_same_kinematics(start=part.anchors[portion.number])
     signals = measure(mechanism, log, part.recipe.clock, part.recipe.limits)
     state = part_of(mechanism, signals, part.recipe)
     return log, state, [f"{where}: no sample can be used"] if state is None else []

@@ -204,7 +204,9 @@ class Stream:
             y = np.array([columns[f"q.{name}"][0] for name in self.recipe.logged])
             places, q = self._places
             nearest = q[int(np.abs(places - y).max(axis=1).argmin())]
-            mechanism = mechanism.alike(start=nearest if self._q is None else self._q)
+            mechanism = mechanism.with_same_kinematics(
+                start=nearest if self._q is None else self._q
+            )
         return part_of(mechanism, signals, replace(self.recipe, clock=clock))
 
     def _made(self, e: State, until: float) -> Iterator[Rows]:
@@ -377,7 +379,7 @@ def with_free_multipliers(mechanism: Mechanism) -> tuple[Mechanism, list[str]]:
     if (basis := mechanism.multipliers.basis) == "free":
         return mechanism, []
     note = f"multipliers are free, one value a sample, and not {basis}"
-    return mechanism.alike(multipliers=Multipliers()), [note]
+    return mechanism.with_same_kinematics(multipliers=Multipliers()), [note]
 
 
 def check_causal(mechanism: Mechanism) -> None:
