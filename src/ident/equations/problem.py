@@ -202,12 +202,12 @@ def blocks_of(log: int, block: int, rows: Rows, supports: Sequence[np.ndarray]) 
     for u, support in enumerate(supports):
         A, b, tau = rows.A[:, u, support], rows.b[:, u], rows.tau[:, u]
         informs, moves = rows.informed[:, u], rows.moving[:, u]
-        some, rest, still = (
+        informing_rows, open_rows, still = (
             Triangle.of(A[mask], b[mask]) if mask.any() else Triangle.empty(len(support))
             for mask in (informs, ~informs, informs & ~moves)
         )
         torque = float(tau[moves] @ tau[moves]), float(tau[~moves] @ tau[~moves])
-        blocks.append(Block(log, block, u, some, rest, still, support, torque, span))
+        blocks.append(Block(log, block, u, informing_rows, open_rows, still, support, torque, span))
     return blocks
 
 
@@ -220,7 +220,7 @@ def bands_of(
             f"{mechanism.name}: unmeasured: {', '.join(mechanism.unmeasured)}: a time basis of the "
             "multipliers needs all torques; give --basis free"
         )
-    found, cutoff, settings = [], motion.band.cutoff, mechanism.multipliers
+    stacks, cutoff, settings = [], motion.band.cutoff, mechanism.multipliers
     for number, e in enumerate(motion.experiments):
         if settings.spacing * FINEST < 1 / e.rate:
             raise FitError(
@@ -235,22 +235,22 @@ def bands_of(
             first, last = float(e.t[segment.start]), float(e.t[segment.stop - 1])
             basis = Basis.spanning(first, last, settings.spacing, settings.degree)
             if chunks := list(stack(scene, cutoff, segment, basis)):
-                found.append(EliminatedRun.of(number, segment, basis, chunks))
-    return found
+                stacks.append(EliminatedRun.of(number, segment, basis, chunks))
+    return stacks
 
 
 def stacks_information(stacks: Sequence[EliminatedRun], motion: Motion) -> Information:
     """Return the equations that stacks leave as information of one coordinate: of all joints."""
     blocks: list[Block] = []
-    for each in stacks:
-        t = motion.experiments[each.experiment].t[each.segment]
-        before = sum(block.log == each.experiment for block in blocks)
-        edges = np.linspace(t[0], t[-1], len(each.elimination.factors) + 1).tolist()
-        for i, found in enumerate(each.elimination.factors):
-            support, none = np.arange(found.k), Triangle.empty(found.k)
-            key, span = (each.experiment, before + i, 0), (edges[i], edges[i + 1])
-            torque = found.rhs_norm() ** 2, 0.0
-            blocks.append(Block(*key, found, none, none, support, torque, span))
+    for stack_run in stacks:
+        t = motion.experiments[stack_run.experiment].t[stack_run.segment]
+        before = sum(block.log == stack_run.experiment for block in blocks)
+        edges = np.linspace(t[0], t[-1], len(stack_run.elimination.factors) + 1).tolist()
+        for i, factor in enumerate(stack_run.elimination.factors):
+            support, none = np.arange(factor.k), Triangle.empty(factor.k)
+            key, span = (stack_run.experiment, before + i, 0), (edges[i], edges[i + 1])
+            torque = factor.rhs_norm() ** 2, 0.0
+            blocks.append(Block(*key, factor, none, none, support, torque, span))
     return Information.of(blocks, blocks[0].triangle.k, 1)
 
 

@@ -60,42 +60,44 @@ class Table(Rows):
     @cached_property
     def blocks(self) -> np.ndarray:
         """(N,) numbers of stretches of time, about BLOCKS in all, none over two experiments."""
-        each = max(2, -(-BLOCKS // len(self.scenes)))
-        found = np.empty(len(self.t), dtype=int)
+        per_log = max(2, -(-BLOCKS // len(self.scenes)))
+        numbers = np.empty(len(self.t), dtype=int)
         for number in range(len(self.scenes)):
-            mine = self.experiment == number
-            found[mine] = number * each + np.arange(mine.sum()) * each // max(mine.sum(), 1)
-        return found
+            of_log = self.experiment == number
+            numbers[of_log] = number * per_log + np.arange(of_log.sum()) * per_log // max(
+                of_log.sum(), 1
+            )
+        return numbers
 
     @cached_property
     def coarse(self) -> Table:
         """The same rows, with columns from fewer samples, the rows among them. Columns with steps
         are off at reversals: of dry friction by 0.2 % (rms) on the TX40, by 7 % on a five-bar.
         """
-        own = (self.sample[self.experiment == i] for i in range(len(self.scenes)))
-        step = int(np.gcd.reduce(np.concatenate([np.diff(at) for at in own])))
+        samples_by_log = (self.sample[self.experiment == i] for i in range(len(self.scenes)))
+        step = int(np.gcd.reduce(np.concatenate([np.diff(at) for at in samples_by_log])))
         cutoff = self.motion.band.cutoff
         most = min(s.e.rate for s in self.scenes) / (COARSE * cutoff) if cutoff else 1
         return replace(self, every=max(k for k in range(1, int(max(most, 1)) + 1) if step % k == 0))
 
     def filtered(self, number: int, x: np.ndarray) -> np.ndarray:
         """Return a series x (n, …) of an experiment's `samples`, in its rows (N_e, …)."""
-        at, found = self._products[number]
-        if not found:
+        at, filters = self._products[number]
+        if not filters:
             return x[at]
-        flat = multiplied(found, x.reshape(len(x), -1))
+        flat = multiplied(filters, x.reshape(len(x), -1))
         return flat.reshape(len(flat), *x.shape[1:])
 
     @cached_property
     def _products(self) -> list[tuple[np.ndarray, list[Product]]]:
         """Samples (N_e,) of the rows of each experiment, and the products that filter a series."""
-        found = []
+        filters = []
         for number, scene in enumerate(self.scenes):
             at, n = self.sample[self.experiment == number] // self.every, self.every
-            whole = Decimator.of(self.motion.band.cutoff, scene.e.rate)
-            taps = None if whole.taps is None else n * whole.taps[whole.half % n :: n]
-            found.append((at, [] if taps is None else products(taps, at)))
-        return found
+            decimator = Decimator.of(self.motion.band.cutoff, scene.e.rate)
+            taps = None if decimator.taps is None else n * decimator.taps[decimator.half % n :: n]
+            filters.append((at, [] if taps is None else products(taps, at)))
+        return filters
 
     def effect_columns(
         self, effect: Effect, shapes: Sequence[Mapping[str, float]]
@@ -103,7 +105,7 @@ class Table(Rows):
         """Return columns (N, c, numbers · shapes) of an effect at shapes, and the c coordinates."""
         d = self.b.shape[1]
         if effect.corrects:
-            names = [each.name for each in effect.searched]
+            names = [shape_parameter.name for shape_parameter in effect.searched]
             S = [self.sensitivity(effect, shape, name) for shape in shapes for name in names]
             return np.stack(S, axis=-1), np.arange(d)
         own_rows = effect.local and not self.mechanism.closures
@@ -111,27 +113,30 @@ class Table(Rows):
         felt, u = np.array(joints) if own_rows else np.arange(d), len(effect.unknowns)
         series = []
         for number, s in enumerate(self.samples):
-            found = []
+            pieces = []
             for shape in shapes:
                 out = s.columns(effect, shape) if own_rows else np.zeros((len(s), len(felt), u))
                 if not own_rows:
                     s.add_effect(out, effect, np.eye(u), shape)
-                found.append(self.filtered(number, out))
-            series.append(np.concatenate(found, axis=2))
+                pieces.append(self.filtered(number, out))
+            series.append(np.concatenate(pieces, axis=2))
         return np.concatenate(series), felt
 
     def sensitivity(self, effect: Effect, shape: Mapping[str, float], name: str) -> np.ndarray:
         """Return S (N, d) of one shape of a correcting effect, at a shape, in the table's rows."""
-        others = {f: shape[each.name] for f, each in zip(effect.names, effect.shapes, strict=True)}
+        others = {
+            f: shape[shape_parameter.name]
+            for f, shape_parameter in zip(effect.names, effect.shapes, strict=True)
+        }
         series = []
         cutoff = self.motion.band.cutoff
         for number, scene in enumerate(self.scenes):
             grown, point = scene.mechanism + effect, self.point.with_values(others)
             bare = replace(self.thin[number], mechanism=grown, point=point)
-            h, moved = perturbed(bare, effect, name, cutoff, effect)
+            h, shifted = perturbed(bare, effect, name, cutoff, effect)
             still = not effect.unknowns and not any(shape.values())  # it corrects nothing yet
             at = self.thin[number] if still else corrected(bare, cutoff, effect)
-            S, t = (residual(at) - residual(moved)) / h, scene.e.t
+            S, t = (residual(at) - residual(shifted)) / h, scene.e.t
             if len(S) != len(t):
                 from scipy.interpolate import CubicSpline  # takes 0.2 s to import
 
@@ -150,42 +155,42 @@ class Table(Rows):
     @cached_property
     def samples(self) -> tuple[Samples, ...]:
         """The samples of which columns are evaluated: all, or one in so many, rows among them."""
-        found = []
+        parts = []
         for number, scene in enumerate(self.scenes):
             first = int(self.sample[self.experiment == number][:1].sum())
-            some = slice(first % self.every, None, self.every)
-            found.append(scene.samples.reduced(some if self.every > 1 else slice(None)))
-        return tuple(found)
+            every_so_many = slice(first % self.every, None, self.every)
+            parts.append(scene.samples.reduced(every_so_many if self.every > 1 else slice(None)))
+        return tuple(parts)
 
     def starts(self, effect: Effect) -> list[Mapping[str, float]]:
         """Return the shapes at which a search starts, known ones at their values."""
         signals = self.pooled(effect)
         known = {s.name: effect.values[s.name] for s in effect.shapes if s.name in effect.values}
-        found = ({**start, **known} for start in effect.starts(signals))
-        return [dict(x) for x in dict.fromkeys(tuple(sorted(each.items())) for each in found)]
+        starts = ({**start, **known} for start in effect.starts(signals))
+        return [dict(x) for x in dict.fromkeys(tuple(sorted(start.items())) for start in starts)]
 
     def bounds(self, effect: Effect) -> dict[str, tuple[float, float]]:
         """Return the bounds of every shape, over all experiments."""
-        shape = {each.name: 0.0 for each in effect.shapes}
+        shape = {shape_parameter.name: 0.0 for shape_parameter in effect.shapes}
         return dict(effect.bounds(replace(self.pooled(effect), shape=shape)))
 
     def pooled(self, effect: Effect) -> Signals:
         """Return the effect's signals of all experiments joined: for ranges, not for time."""
-        each = [s.signals(effect.joints) for s in self.samples]
-        if len(each) == 1:
-            return each[0]
+        signals = [s.signals(effect.joints) for s in self.samples]
+        if len(signals) == 1:
+            return signals[0]
 
-        def joined(name: str) -> np.ndarray:
-            return np.concatenate([getattr(s, name) for s in each])
+        def concatenated(name: str) -> np.ndarray:
+            return np.concatenate([getattr(s, name) for s in signals])
 
-        everywhere = [name for name in each[0].extra if all(name in s.extra for s in each)]
+        everywhere = [name for name in signals[0].extra if all(name in s.extra for s in signals)]
         return replace(
-            each[0],
-            t=np.concatenate([s.t - s.t[0] for s in each]),  # of each log's own beginning
-            extra={name: np.concatenate([s.extra[name] for s in each]) for name in everywhere},
-            still=np.min([s.still for s in each], axis=0),
-            predicted=lambda: (joined("torque"), joined("load")),
-            q=joined("q"),
-            v=joined("v"),
-            a=joined("a"),
+            signals[0],
+            t=np.concatenate([s.t - s.t[0] for s in signals]),  # of each log's own beginning
+            extra={name: np.concatenate([s.extra[name] for s in signals]) for name in everywhere},
+            still=np.min([s.still for s in signals], axis=0),
+            predicted=lambda: (concatenated("torque"), concatenated("load")),
+            q=concatenated("q"),
+            v=concatenated("v"),
+            a=concatenated("a"),
         )

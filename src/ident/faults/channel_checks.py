@@ -30,7 +30,9 @@ Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, 
 
 NOISE = 0.5**0.5  # level: noise over rms: from half of its squares on a torque is no torque
 ZERO = 0.2  # tuned: share of the samples at which a joint moves, where its torque is exactly zero
-HELD = 2  # range: samples for which most values stay: a staircase of a slower controller
+STAIRCASE_SAMPLES = (
+    2  # range: samples for which most values stay: a staircase of a slower controller
+)
 ALWAYS = 0.98  # tuned: share of pairs from which rows are repeated: a slow channel repeats some
 NAMED = 4  # shown: channels that are named of those with one fault
 SHORTEST = 20  # work: samples of a channel that can be judged
@@ -46,8 +48,8 @@ COMMAND = re.compile(
     r"(des|cmd|command|ref|set|target|goal|con)(ired|erence|point|trol)?[\W_\d]*", re.I
 )
 ROUNDED = 0.3  # numerics: of a channel's noise, by which copies may differ; measurements do by √2
-JUDGED = 2000  # work: samples by which two logs are compared
-ALIKE = 1e-3  # numerics: of a position's range, within which it is that of the other log
+COMPARED_SAMPLES = 2000  # work: samples by which two logs are compared
+SAME_POSITION = 1e-3  # numerics: of a position's range, within which it is that of the other log
 LOCKED = 0.05  # range: [rad | m] by which a joint that is held may move: fingers give way a little
 MEASURED = "a command, not a measurement"
 
@@ -127,14 +129,16 @@ def staircase(c: LoggedChannel) -> Judgement:
     lengths = np.diff(np.flatnonzero(np.diff(c.x)))
     usual = float(np.median(lengths)) if len(lengths) >= 10 else 0.0
     # steps of a coarse sensor are as long as the channel is flat, only two samples are never by it
-    alike = np.abs(lengths - usual) <= (usual > HELD)
-    if usual < HELD or alike.mean() < (REGULAR if usual > HELD else ALWAYS):
+    regular = np.abs(lengths - usual) <= (usual > STAIRCASE_SAMPLES)
+    if usual < STAIRCASE_SAMPLES or regular.mean() < (
+        REGULAR if usual > STAIRCASE_SAMPLES else ALWAYS
+    ):
         return None
     text = (
         f"held for {usual:.0f} samples at a time: rows are repeated, or a slower controller "
         "commands it, and it is no measurement"
     )
-    return usual, HELD, text, c.entry
+    return usual, STAIRCASE_SAMPLES, text, c.entry
 
 
 def frozen(c: LoggedChannel) -> Judgement:
@@ -222,16 +226,16 @@ def spikes(c: LoggedChannel) -> Judgement:
 
 def noiseless(c: LoggedChannel) -> Judgement:
     """A torque without noise, where the others have it."""
-    own = noise_share(c.x)
-    if own > CLEAN or c.step or not np.ptp(c.x):
+    share = noise_share(c.x)
+    if share > CLEAN or c.step or not np.ptp(c.x):
         return None
     names = [name for name in c.log.columns if name.startswith("tau.") and name != c.name]
     others = [noise_share(c.log.series(name)[1]) for name in names]
-    theirs = float(np.median(others)) if others else 0.0
-    if theirs < CLEAN or own > CLEAN * theirs:
+    usual_share = float(np.median(others)) if others else 0.0
+    if usual_share < CLEAN or share > CLEAN * usual_share:
         return None
     text = f"not the least noise, while the other torques have it: {MEASURED}"
-    return own / theirs, CLEAN, text, c.entry
+    return share / usual_share, CLEAN, text, c.entry
 
 
 def copied(c: LoggedChannel) -> Judgement:
@@ -295,12 +299,15 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             for check in CHECKS.get(kind, ()) if len(x) > SHORTEST else ():
                 if (judgement := check(channel)) is not None:
                     number, threshold, meaning, remedy = judgement
-                    mine = same.setdefault((check.__name__, meaning), [])
-                    mine.append((name, number, threshold, remedy))
+                    judgements = same.setdefault((check.__name__, meaning), [])
+                    judgements.append((name, number, threshold, remedy))
         if state is not None:
             yield from contradicted(log, state, mechanism)
-        for (code, meaning), found in same.items():
-            names, (_, number, threshold, remedy) = tuple(name for name, *_ in found), found[0]
+        for (code, meaning), judgements_of_check in same.items():
+            names, (_, number, threshold, remedy) = (
+                tuple(name for name, *_ in judgements_of_check),
+                judgements_of_check[0],
+            )
             text = f"{log.name}: {some(names, NAMED)}: {meaning}"
             yield Finding(code, text, remedy, names, number, threshold)
     ends = [f(e.y, axis=0) for e in motion.experiments if len(e.y) for f in (np.min, np.max)]
@@ -316,7 +323,7 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
 
 def contradicted(log: Log, state: State, mechanism: Mechanism) -> Iterator[Finding]:
     """Report positions of a loop that the closures and the other positions contradict."""
-    found: dict[str, str] = {}
+    contradictions: dict[str, str] = {}
     known = state.logged if len(state.logged) > mechanism.degrees_of_freedom else ()
     largest = 0.0
     for joint in map(mechanism.joint, known):
@@ -329,18 +336,18 @@ def contradicted(log: Log, state: State, mechanism: Mechanism) -> Iterator[Findi
         if (share := smoothed.residual / max(spread, 1e-300)) > SMALL:
             times, largest = two_digits(smoothed.residual / smoothed.noise), max(largest, share)
             size = f"{significant(smoothed.residual)} {joint.unit}"
-            found[column] = f"{column} by {size} rms, {times} times its noise"
-    if found:
+            contradictions[column] = f"{column} by {size} rms, {times} times its noise"
+    if contradictions:
         text = (
             f"{log.name}: these positions and the closures contradict each other: "
-            f"{some([*found.values()], NAMED)}"
+            f"{some([*contradictions.values()], NAMED)}"
         )
         remedy = (
             "check their zeros, signs and units and the closures' frames; if a length is wrong, "
             "a diagnosis can find which from a log without the columns that the motion does not "
             "need"
         )
-        yield Finding("contradicted", text, remedy, tuple(found), largest, SMALL)
+        yield Finding("contradicted", text, remedy, tuple(contradictions), largest, SMALL)
 
 
 def copies(a: Log, b: Log, harm: str, remedy: str) -> list[Finding]:
@@ -353,15 +360,15 @@ def copies(a: Log, b: Log, harm: str, remedy: str) -> list[Finding]:
         i, j = int(np.searchsorted(a.t, b.t[0])), int(np.searchsorted(b.t, a.t[0]))
         i, j = min(i, len(a.t) - 1), min(j, len(b.t) - 1)
     count = min(len(a.t) - i, len(b.t) - j)
-    n = min(count, JUDGED)
+    n = min(count, COMPARED_SAMPLES)
     if not names or (len(a.t) != len(b.t) and a.t[i] != b.t[j]):
         return []
     for name in names:
         x, y = a.columns[name][i : i + n], b.columns[name][j : j + n]
-        x, y = (each[np.isfinite(x) & np.isfinite(y)] for each in (x, y))
+        x, y = (series[np.isfinite(x) & np.isfinite(y)] for series in (x, y))
         if len(x) <= SHORTEST:
             return []
-        far = ROUNDED * noise_level(x) if name[0] == "t" else ALIKE * np.ptp(x)
+        far = ROUNDED * noise_level(x) if name[0] == "t" else SAME_POSITION * np.ptp(x)
         if np.linalg.norm(x - y) > far * np.sqrt(len(x)):
             return []
     text = f"{b.name} holds {count} samples of {a.name}: {harm}"

@@ -54,7 +54,8 @@ class ChannelEquations:
     """
 
     driven: tuple[str, ...]  # names of the J driven joints
-    own: tuple[int, ...]  # by coordinate its only drive; empty if there are other drives
+    # by coordinate its only drive; empty if there are other drives
+    drive_of_coordinate: tuple[int, ...]
     # (d, k + r, k + r) of each block, k columns X and r right-hand sides; where all would not be
     # held in memory, the rows (d, rows, k + r) of each, of which they are products
     gram: Sequence[Array]
@@ -75,15 +76,23 @@ class ChannelEquations:
         holds at its value; `blocks` (N,) number stretches of time, by default the table's.
         """
         driven, names = table.mechanism.driven, table.motion.independent
-        own = tuple(map(driven.index, names)) if sorted(driven) == sorted(names) else ()
+        drive_of_coordinate = (
+            tuple(map(driven.index, names)) if sorted(driven) == sorted(names) else ()
+        )
         held = estimate.held
-        some = use.any(axis=1)
+        rows_in_use = use.any(axis=1)
         blocks = table.blocks if blocks is None else blocks
-        numbers, block = np.unique(blocks[some], return_inverse=True)
+        numbers, block = np.unique(blocks[rows_in_use], return_inverse=True)
         prior = estimate.solution.x[held]
-        columns = [table.effect_columns(each, [{}]) for each in effects]
-        steps, near = _steps(table) if shifts and own else (np.zeros(1, dtype=int), 1)
-        torques = _own_torques(table, own, steps) if own else _spread_torques(table, driven)
+        columns = [table.effect_columns(effect, [{}]) for effect in effects]
+        steps, near = (
+            _steps(table) if shifts and drive_of_coordinate else (np.zeros(1, dtype=int), 1)
+        )
+        torques = (
+            _torques_of_drives(table, drive_of_coordinate, steps)
+            if drive_of_coordinate
+            else _spread_torques(table, driven)
+        )
         ends = np.cumsum([int((~held).sum()), *(C.shape[2] for C, _ in columns)])
         places = {e.label: np.arange(*x) for e, x in zip(effects, pairwise(ends), strict=True)}
         k, edges = int(ends[-1]), np.searchsorted(block, range(len(numbers) + 1))
@@ -94,24 +103,24 @@ class ChannelEquations:
         for u in range(len(names)):
             X = columns_of(table, ~held, columns, u)
             known = table.b[:, u] - table.tau[:, u] - table.A[:, u, held] @ prior
-            stack = np.column_stack([X, known, torques[:, u]])[some]
-            stack[~use[some, u]] = 0.0
+            stack = np.column_stack([X, known, torques[:, u]])[rows_in_use]
+            stack[~use[rows_in_use, u]] = 0.0
             for n, (i, j) in enumerate(pairwise(edges)):
                 if short:
                     gram[n, u, : j - i] = stack[i:j]
                 else:
                     np.matmul(stack[i:j].T, stack[i:j], out=gram[n, u])
-                rows[n, u] = use[some, u][i:j].sum()
+                rows[n, u] = use[rows_in_use, u][i:j].sum()
         lags = steps / table.scenes[0].e.rate
         limits = limits_of_machines(estimate, table, effects, k)
-        return cls(driven, own, list(gram), k, places, rows, lags, near, limits)
+        return cls(driven, drive_of_coordinate, list(gram), k, places, rows, lags, near, limits)
 
-    def beside(self, effects: Collection[str]) -> ChannelEquations:
+    def with_effects(self, effects: Collection[str]) -> ChannelEquations:
         """Return the same rows with only these effects beside the model, by label."""
-        some = [at for label, at in self.effects.items() if label in effects]
+        chosen_columns = [at for label, at in self.effects.items() if label in effects]
         model = np.arange(self.k - sum(map(len, self.effects.values())))
-        columns = np.concatenate([model, *some])
-        ends = np.cumsum([len(model), *map(len, some)])
+        columns = np.concatenate([model, *chosen_columns])
+        ends = np.cumsum([len(model), *map(len, chosen_columns)])
         labels = [label for label in self.effects if label in effects]
         G, g = self.limits
         real = G[:, columns].any(axis=1) | ~G.any(axis=1)  # others are of effects left out
@@ -147,10 +156,10 @@ class ChannelEquations:
         c = np.zeros((len(self.total), self.total.shape[2] - self.k))
         c[:, 0] = 1.0
         J = len(self.driven)
-        for u, j in enumerate(self.own):
+        for u, j in enumerate(self.drive_of_coordinate):
             shift = cause.shift[j]
             c[u, J + shift if shift else 1 + cause.take[j]] = cause.gain[j]
-        for j in range(0 if self.own else J):
+        for j in range(0 if self.drive_of_coordinate else J):
             c[:, 1 + j * J + cause.take[j]] = cause.gain[j]
         of_channels = self.total[:, self.k + 1 :, self.k + 1 :]
         torque, logged = squares(of_channels, c[:, 1:]), squares(of_channels, np.sign(c[:, 1:]))
@@ -163,8 +172,8 @@ class ChannelEquations:
         """
         c, size = self.squares_of(cause)
         x = np.broadcast_to(self._solved(c, size * noise**2, block), (len(c), self.k))
-        judged = self.total if block is None else self.gram_of(block)
-        return np.maximum(squares(judged, np.concatenate([x, -c], axis=1)), 0.0) / size
+        gram = self.total if block is None else self.gram_of(block)
+        return np.maximum(squares(gram, np.concatenate([x, -c], axis=1)), 0.0) / size
 
     def solution(self, cause: Fault, noise: Array) -> Array:
         """The unknowns (k,) of a cause, fitted to all rows."""
@@ -200,8 +209,13 @@ class ChannelEquations:
 
     def rows_of(self, cause: Fault) -> Array:
         """Which coordinates (d,) feel a cause: those of its torques, or all."""
-        every = not self.own or cause.state is not None
-        return np.array([every or self.driven[j] in cause.joints for j in self.own or self.rows[0]])
+        every = not self.drive_of_coordinate or cause.state is not None
+        return np.array(
+            [
+                every or self.driven[j] in cause.joints
+                for j in self.drive_of_coordinate or self.rows[0]
+            ]
+        )
 
     def noise(self, cause: Fault, start: Array | None = None) -> Array:
         """Relative errors (d,), each coordinate weighted by its own: a joint with a missing effect
@@ -232,14 +246,15 @@ class ChannelEquations:
         it is not of this motion, or is noise; `noise` (d,) is that of the log as it is. None, if
         these are not most of several: effects that the library does not have may make a few.
         """
-        found, turned = [], range(self.near, len(self.lags))
-        for u in np.flatnonzero(noise > LEAVES) if len(self.own) >= SEVERAL and turned else ():
-            name = self.driven[self.own[u]]
-            shifts = ({self.own[u]: shift} for shift in turned)
-            causes = (self.as_logged.with_("delay", 0.0, shift=each) for each in shifts)
-            if LOUD * noise[u] > min(self.noise(each, noise)[u] for each in causes):
-                found.append(name)
-        return found if len(found) >= max(SEVERAL, len(self.own) / 2) else []
+        names, turned = [], range(self.near, len(self.lags))
+        several = len(self.drive_of_coordinate) >= SEVERAL and turned
+        for u in np.flatnonzero(noise > LEAVES) if several else ():
+            drive = self.drive_of_coordinate[u]
+            name = self.driven[drive]
+            causes = (self.as_logged.with_("delay", 0.0, shift={drive: k}) for k in turned)
+            if LOUD * noise[u] > min(self.noise(cause, noise)[u] for cause in causes):
+                names.append(name)
+        return names if len(names) >= max(SEVERAL, len(self.drive_of_coordinate) / 2) else []
 
     def refined_delay(self, cause: Fault) -> float:
         """The delay [s] of a cause between the shifts that were tried, by a parabola."""
@@ -284,30 +299,34 @@ def _steps(table: Table) -> tuple[Array, int]:
     return np.array([*near, *(len(e) * k // FAR for k in range(1, FAR))]), len(near)
 
 
-def _own_torques(table: Table, own: tuple[int, ...], steps: Array) -> Array:
+def _torques_of_drives(table: Table, drive_of_coordinate: tuple[int, ...], steps: Array) -> Array:
     """Filtered torques (N, d, J + L): all channels, and that of the coordinate's drive shifted."""
-    found = []
+    pieces = []
     for number, scene in enumerate(table.scenes):
         tau, n = scene.e.tau, len(scene.e)
         shifted = np.arange(n)[:, None] + steps[1:]
         far = np.abs(steps[1:]) > LONGEST * scene.e.rate + 1
         shifted = np.where(far, shifted % n, np.clip(shifted, 0, n - 1))
         every = table.filtered(number, tau)
-        each = (np.hstack([every, table.filtered(number, tau[shifted, j])]) for j in own)
-        found.append(np.stack([*each], axis=1))  # one drive after the other, to take less memory
-    return np.concatenate(found)
+        shifted_torques = (
+            np.hstack([every, table.filtered(number, tau[shifted, j])]) for j in drive_of_coordinate
+        )
+        pieces.append(
+            np.stack([*shifted_torques], axis=1)
+        )  # one drive after the other, to take less memory
+    return np.concatenate(pieces)
 
 
 def _spread_torques(table: Table, driven: tuple[str, ...]) -> Array:
     """Filtered torques (N, d, J J): each channel i taken for each joint j, at j J + i."""
-    found = []
+    pieces = []
     for number, scene in enumerate(table.scenes):
         s, tau = table.samples[number], scene.e.tau
         out = np.zeros((*s.shape, len(driven) ** 2))
         for j, name in enumerate(driven):
             s.add_torque(out[:, :, j * len(driven) : (j + 1) * len(driven)], name, tau)
-        found.append(table.filtered(number, out))
-    return np.concatenate(found)
+        pieces.append(table.filtered(number, out))
+    return np.concatenate(pieces)
 
 
 def limits_of_machines(
@@ -324,26 +343,28 @@ def limits_of_machines(
     inertia, offset = np.zeros((d, len(columns))), np.zeros(d)
     known = np.setdiff1d(np.arange(len(mechanism.prior)), columns.rigid)
     e, model = table.motion.experiments[0], mechanism.model
-    some = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
-    none = np.zeros_like(some.v)
-    rest = regressor(model, some.q, none, none)
+    postures = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
+    none = np.zeros_like(postures.v)
+    rest = regressor(model, postures.q, none, none)
     for u in range(d):
-        Z = some.pinv[:, :, u - d]
-        gamma = np.einsum("nik,ni->k", regressor(model, some.q, none, Z) - rest, Z) / len(some)
+        Z = postures.pinv[:, :, u - d]
+        gamma = np.einsum("nik,ni->k", regressor(model, postures.q, none, Z) - rest, Z) / len(
+            postures
+        )
         inertia[u, : len(columns.rigid)] = gamma[columns.rigid]
         offset[u] = gamma[known] @ mechanism.prior[known] + inertia[u, held] @ x[held]
     places = {name: i for i, name in enumerate(np.array(columns.names)[~held])}
-    extra = [name for each in effects for name in each.names]
+    extra = [name for effect in effects for name in effect.names]
     places |= {name: k - len(extra) + i for i, name in enumerate(extra)}
     G = np.zeros((d, k))
     G[:, : int((~held).sum())] = inertia[:, ~held]
     positive, given = [], []
-    for each in {e.label: e for e in (*effects, *mechanism.effects)}.values():
-        for name, unknown in zip(each.names, each.parameters, strict=True):
-            if name not in places or not (each.common and unknown.nonnegative):
+    for effect in {e.label: e for e in (*effects, *mechanism.effects)}.values():
+        for name, unknown in zip(effect.names, effect.parameters, strict=True):
+            if name not in places or not (effect.common and unknown.nonnegative):
                 continue
             positive.append(np.eye(k)[places[name]])
-            given.append(each.values.get(unknown.name, 0.0))  # of which the unknown is the change
-            if unknown.acts == "inertia" and each.joints[0] in independent:
-                G[independent.index(each.joints[0]), places[name]] += 1.0
+            given.append(effect.values.get(unknown.name, 0.0))  # of which the unknown is the change
+            if unknown.acts == "inertia" and effect.joints[0] in independent:
+                G[independent.index(effect.joints[0]), places[name]] += 1.0
     return np.concatenate([G, *([positive] if positive else [])]), np.concatenate([offset, given])

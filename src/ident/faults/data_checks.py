@@ -59,10 +59,10 @@ class Health(Displayed):
     def faults(self) -> tuple[Finding, ...]:
         """The findings that explain the log; of factors of a torque those that no effect has."""
         return tuple(
-            each
-            for each in self.findings
-            if each.code in FAULTS
-            or (each.code == "scale" and not 1 / BEYOND < (each.number or 1.0) < BEYOND)
+            finding
+            for finding in self.findings
+            if finding.code in FAULTS
+            or (finding.code == "scale" and not 1 / BEYOND < (finding.number or 1.0) < BEYOND)
         )
 
     def json(self) -> list[dict[str, Any]]:
@@ -83,24 +83,25 @@ class DataChecks(FaultSearch):
     def health(self) -> Health:
         """Judge the data, gravest first."""
         faults, noise = self.faults
-        found = []
-        for each in faults:
-            fall = each.was, each.error
-            named = fault_finding(self.mechanism, each.fault, *fall, each.rivals)
-            held = f"{named.meaning}; standard errors hold what it does to parameters"
-            found.append(replace(named, meaning=held))
+        findings = []
+        for trial in faults:
+            fall = trial.before_fault, trial.error
+            named = fault_finding(self.mechanism, trial.fault, *fall, trial.rivals)
+            meaning = f"{named.meaning}; standard errors hold what it does to parameters"
+            findings.append(replace(named, meaning=meaning))
         channels = [*filter(self._matters, log_findings(self.mechanism, self.problem.motion))]
         if self.mechanism.driven:
-            if all(each.code == "delay" and len(each.where) == 1 for each in found):
-                found += self._late()  # in one joint alone it is that joint's friction
+            if all(finding.code == "delay" and len(finding.where) == 1 for finding in findings):
+                findings += self._late()  # in one joint alone it is that joint's friction
             sizes = [*self._magnitudes()]
-            if {each.code for each in found} <= {"scale"} and any(x.code == "units" for x in sizes):
-                found = sizes
-            dead = any(each.code in DEAD for each in channels)
-            several = len(self.problem.motion.logs) > 1 and not (found or dead)
+            codes = {finding.code for finding in findings}
+            if codes <= {"scale"} and any(x.code == "units" for x in sizes):
+                findings = sizes
+            dead = any(finding.code in DEAD for finding in channels)
+            several = len(self.problem.motion.logs) > 1 and not (findings or dead)
             logs = differing_logs(self.problem, lambda: self.reference) if several else ()
-            found = found or [*logs] or self._strangers(noise) or sizes
-        return Health((*found, *channels))
+            findings = findings or [*logs] or self._strangers(noise) or sizes
+        return Health((*findings, *channels))
 
     def _matters(self, finding: Finding) -> bool:
         """Whether the steps of a torque, if the finding is of these, have a part in the squared
@@ -115,27 +116,29 @@ class DataChecks(FaultSearch):
         return finding.number > least
 
     @property
-    def moved(self) -> Array:
+    def bias(self) -> Array:
         """By how much the unknowns (k,) would change without the faults that are named, or without
         rows at reversals that fit worse: a bias that the scatter of residuals does not show.
         """
-        if not (found := self.faults[0]):
+        if not (trials := self.faults[0]):
             return self.moved_at_reversals
-        fault, equations = found[-1].fault, found[-1].equations.beside(())
+        fault, equations = trials[-1].fault, trials[-1].equations.with_effects(())
         free, size = ~self.estimate.held, self.estimate.triangle.column_norms()
-        moved = np.zeros(len(self.estimate.x))
-        moved[free] = equations.solution(fault, equations.noise(fault)) - self.estimate.x[free]
-        return np.where(size > ABSENT * size.max(), moved, 0.0)  # an unknown of no effect is open
+        change = np.zeros(len(self.estimate.x))
+        change[free] = equations.solution(fault, equations.noise(fault)) - self.estimate.x[free]
+        return np.where(size > ABSENT * size.max(), change, 0.0)  # an unknown of no effect is open
 
     @property
     def moved_at_reversals(self) -> Array:
         """The same without rows at reversals alone."""
-        return small_errors.moved_by_reversals(self.table, self.away, self.estimate, self.misfit)
+        return small_errors.moved_by_reversals(
+            self.table, self.calm_rows, self.estimate, self.misfit
+        )
 
     @cached_property
     def misfit(self) -> Array:
         """(d,) squared residual of a row at reversals over that of a row elsewhere, or 0."""
-        return small_errors.misfit_at_reversals(self.table, self.away, self.estimate.x)
+        return small_errors.misfit_at_reversals(self.table, self.calm_rows, self.estimate.x)
 
     def reversals(self) -> Iterator[Finding]:
         """Report joints whose dry friction is not its sign at reversals."""
@@ -202,7 +205,7 @@ class DataChecks(FaultSearch):
             return
         where = tuple(f"tau.{name}" for name, x in zip(names, bad, strict=True) if x)
         worst, most = errors[bad].max(), np.argsort(-errors[bad])
-        left = some([f"{percent(errors[bad][i])} of {where[i]}" for i in most], 2)
+        largest_errors = some([f"{percent(errors[bad][i])} of {where[i]}" for i in most], 2)
         least = ", far more than noise of the sensors makes" if worst < LEAVES else ""
         if self.faults[0]:
             why = ": what is named above explains it"
@@ -212,7 +215,10 @@ class DataChecks(FaultSearch):
                 "missing, or data, a length or a known body is wrong"
             )
             why += "; parameters are not to be trusted" if worst > LEAVES else ""
-        text, remedy = f"the model leaves {left}{least}{why}", "ident diagnose shows where it fails"
+        text, remedy = (
+            f"the model leaves {largest_errors}{least}{why}",
+            "ident diagnose shows where it fails",
+        )
         yield Finding("poor fit", text, remedy, where, None, LEAVES if worst > LEAVES else DOUBT)
 
     def _magnitudes(self) -> Iterator[Finding]:
@@ -224,25 +230,27 @@ class DataChecks(FaultSearch):
             return  # a URDF without masses needs no torque
         turned = dict[str, float]()  # torques of the URDF's shape with the other sign
         scaled = dict[str, tuple[float, float]]()  # and another size: with how many times that
-        alike = 1.0  # least correlation of the torques of `gains` with what the URDF's bodies need
+        # least correlation of the torques of `gains` with what the URDF's bodies need
+        correlation = 1.0
         rigid = np.arange(len(columns)) < len(columns.rigid)
-        beside = [table.effect_columns(each, [{}]) for each in self.common]
+        common_columns = [table.effect_columns(effect, [{}]) for effect in self.common]
         for u, name in enumerate(self.problem.motion.independent):
             if name not in self.mechanism.driven or not self.use[:, u].any():
                 continue
-            some, tau = self.use[:, u], table.tau[self.use[:, u], u]
+            rows, tau = self.use[:, u], table.tau[self.use[:, u], u]
             if not tau.any():  # no measurement has a shape
                 continue
-            A, known = table.A[some, u], tau - table.b[some, u]  # of known bodies
+            A, known = table.A[rows, u], tau - table.b[rows, u]  # of known bodies
             then, now = (A[:, rigid] @ x[rigid] + known for x in (columns.prior, self.estimate.x))
             sizes = [float(np.linalg.norm(x)) for x in (now, then)]
-            X = columns_of(table, ~rigid, beside, u)[some]  # friction and rotors
-            fitted, own, logged = (
+            X = columns_of(table, ~rigid, common_columns, u)[rows]  # friction and rotors
+            fitted, needed, logged = (
                 x - X @ np.linalg.lstsq(X, x, rcond=None)[0] for x in (now, then, tau)
             )
-            like = max(_cosine(now, then), _cosine(fitted, own))  # bodies may stand in for those
-            if np.linalg.norm(own) > SMALL * sizes[1] and (c := _cosine(own, logged)) > LIKE:
-                gains[name], alike = float(own @ logged / (own @ own)), min(alike, c)
+            like = max(_cosine(now, then), _cosine(fitted, needed))  # bodies may stand in for those
+            if np.linalg.norm(needed) > SMALL * sizes[1] and (c := _cosine(needed, logged)) > LIKE:
+                gains[name] = float(needed @ logged / (needed @ needed))
+                correlation = min(correlation, c)
             many = self.estimate.triangle.rows > FEWEST_EQUATIONS * self.estimate.base.rank
             least = LEAVES * float(np.linalg.norm(tau))
             if not (many and sizes[0] > least and self.errors[name] < LEAVES):
@@ -265,7 +273,7 @@ class DataChecks(FaultSearch):
         if turned:
             yield self._turned(turned)
         logs = np.log(list(gains.values()))
-        one = len(gains) > 1 and np.ptp(logs) < SAME and alike > SAME_SHAPE
+        one = len(gains) > 1 and np.ptp(logs) < SAME and correlation > SAME_SHAPE
         least = OTHER if one else BEYOND
         far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}
         several = 2 * len(far) >= len(self.use.T) and len({x > 1 for x in far.values()}) == 1
@@ -275,7 +283,7 @@ class DataChecks(FaultSearch):
             yield self._magnitude("magnitude", far, least)
         else:
             alone = ({name: x} for name, x in far.items() if max(x, 1 / x) > TIMES)
-            yield from (self._magnitude("magnitude", each, TIMES) for each in alone)
+            yield from (self._magnitude("magnitude", effect, TIMES) for effect in alone)
 
     def _turned(self, turned: Mapping[str, float]) -> Finding:
         """Return a finding on torques with the other sign, by channel with the correlation."""

@@ -64,8 +64,8 @@ class OwnFits:
     @cached_property
     def by_log(self) -> dict[int, Information]:
         """The equations of each log."""
-        whole = self.problem.information
-        return {log: whole.of_log(log) for log in whole.logs}
+        information = self.problem.information
+        return {log: information.of_log(log) for log in information.logs}
 
     @cached_property
     def joint(self) -> Estimate:
@@ -73,39 +73,42 @@ class OwnFits:
         return self.problem.estimate(free=True)
 
     @cached_property
-    def own(self) -> dict[int, np.ndarray]:
+    def solutions(self) -> dict[int, np.ndarray]:
         """(k,) unknowns by log; those of the joint estimate where a log leaves them open."""
-        x, found = self.joint.x, dict[int, np.ndarray]()
-        for log, mine in self.by_log.items():
-            good = len(x) and any(each.rows for each in mine.totals)
-            found[log] = self._estimate(mine, self.joint.sigma).x if good else x
-        return found
+        x, solutions = self.joint.x, dict[int, np.ndarray]()
+        for log, log_information in self.by_log.items():
+            good = len(x) and any(triangle.rows for triangle in log_information.totals)
+            solutions[log] = self._estimate(log_information, self.joint.sigma).x if good else x
+        return solutions
 
     @cached_property
     def held_out(self) -> Squares | None:
         """Errors of each log in stretches that its own fit did not see; None where one has none."""
-        found = Squares.zero(self.problem.information.d)
-        for mine in self.by_log.values():
-            left = held_out(mine, mine, self.joint, self.problem.prior)
-            if left is None:
+        total = Squares.zero(self.problem.information.d)
+        for log_information in self.by_log.values():
+            squares = held_out(log_information, log_information, self.joint, self.problem.prior)
+            if squares is None:
                 return None
-            found = found + left
-        return found
+            total = total + squares
+        return total
 
     @cached_property
     def weighed(self) -> Estimate:
         """The estimate from all logs, with what fits of each leave as the noise."""
-        whole = self.problem.information
-        error, rows = np.zeros((2, whole.d))
-        for log, mine in self.by_log.items():
-            error += [each.residual_norm(self.own[log]) ** 2 for each in mine.totals]
-            rows += [each.rows for each in mine.totals]
+        information = self.problem.information
+        error, rows = np.zeros((2, information.d))
+        for log, log_information in self.by_log.items():
+            error += [
+                triangle.residual_norm(self.solutions[log]) ** 2
+                for triangle in log_information.totals
+            ]
+            rows += [triangle.rows for triangle in log_information.totals]
         sigma = np.sqrt(error / np.maximum(rows, 1))
-        return self._estimate(whole, np.maximum(sigma, LEAST_NOISE[1] * self.joint.sigma))
+        return self._estimate(information, np.maximum(sigma, LEAST_NOISE[1] * self.joint.sigma))
 
-    def _estimate(self, some: Information, sigma: np.ndarray) -> Estimate:
+    def _estimate(self, information: Information, sigma: np.ndarray) -> Estimate:
         r, held = self.problem, self.joint.held
-        return estimate(some.totals, r.prior, r.torque, sigma=sigma, held=held)
+        return estimate(information.totals, r.prior, r.torque, sigma=sigma, held=held)
 
 
 def disagreements(
@@ -117,10 +120,10 @@ def disagreements(
         return {}
     logs, least, agreeing = _Logs(information, joint, columns), ALPHA / len(numbers), numbers
     while True:
-        found = {i: logs.against(agreeing, i, least) for i in numbers}
-        odd = {i: found[i][1] for i in agreeing if found[i][0].clear}
+        tests = {i: logs.against(agreeing, i, least) for i in numbers}
+        odd = {i: tests[i][1] for i in agreeing if tests[i][0].clear}
         if not odd or 2 * (len(agreeing) - 1) <= len(numbers):
-            return {i: each for i, (each, _) in found.items()}
+            return {i: disagreement for i, (disagreement, _) in tests.items()}
         worst = max(odd, key=lambda i: odd[i])
         agreeing = [i for i in agreeing if i != worst]
 
@@ -223,10 +226,10 @@ def differing_logs(problem: Problem, reference: Callable[[], np.ndarray]) -> Ite
     acts in all logs explains as much: something was changed between them. `reference` gives (d,)
     relative errors with all linear effects of the library.
     """
-    motion, whole, fits = problem.motion, problem.information, OwnFits(problem)
-    if not len(motion.logs) == len(motion.experiments) == len(whole.logs):
+    motion, information, fits = problem.motion, problem.information, OwnFits(problem)
+    if not len(motion.logs) == len(motion.experiments) == len(information.logs):
         return  # stretches of a long log are no logs, and those of a gathered fit have a table
-    together = held_out(whole, whole, fits.joint, problem.prior)
+    together = held_out(information, information, fits.joint, problem.prior)
     apart = fits.held_out
     if together is None or apart is None:
         return
@@ -241,10 +244,14 @@ def differing_logs(problem: Problem, reference: Callable[[], np.ndarray]) -> Ite
     if np.log(np.maximum(after, LEAST_ERROR) / most).mean() >= 0:
         return  # an effect that is missing in all of them explains it
     names = motion.names
-    differ = disagreements(whole, fits.weighed, problem.columns)
-    odd = {names[i]: each for i, each in differ.items() if each.clear}
+    differ = disagreements(information, fits.weighed, problem.columns)
+    odd = {names[i]: disagreement for i, disagreement in differ.items() if disagreement.clear}
     if odd:
-        changed = [f"{name} in {some(each.parts, 2)}" for name, each in odd.items() if each.parts]
+        changed = [
+            f"{name} in {some(disagreement.parts, 2)}"
+            for name, disagreement in odd.items()
+            if disagreement.parts
+        ]
         what = f"; {some(changed, 3)} most" if len(odd) < len(names) and changed else ""
         joint = motion.independent[u]
         text = (

@@ -39,7 +39,7 @@ UNITS = {  # by which factors units of torque differ, or their inverses
 }
 LARGE_UNIT = 500.0  # shown: factor of a unit beyond which it is hardly a gear ratio
 UNIT = 0.1  # shown: difference of logarithms within which a factor is that of a unit
-Moved = Callable[[Mechanism, State], tuple[Mechanism, State]]
+StateChange = Callable[[Mechanism, State], tuple[Mechanism, State]]
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,9 @@ class Fault:
     # the factor, those of several positions, the delay [s] (positive: the torque is late), the
     # scale of time, or the three components of gravity [m/s²]
     number: tuple[float, ...] = ()
-    state: Moved | None = None  # makes the mechanism and the state as they would be; None: as is
+    state: StateChange | None = (
+        None  # makes the mechanism and the state as they would be; None: as is
+    )
     at: Callable[[float], Fault] | None = None  # the same fault with another factor or scale
 
     @classmethod
@@ -69,7 +71,7 @@ class Fault:
         kind: str,
         *number: float,
         joints: tuple[str, ...] = (),
-        state: Moved | None = None,
+        state: StateChange | None = None,
         **torques: Mapping[int, float],
     ) -> Fault:
         """Return the fault with further changes, by driven joint, in `take`, `gain` or `shift`."""
@@ -103,8 +105,8 @@ def torque_faults(now: Fault, lags: Array, J: Sequence[int]) -> Iterator[Fault]:
     sets = [(j,) for j in J] + ([tuple(J)] if len(J) > 1 else [])
     if now.take == tuple(range(len(now.take))):
         for shift, lag in [*enumerate(lags)][1:]:
-            for some in sets:
-                yield now.with_("delay", float(lag), shift=dict.fromkeys(some, shift))
+            for joints in sets:
+                yield now.with_("delay", float(lag), shift=dict.fromkeys(joints, shift))
 
 
 def scale_of_torque(now: Fault, j: int, factor: float) -> Fault:
@@ -128,7 +130,7 @@ def motion_faults(
     none: Fault, mechanism: Mechanism, states: Sequence[State], poor: Collection[str]
 ) -> list[Fault]:
     """Return what may be wrong with the motion; positions only where some torques are `poor`."""
-    found, given = list[Fault](), np.asarray(mechanism.model.gravity.linear)
+    faults, given = list[Fault](), np.asarray(mechanism.model.gravity.linear)
     for g in (*EARTH * np.eye(3), *-EARTH * np.eye(3), np.zeros(3)):
 
         def turned(mechanism: Mechanism, e: State, g: Array = g) -> tuple[Mechanism, State]:
@@ -137,16 +139,16 @@ def motion_faults(
             return mechanism.with_same_kinematics(model=model), e
 
         if np.linalg.norm(g - given) >= 0.05 * EARTH:
-            found.append(none.with_("gravity", *map(float, g), state=turned))
-    found += (scale_of_time(none, s) for s in CLOCKS)
-    found += _positions(none, mechanism, states, poor) if poor else ()
+            faults.append(none.with_("gravity", *map(float, g), state=turned))
+    faults += (scale_of_time(none, s) for s in CLOCKS)
+    faults += _positions(none, mechanism, states, poor) if poor else ()
     for factor in (-1.0, 0.0) if any(e.wrench is not None for e in states) else ():
 
         def wrenched(mechanism: Mechanism, e: State, f: float = factor) -> tuple[Mechanism, State]:
             return mechanism, replace(e, wrench=None if e.wrench is None else f * e.wrench)
 
-        found.append(none.with_("wrench", factor, state=wrenched))
-    return found
+        faults.append(none.with_("wrench", factor, state=wrenched))
+    return faults
 
 
 def scale_of_time(none: Fault, s: float) -> Fault:
@@ -169,7 +171,7 @@ def _positions(
     names = states[0].logged
     driven = {name: j for j, name in enumerate(mechanism.driven)}
 
-    def moved(rows: Mapping[int, Mapping[int, float]]) -> Moved:
+    def with_positions(rows: Mapping[int, Mapping[int, float]]) -> StateChange:
         """Return the state in which q_j = Σ_i M_ji q_i, row j of M where it is not that of I."""
         M = np.eye(len(names))
         for j, row in rows.items():
@@ -182,13 +184,13 @@ def _positions(
         return state
 
     for j, name in enumerate(names):
-        turned = moved({j: {j: -1.0}})
+        turned = with_positions({j: {j: -1.0}})
         yield none.with_("position sign", -1.0, joints=(name,), state=turned)
         if name in driven:
             yield none.with_("axis", -1.0, state=turned, gain={driven[name]: -1.0})
         at = mechanism.joint_index[name]
         if max(float(np.ptp(e.y[:, at])) for e in states) > DEGREES:
-            state = moved({j: {j: np.pi / 180}})
+            state = with_positions({j: {j: np.pi / 180}})
             yield none.with_("position scale", np.pi / 180, joints=(name,), state=state)
         row = {j: 1.0}
         for other, sign in joints_before(mechanism, name):
@@ -197,7 +199,7 @@ def _positions(
             row = {**row, names.index(other): -sign}
             joints = tuple(names[i] for i in row)
             if set(joints) & set(poor):
-                state = moved({j: row})
+                state = with_positions({j: row})
                 yield none.with_("position from", *row.values(), joints=joints, state=state)
     count = len(names)
     orders = [{i: j, j: i} for i, j in combinations(range(count), 2)]
@@ -212,7 +214,7 @@ def _positions(
         joints = tuple(names[j] for j in order.values())
         if not set(joints) & set(poor):
             continue
-        state = moved({i: {j: 1.0} for i, j in order.items()})
+        state = with_positions({i: {j: 1.0} for i, j in order.items()})
         if len(order) == 2:
             yield none.with_("position swapped", 1.0, joints=joints, state=state)
         if set(joints) <= set(driven):
@@ -313,15 +315,15 @@ def fault_finding(
     mechanism: Mechanism, fault: Fault, before: float, after: float, rivals: Sequence[Fault] = ()
 ) -> Finding:
     """Return a fault in words; `before`, `after`: relative errors of its joints."""
-    moved = fault.state is not None
-    _, text, remedy = (each.format(**_fields(mechanism, fault)) for each in WORDS[fault.kind])
+    of_motion = fault.state is not None
+    _, text, remedy = (words.format(**_fields(mechanism, fault)) for words in WORDS[fault.kind])
     text += f" the error of the predicted torque falls from {percent(before)} to {percent(after)}"
-    for each in rivals:
-        rival = WORDS[each.kind][0].format(**_fields(mechanism, each))
-        text += f"; {rival} would do nearly as well"
-    own = sorted(fault.joints, key=mechanism.joint_index.__getitem__)
-    where = tuple(f"{'q' if moved else 'tau'}.{name}" for name in own)
-    number = after / before if moved else fault.number[0]
+    for rival in rivals:
+        named = WORDS[rival.kind][0].format(**_fields(mechanism, rival))
+        text += f"; {named} would do nearly as well"
+    channels = sorted(fault.joints, key=mechanism.joint_index.__getitem__)
+    where = tuple(f"{'q' if of_motion else 'tau'}.{name}" for name in channels)
+    number = after / before if of_motion else fault.number[0]
     number *= 1e3 if fault.kind == "delay" else 1.0  # [ms]
     return Finding(fault.kind, text, remedy, where, number)
 
@@ -332,18 +334,22 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
     size = max(abs(number) or 1.0, 1 / (abs(number) or 1.0))
     unit = min(UNITS, key=lambda known: abs(np.log(size / known)))
     other = abs(np.log(size / unit)) >= UNIT
-    said = "a gear ratio, a torque constant or a unit?" if other else f"{UNITS[unit]}?"
-    own = sorted(joints, key=mechanism.joint_index.__getitem__)  # as channels, joints as sources
-    effects = [kind for kind, each in KINDS.items() if each.fault == fault.kind]
+    unit_text = "a gear ratio, a torque constant or a unit?" if other else f"{UNITS[unit]}?"
+    ordered = sorted(
+        joints, key=mechanism.joint_index.__getitem__
+    )  # as channels, joints as sources
+    effects = [kind for kind, effect_class in KINDS.items() if effect_class.fault == fault.kind]
     fields: dict[str, object] = {
         "number": number, "inverse": 1 / number if number else 0.0, "ms": abs(1e3 * number),
-        "lengths": number**-2 if number else 0.0, "unit": said,
-        "late": "late" if number > 0 else "early", "joints": listed(own),
-        "several": "s together: two clocks, or a filter on one of them" if own[1:] else "",
+        "lengths": number**-2 if number else 0.0, "unit": unit_text,
+        "late": "late" if number > 0 else "early", "joints": listed(ordered),
+        "several": "s together: two clocks, or a filter on one of them" if ordered[1:] else "",
         "wrench": "with the other sign" if number else "left out",
-        "effect": "" if own[1:] else "".join(f", or add the effect {k}:{own[0]}" for k in effects),
+        "effect": "".join(
+            f", or add the effect {k}:{ordered[0]}" for k in effects if not ordered[1:]
+        ),
         "alike": " and their torques" if fault.kind == "joints swapped" else "",
-        "order": "one in the other's place" if len(own) == 2 else "columns in another order",
+        "order": "one in the other's place" if len(ordered) == 2 else "columns in another order",
         "t_line": log_entry(mechanism, "t", number),
         "first": "".join(f"q.{name}" for name in joints[:1]), "sum": "".join(
             f" {'-' if x < 0 else '+'} q.{name}"
@@ -354,7 +360,7 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
         fields[name] = "[" + ", ".join(f"{x + 0.0:.4g}" for x in vector) + "]"
     factor = exact_factor(number) if number else number
     for kind in ("q", "tau"):
-        channels, sources = ([f"{kind}.{name}" for name in names] for names in (own, joints))
+        channels, sources = ([f"{kind}.{name}" for name in names] for names in (ordered, joints))
         fields[kind] = places(channels)
         fields[f"{kind}_lines"] = log_entries(mechanism, channels, factor)
         columns = [x.column if (x := mechanism.columns.get(c)) else c for c in sources]
@@ -390,16 +396,17 @@ def log_entries(mechanism: Mechanism, channels: Sequence[str], factor: float) ->
         channel: mechanism.columns.get(channel, Column(channel, group=f"{kind}.*"))
         for channel in (f"{kind}.{name}" for name in names)
     }
-    own = every.get(first, Column(first))  # that of a passive joint has no torque
-    alike = {c: x for c, x in every.items() if x.group and x.group == own.group}
-    if {*alike} == {*channels}:
-        before, _, after = own.group.partition("*")
+    source = every.get(first, Column(first))  # that of a passive joint has no torque
+    same_group = {c: x for c, x in every.items() if x.group and x.group == source.group}
+    if {*same_group} == {*channels}:
+        before, _, after = source.group.partition("*")
         patterns = {
-            x.column.replace(c[len(before) : len(c) - len(after)], "*") for c, x in alike.items()
+            x.column.replace(c[len(before) : len(c) - len(after)], "*")
+            for c, x in same_group.items()
         }
         if len(patterns) == 1 and (pattern := patterns.pop()).count("*") == 1:
-            whole = f'column = "{pattern}", {_conversion(own, factor)}'
-            return f'[log] "{before}*{after}" = {{ {whole} }}'
+            entry = f'column = "{pattern}", {_conversion(source, factor)}'
+            return f'[log] "{before}*{after}" = {{ {entry} }}'
     if channels[2:]:
         return f"{log_entry(mechanism, first, factor)}, and the same for the others"
     return ", ".join(log_entry(mechanism, c, factor) for c in channels)

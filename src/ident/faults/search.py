@@ -22,7 +22,14 @@ from ident.equations.problem import Problem
 from ident.equations.table import Table
 from ident.errors import IdentError
 from ident.faults.channel_fits import DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
-from ident.faults.fault import CLOCKS, Fault, Moved, motion_faults, scale_of_torque, torque_faults
+from ident.faults.fault import (
+    CLOCKS,
+    Fault,
+    StateChange,
+    motion_faults,
+    scale_of_torque,
+    torque_faults,
+)
 from ident.faults.small_errors import away_from_reversals
 from ident.information.chance import LEAVES, LOUD, RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
@@ -35,7 +42,7 @@ POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something ma
 # wrong gravity has no name any more: tests/mistakes)
 AS_WELL = 1.5
 CLOSEST = 6  # work: hypotheses that are looked at in detail
-FEW = 300  # work: samples that tell a right motion from a wrong one
+MOTION_SAMPLES = 300  # work: samples that tell a right motion from a wrong one
 CALM = 0.5  # level: of a fall of errors, which a delay must bring away from reversals, too
 # work: between two of these the best factor of a torque is sought
 FACTORS = np.geomspace(1e-4, 1e4, 17)
@@ -49,7 +56,7 @@ class FaultTrial:
     fault: Fault
     equations: ChannelEquations
     before: Array  # relative errors (d,) without it
-    was: float = 1.0  # of a credible one, the error of its joints without it
+    before_fault: float = 1.0  # of a credible one, the error of its joints without it
     rivals: tuple[Fault, ...] = ()  # and faults that do nearly as well
 
     @classmethod
@@ -78,7 +85,7 @@ class FaultTrial:
         return rms(self.noise[self.rows])
 
     @cached_property
-    def left(self) -> Array:
+    def held_out_density(self) -> Array:
         """Log density (blocks, d) of the torques of each block, fitted to the others."""
         return self.equations.left_out(self.fault, self.noise)
 
@@ -104,15 +111,17 @@ class FaultSearch:
     def effects(self) -> list[Effect]:
         """The library's linear effects at every drive that the model lacks, or of known values."""
         drives = {(name,) for name in self.mechanism.driven}
-        changed = [each.freed for each in self.mechanism.effects if each.known]
+        changed = [effect.freed for effect in self.mechanism.effects if effect.known]
         every = (*self.mechanism.candidates(), *changed)
-        linear = [each for each in every if each.local and each.linear and not each.shapes]
-        return [each for each in linear if each.joints in drives]
+        linear = [
+            effect for effect in every if effect.local and effect.linear and not effect.shapes
+        ]
+        return [effect for effect in linear if effect.joints in drives]
 
     @cached_property
     def common(self) -> list[Effect]:
         """Those of them that every machine has."""
-        return [each for each in self.effects if each.common]
+        return [effect for effect in self.effects if effect.common]
 
     @cached_property
     def equations(self) -> ChannelEquations:
@@ -126,7 +135,7 @@ class FaultSearch:
 
     def _with_common(self, every: ChannelEquations, kind: str = "") -> ChannelEquations:
         """Return equations with the effects that every machine has, and those of one kind."""
-        return every.beside({e.label for e in self.effects if e.common or e.kind == kind})
+        return every.with_effects({e.label for e in self.effects if e.common or e.kind == kind})
 
     @cached_property
     def possible(self) -> bool:
@@ -139,8 +148,10 @@ class FaultSearch:
     def reference(self) -> Array:
         """Relative errors (d,) of the log as it is with all linear effects of the library."""
         reference = self.every.noise(self.every.as_logged)
-        found = np.sqrt(self._unexplained + SMALL**2)
-        return found if np.log(found).sum() < np.log(reference).sum() else reference
+        with_diagnosis = np.sqrt(self._unexplained + SMALL**2)
+        return (
+            with_diagnosis if np.log(with_diagnosis).sum() < np.log(reference).sum() else reference
+        )
 
     @property
     def _unexplained(self) -> Array:
@@ -150,10 +161,10 @@ class FaultSearch:
         return self.explained.sum(axis=0) / self.equations.torque
 
     @cached_property
-    def away(self) -> np.ndarray:
+    def calm_rows(self) -> np.ndarray:
         """(N, d) rows away from reversals; all, where the model has no dry friction."""
         effects = self.mechanism.effects
-        dry = any(u.acts in ("level", "dry") for each in effects for u in each.unknowns)
+        dry = any(u.acts in ("level", "dry") for effect in effects for u in effect.unknowns)
         return away_from_reversals(self.table) if dry else np.ones_like(self.table.informed)
 
     # --- the search -------------------------------------------------------------------------------
@@ -165,27 +176,27 @@ class FaultSearch:
         if good or not self.use.any():
             return [], np.zeros(len(self.errors))
         logged = FaultTrial.of_log(self.equations)
-        found = self._torques(logged)
-        last = found[-1] if found else logged
-        if found and not (self._explains(last, self.every) and self._away_too(last.fault)):
-            found, last = [], logged
-        moved = self._motion(last.noise)
-        return [moved] if moved else found, last.noise
+        trials = self._torques(logged)
+        last = trials[-1] if trials else logged
+        if trials and not (self._explains(last, self.every) and self._away_too(last.fault)):
+            trials, last = [], logged
+        of_motion = self._motion(last.noise)
+        return [of_motion] if of_motion else trials, last.noise
 
     def _torques(self, now: FaultTrial) -> list[FaultTrial]:
         """Return the faults of torques, each beside those before it."""
-        equations, found = self.equations, list[FaultTrial]()
+        equations, trials = self.equations, list[FaultTrial]()
         measured = [equations.driven.index(name) for name in self.mechanism.measured]
         lags = equations.lags[: equations.near]
-        while len(found) < len(equations.driven):
+        while len(trials) < len(equations.driven):
 
             def trial(fault: Fault, before: Array = now.noise) -> FaultTrial:
                 return FaultTrial(fault, equations, before)
 
             poor, faults = now.noise > POOR, list[Fault]()
-            for each in torque_faults(now.fault, lags, measured):
-                if poor[equations.rows_of(each)].any():
-                    faults.append(each)
+            for fault in torque_faults(now.fault, lags, measured):
+                if poor[equations.rows_of(fault)].any():
+                    faults.append(fault)
             for j in range(len(equations.driven)):  # the factor of each that explains most
                 scaled = scale_of_torque(now.fault, j, 1.0)
                 if poor[equations.rows_of(scaled)].any():
@@ -194,15 +205,15 @@ class FaultSearch:
                     scaled = refined(scaled, FACTORS[i - 1 : i + 2 : 2], trial)
                     if max(scaled.number[0], 1 / scaled.number[0]) > LEAST_FACTOR:
                         faults.append(scaled)
-            base = now.left
+            base = now.held_out_density
             if self.explained is not None:
                 rival = equations.density(self.explained / equations.torque)
                 base = base if base.sum() > rival.sum() else rival
             if (best := self._best(faults, trial, base, now.noise)) is None:
                 break
-            found.append(best)
+            trials.append(best)
             now = best
-        return found
+        return trials
 
     def _motion(self, noise: Array) -> FaultTrial | None:
         """Return the fault of the motion that explains the log by far best, if any does better than
@@ -211,7 +222,7 @@ class FaultSearch:
         if min(noise.max(), np.sqrt(self._unexplained.max())) < DOUBT:
             return None
         motion, mechanism = self.problem.motion, self.mechanism
-        step = -(-sum(int(e.usable.sum()) for e in motion.experiments) // FEW)
+        step = -(-sum(int(e.usable.sum()) for e in motion.experiments) // MOTION_SAMPLES)
         thin = [e.at_samples(np.flatnonzero(e.usable)[::step]) for e in motion.experiments]
         band = replace(motion.band, cutoff=None)
 
@@ -221,17 +232,17 @@ class FaultSearch:
 
         logged = table_of(mechanism, thin)
         first = np.cumsum([0, *map(len, thin)])
-        there = first[logged.experiment] + logged.sample
+        logged_samples = first[logged.experiment] + logged.sample
 
         @lru_cache(maxsize=1)  # an axis and a sign have the same state
-        def moved(state: Moved) -> ChannelEquations:
+        def equations_of(state: StateChange) -> ChannelEquations:
             """Return the equations in the rows that count as logged and in which it closes."""
             states = [state(mechanism, e) for e in thin]
             table = table_of(states[0][0], [e for _, e in states])
-            here = first[table.experiment] + table.sample
-            some = np.minimum(np.searchsorted(there, here), len(there) - 1)
-            use = logged.informed[some] & (there[some] == here)[:, None]
-            blocks = logged.blocks[some]
+            samples = first[table.experiment] + table.sample
+            nearest = np.minimum(np.searchsorted(logged_samples, samples), len(logged_samples) - 1)
+            use = logged.informed[nearest] & (logged_samples[nearest] == samples)[:, None]
+            blocks = logged.blocks[nearest]
             return ChannelEquations.of(self.estimate, table, use, self.common, blocks=blocks)
 
         every = ChannelEquations.of(self.estimate, logged, logged.informed, self.effects)
@@ -241,9 +252,9 @@ class FaultSearch:
 
         def trial(fault: Fault) -> FaultTrial:
             assert fault.state is not None
-            return FaultTrial(fault, moved(fault.state), now.noise)
+            return FaultTrial(fault, equations_of(fault.state), now.noise)
 
-        best = self._best(faults, trial, now.left, min(now.noise, noise, key=rms))
+        best = self._best(faults, trial, now.held_out_density, min(now.noise, noise, key=rms))
         return best if best and self._explains(best, every) else None
 
     def _best(
@@ -253,14 +264,14 @@ class FaultSearch:
         density of blocks that are left out, and relative errors, without a fault.
         """
 
-        def tried() -> Iterator[FaultTrial]:
-            for each in faults:
+        def trials() -> Iterator[FaultTrial]:
+            for fault in faults:
                 with suppress(IdentError, np.linalg.LinAlgError):  # a motion that does not close
-                    found = trial(each)
-                    if len(found.equations.rows) == len(base) and np.isfinite(found.score):
-                        yield found
+                    attempt = trial(fault)
+                    if len(attempt.equations.rows) == len(base) and np.isfinite(attempt.score):
+                        yield attempt
 
-        closest = nlargest(CLOSEST, tried(), key=attrgetter("score"))
+        closest = nlargest(CLOSEST, trials(), key=attrgetter("score"))
         if not closest:
             return None
         best, *others = closest
@@ -268,24 +279,25 @@ class FaultSearch:
             at = CLOCKS.index(best.fault.number[0])
             ends = CLOCKS[max(at - 1, 0)], CLOCKS[min(at + 1, len(CLOCKS) - 1)]
             best = trial(refined(best.fault, ends, trial))
-        mine, D = best.rows, best.left - base
-        t = min(zscore(D.sum(axis=1)), zscore(D[:, mine].sum(axis=1)))
-        own = best.fault.kind, best.fault.joints
-        alike = dict[tuple[object, ...], Fault]()  # the best of each kind at the same joints
-        for each in others:
-            if zscore((best.left - each.left).sum(axis=1)) < RIVAL:
-                alike.setdefault((each.fault.kind, each.fault.joints), each.fault)
-        if own[0] in NUMBERED:
-            alike.pop(own, None)
-        rivals = tuple(alike.values())
-        before = rms(was[mine])
+        rows, D = best.rows, best.held_out_density - base
+        t = min(zscore(D.sum(axis=1)), zscore(D[:, rows].sum(axis=1)))
+        identity = best.fault.kind, best.fault.joints
+        # the best of each kind at the same joints
+        rivals_by_kind = dict[tuple[object, ...], Fault]()
+        for other in others:
+            if zscore((best.held_out_density - other.held_out_density).sum(axis=1)) < RIVAL:
+                rivals_by_kind.setdefault((other.fault.kind, other.fault.joints), other.fault)
+        if identity[0] in NUMBERED:
+            rivals_by_kind.pop(identity, None)
+        rivals = tuple(rivals_by_kind.values())
+        before = rms(was[rows])
         most = min(LEAVES, max(HALF * before, DOUBT))
-        if len(was) == 1 or any(each.kind != best.fault.kind for each in rivals):
+        if len(was) == 1 or any(rival.kind != best.fault.kind for rival in rivals):
             most = DOUBT  # nothing else holds it, or nobody can tell by which of two faults
         fault = _determined(best, trial)
         if fault is None or t <= credible_t(len(faults), len(base)) or best.error > most:
             return None
-        return replace(best, fault=fault, was=before, rivals=rivals)
+        return replace(best, fault=fault, before_fault=before, rivals=rivals)
 
     def _explains(self, last: FaultTrial, every: ChannelEquations) -> bool:
         """Whether faults leave not much more than all effects of the library together, and less
@@ -294,25 +306,25 @@ class FaultSearch:
         """
         if np.log(last.noise).mean() >= np.log(AS_WELL * self.reference).mean():
             return False
-        kinds = {each.kind for each in self.effects if not each.common}
-        beside = (self._with_common(every, kind) for kind in sorted(kinds))
-        left = (x.noise(x.as_logged) for x in beside)
+        kinds = {effect.kind for effect in self.effects if not effect.common}
+        with_kinds = (self._with_common(every, kind) for kind in sorted(kinds))
+        errors = (x.noise(x.as_logged) for x in with_kinds)
         rows = (slice(None), last.rows)
-        return not any(all(rms(x[u]) < LOUD * rms(last.noise[u]) for u in rows) for x in left)
+        return not any(all(rms(x[u]) < LOUD * rms(last.noise[u]) for u in rows) for x in errors)
 
     def _away_too(self, fault: Fault) -> bool:
         """Whether a delay explains rows away from reversals, too: friction that builds up over some
         speed, or is early, looks like torques that are early.
         """
-        use = self.use & self.away
+        use = self.use & self.calm_rows
         if fault.kind != "delay" or np.array_equal(use, self.use):
             return True
         calm = ChannelEquations.of(self.estimate, self.table, use, self.common, shifts=True)
-        mine = self.equations.rows_of(fault)
+        rows = self.equations.rows_of(fault)
 
         def fall(equations: ChannelEquations) -> float:
             before, after = (equations.noise(x) for x in (equations.as_logged, fault))
-            return float(np.log(before[mine] / after[mine]).mean())
+            return float(np.log(before[rows] / after[rows]).mean())
 
         return fall(calm) >= CALM * fall(self.equations)
 
@@ -325,11 +337,11 @@ def refined(
 
     assert fault.at is not None
     at = fault.at
-    found = minimize_scalar(
+    optimum = minimize_scalar(
         lambda x: float(np.log(trial(at(float(np.exp(x)))).noise).mean()),
         bounds=np.log(ends), method="bounded", options={"xatol": 0.003, "maxiter": 12},
     )  # fmt: skip
-    return at(float(np.exp(found.x)))
+    return at(float(np.exp(optimum.x)))
 
 
 def _determined(best: FaultTrial, trial: Callable[[Fault], FaultTrial]) -> Fault | None:
@@ -340,10 +352,11 @@ def _determined(best: FaultTrial, trial: Callable[[Fault], FaultTrial]) -> Fault
         if abs(fault.number[0]) == longest:  # a later torque would be better still
             return None
         return replace(fault, number=(equations.refined_delay(fault),))
-    for each in (trial(fault.at(f * fault.number[0])) for f in (0.5, 2.0)) if fault.at else ():
-        if zscore((best.left - each.left).sum(axis=1)) < RIVAL:  # a factor takes the joint out
+    for neighbour in (trial(fault.at(f * fault.number[0])) for f in (0.5, 2.0)) if fault.at else ():
+        if zscore((best.held_out_density - neighbour.held_out_density).sum(axis=1)) < RIVAL:
+            # a factor takes the joint out
             return None
-        if fault.kind == "time" and each.error < LOUD * best.error:
+        if fault.kind == "time" and neighbour.error < LOUD * best.error:
             return None
     return fault
 

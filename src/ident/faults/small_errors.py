@@ -49,16 +49,16 @@ def away_from_reversals(table: Table) -> np.ndarray:
     """
     guard = min(GUARD, 0.3 / max(table.motion.band.motion, 1e-9))
     while True:
-        found = np.concatenate([_away(table, i, guard) for i in range(len(table.scenes))])
-        if guard < 1e-3 or found.mean(axis=0).min() >= ENOUGH:
-            moving = found & table.moving
-            few = moving.mean(axis=0) < ENOUGH  # slow filters have standstill in most rows
-            use = np.where(few, found & table.informed, moving)
+        away = np.concatenate([_away_in_log(table, i, guard) for i in range(len(table.scenes))])
+        if guard < 1e-3 or away.mean(axis=0).min() >= ENOUGH:
+            moving = away & table.moving
+            too_few = moving.mean(axis=0) < ENOUGH  # slow filters have standstill in most rows
+            use = np.where(too_few, away & table.informed, moving)
             return use if use.any() else table.informed
         guard *= 0.5
 
 
-def _away(table: Table, number: int, guard: float) -> np.ndarray:
+def _away_in_log(table: Table, number: int, guard: float) -> np.ndarray:
     scene, at = table.scenes[number], table.sample[table.experiment == number]
     e = scene.e
     top = np.quantile(np.abs(e.yd[e.usable]), 0.98, axis=0)
@@ -74,16 +74,16 @@ def misfit_at_reversals(table: Table, away: np.ndarray, x: np.ndarray) -> np.nda
     """(d,) squared residual of a row at reversals over that of a row `away` (N, d) from them, of
     unknowns x (k,); 0 where such rows are few, or do not matter.
     """
-    found = np.zeros(table.b.shape[1])
+    misfit = np.zeros(table.b.shape[1])
     squares = (table.b - table.A @ x) ** 2
     for u, (calm, informed) in enumerate(zip(away.T, table.informed.T, strict=True)):
         near = informed & ~calm
         if near.sum() < FEWEST or not calm.any():
             continue
-        there, elsewhere = (float(squares[rows, u].mean()) for rows in (near, calm))
-        if there > MATERIAL**2 * float((table.tau[informed, u] ** 2).mean()):
-            found[u] = there / max(elsewhere, 1e-300)
-    return found
+        at_reversals, elsewhere = (float(squares[rows, u].mean()) for rows in (near, calm))
+        if at_reversals > MATERIAL**2 * float((table.tau[informed, u] ** 2).mean()):
+            misfit[u] = at_reversals / max(elsewhere, 1e-300)
+    return misfit
 
 
 def moved_by_reversals(
@@ -93,23 +93,24 @@ def moved_by_reversals(
 
     (Σ w Aᵀ A) (x_away − x) = Σ w Aᵀ r        r = b − A x, w = 1/σ², FAINT/σ² at reversals
     """
-    moved, worse, own = np.zeros(len(estimate.x)), misfit > WORSE, estimate.base.independent
-    if not (worse.any() and len(own)):
-        return moved
+    change, worse = np.zeros(len(estimate.x)), misfit > WORSE
+    independent = estimate.base.independent
+    if not (worse.any() and len(independent)):
+        return change
     r = table.b - table.A @ estimate.x
-    H, g = np.zeros((len(own),) * 2), np.zeros(len(own))
+    H, g = np.zeros((len(independent),) * 2), np.zeros(len(independent))
     for u in range(r.shape[1]):
         rows = table.informed[:, u]
         calm = away[rows, u] | ~worse[u]
-        A, left = table.A[rows, u][:, own], r[rows, u]
-        sigma = max(float(np.sqrt((left[calm] ** 2).sum() / max(calm.sum(), 1))), 1e-300)
+        A, residuals = table.A[rows, u][:, independent], r[rows, u]
+        sigma = max(float(np.sqrt((residuals[calm] ** 2).sum() / max(calm.sum(), 1))), 1e-300)
         w = np.where(calm, 1.0, FAINT)[:, None] / sigma**2
         H += A.T @ (w * A)
-        g += A.T @ (w[:, 0] * left)
+        g += A.T @ (w[:, 0] * residuals)
     scale = np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
     inverse = linear.pinv(H / scale / scale[:, None], rcond=RANK, hermitian=True)
-    moved[own] = inverse @ (g / scale) / scale
-    return moved
+    change[independent] = inverse @ (g / scale) / scale
+    return change
 
 
 # --- a common delay ---------------------------------------------------------------------------
@@ -141,9 +142,9 @@ def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
     weight = 1 / np.sqrt((residual**2).sum(axis=0) + ROUNDING * squares + 1e-300)
     X = (table.A[:, :, free] * np.where(use, weight, 0.0)[:, :, None]).reshape(use.size, -1)
     y = np.stack([(late * weight).ravel(), (residual * weight).ravel()], axis=1)
-    column, left = (y - X @ np.linalg.lstsq(X, y, rcond=None)[0]).T
+    column, residual = (y - X @ np.linalg.lstsq(X, y, rcond=None)[0]).T
     products = np.zeros(int(table.blocks.max(initial=0)) + 1)
-    np.add.at(products, table.blocks, (column * left).reshape(use.shape).sum(axis=1))
+    np.add.at(products, table.blocks, (column * residual).reshape(use.shape).sum(axis=1))
     products = products[np.unique(table.blocks[use.any(axis=1)])]
     delay = abs(products.sum()) / max(float(column @ column), 1e-300)
     shares = delay * np.sqrt((late**2).sum(axis=0) / np.maximum(squares, 1e-300))
@@ -166,12 +167,12 @@ def common_delay(
     d = len(names)
     if d < 2 or sorted(names) != sorted(table.mechanism.driven):
         return None
-    columns = [table.effect_columns(each, [{}]) for each in effects]
-    held = table.A[:, :, ~free] @ estimate.solution.x[~free]
+    columns = [table.effect_columns(effect, [{}]) for effect in effects]
+    held_torque = table.A[:, :, ~free] @ estimate.solution.x[~free]
     k = int(free.sum()) + sum(C.shape[2] for C, _ in columns)
     numbers, parts = np.arange(int(table.blocks.max(initial=0)) + 2), []
     for u, rows in enumerate(use.T):
-        X, y = columns_of(table, free, columns, u), table.b[:, u] - held[:, u]
+        X, y = columns_of(table, free, columns, u), table.b[:, u] - held_torque[:, u]
         edges = np.searchsorted(table.blocks[rows], numbers)
         parts.append(Part(u, np.arange(k), X[rows], y[rows, None], edges))
     squares = (np.where(use, table.tau, 0.0) ** 2).sum(axis=0)
@@ -189,25 +190,25 @@ def common_delay(
         return [-rate[rows, None] for rate, rows in zip(rates, use.T, strict=True)]
 
     late = column(table.A[:, :, :rigid] @ x[:rigid] + known)
-    found = model.refit_with(late)
-    if zscore(found.D) <= credible_t(1, model.blocks):
+    refit = model.refit_with(late)
+    if zscore(refit.D) <= credible_t(1, model.blocks):
         return None
     unit = np.eye(d)
     others = [model.refit_with([x * (1 - e[u]) for u, x in enumerate(late)]) for e in unit]
-    own = model.refit_with([x * e for x, e in zip(late, unit, strict=True)])
-    delay = float(found.theta[0])
+    with_own_delays = model.refit_with([x * e for x, e in zip(late, unit, strict=True)])
+    delay = float(refit.theta[0])
     shares = [abs(delay) * float(np.linalg.norm(x)) for x in late] / np.sqrt(squares)
-    everywhere = min(zscore(each.D) for each in others) > RIVAL
-    if not everywhere or found.G < HALF * own.G or shares.max() < SMALL:
+    everywhere = min(zscore(refit.D) for refit in others) > RIVAL
+    if not everywhere or refit.G < HALF * with_own_delays.G or shares.max() < SMALL:
         return None
     # the slope along the delay's columns, the model projected out, without each block
-    along, y = found.direction[:, None], np.concatenate([y[:, :1] for y in model.residual])
+    along, y = refit.direction[:, None], np.concatenate([y[:, :1] for y in model.residual])
     part, fall = (model.by_block(along, x)[:, 0, 0] for x in (along, y))
     slopes = (fall.sum() - fall) / (1 - part) / fall.sum()
     spread = delay**2 * (len(slopes) - 1) * float(np.mean((slopes - slopes.mean()) ** 2))
     with_friction = float(model.refit_with(column(table.A @ x + known)).theta[0])
-    left = np.array([model.losses.sum(axis=0), found.loss.sum(axis=0)]) * sigma**2 / squares
-    before, after = np.exp(0.5 * np.log(left).mean(axis=1)).tolist()
+    shares_left = np.array([model.losses.sum(axis=0), refit.loss.sum(axis=0)]) * sigma**2 / squares
+    before, after = np.exp(0.5 * np.log(shares_left).mean(axis=1)).tolist()
     stderr = float(np.hypot(np.sqrt(spread), with_friction - delay))
     return CommonDelay(delay, stderr, before, after)
 

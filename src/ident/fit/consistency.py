@@ -87,27 +87,27 @@ class Binding(Displayed):
     @property
     def findings(self) -> list[Finding]:
         """Findings about the limits and their cost."""
-        found = []
+        findings = []
         if self.impossible:
             text = (
                 f"{', '.join(self.impossible)} is known, and that of no possible body (its "
                 "pseudo-inertia has a negative eigenvalue): a simulator may refuse it"
             )
             remedy = "correct the URDF, or make it unknown"
-            found.append(Finding("impossible known body", text, remedy, self.impossible))
+            findings.append(Finding("impossible known body", text, remedy, self.impossible))
         if self.repaired:
             text = (
                 f"the prior of {', '.join(self.repaired)} is that of no possible body; the nearest "
                 "possible one stands in for it"
             )
-            found.append(Finding("prior repaired", text, where=self.repaired))
+            findings.append(Finding("prior repaired", text, where=self.repaired))
         if (cost := max(self.rise, self.held_out_rise or 0.0)) > MATTERS:
             text = (
                 "these data contradict what is physically possible: something is missing from the "
                 "model, or a sign, unit or bound is wrong"
             )
-            found.append(Finding("contradiction", text, "see ident diagnose", (), cost, MATTERS))
-        return found
+            findings.append(Finding("contradiction", text, "see ident diagnose", (), cost, MATTERS))
+        return findings
 
     def json(self) -> dict[str, Any]:
         """Return the entry of fit.json."""
@@ -126,7 +126,10 @@ class Binding(Displayed):
 
 
 def nearest_possible(
-    problem: Problem, found: Estimate, asked: Consistency, on_progress: Progress = quiet
+    problem: Problem,
+    unlimited_estimate: Estimate,
+    asked: Consistency,
+    on_progress: Progress = quiet,
 ) -> tuple[Problem, Estimate, Estimate, Squares | None, Binding]:
     """Return the consistent estimate that is nearest to the data; weights are those of `found`.
 
@@ -142,27 +145,29 @@ def nearest_possible(
         FitError: for limits that contradict each other, or a solution that does not hold.
     """
     on_progress("physical consistency", 0.0)
-    unlimited = problem.information.squares(found.x)
-    before = held_out(problem.fitting, problem.information, found, problem.prior)
+    unlimited = problem.information.squares(unlimited_estimate.x)
+    before = held_out(problem.fitting, problem.information, unlimited_estimate, problem.prior)
     program = Program.of(problem, asked)
-    point = program.solve(found)
+    point = program.solve(unlimited_estimate)
     nonlinear = any(not effect.linear for effect in problem.mechanism.effects)
     for _ in range(PASSES if nonlinear and not problem.runs else 0):
         at, last = problem.point_at(point.x), point
         problem = Problem.of(problem.mechanism, problem.motion, at)
-        found = problem.estimate(sigma=found.sigma, held=found.held)
+        unlimited_estimate = problem.estimate(
+            sigma=unlimited_estimate.sigma, held=unlimited_estimate.held
+        )
         program = Program.of(problem, asked)
-        point = program.solve(found)
+        point = program.solve(unlimited_estimate)
         if np.abs((point.x - last.x) / problem.plausible).max(initial=0.0) < CONVERGED:
             break
     outside = held_out(
-        problem.fitting, problem.information, found, problem.prior,
+        problem.fitting, problem.information, unlimited_estimate, problem.prior,
         lambda other: program.solve(other).x,
     )  # fmt: skip
     worse = None if outside is None or before is None else rise(outside, before)
     mechanism, unknown = problem.mechanism, bodies_with_unknowns(problem.mechanism)
     pi = problem.columns.dynamic_parameters(mechanism, point.x)
-    after, priors = (smallest_eigenvalues(mechanism, each) for each in (pi, mechanism.prior))
+    after, priors = (smallest_eigenvalues(mechanism, pi_of) for pi_of in (pi, mechanism.prior))
     if broken := [link for link in unknown if not after[link] >= cone.SLACK["psd"] - 1e-9]:
         raise FitError(f"no consistent fit was found: {', '.join(broken)} is no possible body")
     both = zip(program.limits, point.push, strict=True)
@@ -181,11 +186,11 @@ def nearest_possible(
         rise=rise(problem.information.squares(point.x), unlimited),
         held_out_rise=worse,
     )
-    return problem, found.at(point.x), found, outside, binding
+    return problem, unlimited_estimate.at(point.x), unlimited_estimate, outside, binding
 
 
 def possible_bodies(
-    problem: Problem, found: Estimate, findings: Sequence[Finding]
+    problem: Problem, estimate: Estimate, findings: Sequence[Finding]
 ) -> np.ndarray | None:
     """Return the x (k,) with possible bodies nearest to an estimate, at its working point; None
     where no finding says that its bodies are impossible, or where known ones contradict each other.
@@ -193,7 +198,7 @@ def possible_bodies(
     if not any(finding.code == IMPOSSIBLE_BODY for finding in findings):
         return None
     try:
-        return Program.of(problem, problem.mechanism.consistency).solve(found).x
+        return Program.of(problem, problem.mechanism.consistency).solve(estimate).x
     except FitError:
         return None
 
@@ -234,26 +239,29 @@ class Program:
         rest = list(zip(problem.information.at_rest, least, strict=True))
         return cls(columns, limits, anchor, W, rest)
 
-    def solve(self, found: Estimate) -> cone.NearestPoint:
+    def solve(self, estimate: Estimate) -> cone.NearestPoint:
         """Return the nearest x within the limits, and by how much each of them pushes."""
-        base, held, rigid = found.base, np.flatnonzero(found.held), len(self.columns.rigid)
-        B = np.zeros((base.rank + len(held), len(found.x)))  # x ↦ (β, held unknowns)
+        base, rigid = estimate.base, len(self.columns.rigid)
+        held_places = np.flatnonzero(estimate.held)
+        B = np.zeros((base.rank + len(held_places), len(estimate.x)))  # x ↦ (β, held unknowns)
         B[np.arange(base.rank), base.independent] = 1.0
         B[: base.rank, base.dependent] += base.K
-        B[np.arange(base.rank, len(B)), held] = 1.0
-        own = found.triangle.restricted(np.concatenate([base.independent, held]).astype(int))
-        data = own.R @ B / _noise(found)  # A in units of the rows' noise
-        stiff = np.ones(len(found.x))  # for effects that are in no base parameter
+        B[np.arange(base.rank, len(B)), held_places] = 1.0
+        triangle = estimate.triangle.restricted(
+            np.concatenate([base.independent, held_places]).astype(int)
+        )
+        data = triangle.R @ B / _noise(estimate)  # A in units of the rows' noise
+        stiff = np.ones(len(estimate.x))  # for effects that are in no base parameter
         stiff[base.dependent[base.dependent >= rigid]] = 1 / EFFECT
         W = self.W * stiff
-        A, b = [data, PULL * W], [data @ found.x, PULL * (W @ self.anchor)]
+        A, b = [data, PULL * W], [data @ estimate.x, PULL * (W @ self.anchor)]
         for total, least in self.rest:
             rows = max(total.rows, 1)
-            errors = [total.residual_norm(y) / np.sqrt(rows) for y in (found.x, self.anchor)]
+            errors = [total.residual_norm(y) / np.sqrt(rows) for y in (estimate.x, self.anchor)]
             weight = np.sqrt(STILL / rows) / max(min(errors), least)
             A.append(weight * total.R)
             b.append(weight * total.d)
-        free = ~found.held  # effects that no data feel or that are held stay where they are
+        free = ~estimate.held  # effects that no data feel or that are held stay where they are
         free[base.dependent[~base.K.any(axis=0)]] = False
         free[:rigid] = True
         for limit in self.limits:
@@ -261,9 +269,9 @@ class Program:
                 free |= limit.G.any(axis=0)
         fixed = np.where(free, 0.0, self.anchor)
         limits = cone.restricted(self.limits, fixed, free)
-        whole = np.vstack(A)
+        stacked = np.vstack(A)
         part = cone.nearest_within(
-            whole[:, free], np.concatenate(b) - whole @ fixed, limits, W[:, free],
+            stacked[:, free], np.concatenate(b) - stacked @ fixed, limits, W[:, free],
             self.anchor[free],
         )  # fmt: skip
         x = self.anchor.copy()
@@ -271,13 +279,13 @@ class Program:
         return replace(part, x=x)
 
 
-def _noise(found: Estimate) -> float:
+def _noise(estimate: Estimate) -> float:
     """Return the noise of the rows divided by their weights: 1, or with equal weights the rms."""
-    if (found.sigma != 1.0).any():
+    if (estimate.sigma != 1.0).any():
         return 1.0
-    left = found.triangle.residual_norm(found.x)
-    terms = np.linalg.norm(found.triangle.column_norms() * found.x)
-    return float(max(left, MATERIAL * terms) / np.sqrt(max(found.triangle.rows, 1))) or 1.0
+    residual = estimate.triangle.residual_norm(estimate.x)
+    terms = np.linalg.norm(estimate.triangle.column_norms() * estimate.x)
+    return float(max(residual, MATERIAL * terms) / np.sqrt(max(estimate.triangle.rows, 1))) or 1.0
 
 
 def _metric(
@@ -287,14 +295,14 @@ def _metric(
     rows, D = [], of_bodies(mechanism, columns)
     pi = None if at is None else columns.dynamic_parameters(mechanism, at)
     for link, P in zip(mechanism.bodies.links, in_balls(mechanism), strict=True):
-        mine = mechanism.bodies.columns(link)
-        if not D[mine].any():
+        body = mechanism.bodies.columns(link)
+        if not D[body].any():
             continue
-        S = ball * np.eye(4) + (0.0 if pi is None else cone.smat(P @ pi[mine]))
+        S = ball * np.eye(4) + (0.0 if pi is None else cone.smat(P @ pi[body]))
         eigenvalues, V = np.linalg.eigh(S)
         root = V @ np.diag(eigenvalues**-0.5) @ V.T
         block = np.stack([cone.svec(root @ cone.smat(column) @ root) for column in P.T], axis=1)
-        rows.append(block @ D[mine])
+        rows.append(block @ D[body])
     effects = np.arange(len(columns.rigid), len(columns))
     rows.append(np.eye(len(columns))[effects] / scale[effects, None])
     return np.vstack(rows)
@@ -307,7 +315,7 @@ def in_balls(mechanism: Mechanism) -> list[np.ndarray]:
     """Return (10, 10) of every body: `svec` of F⁻¹ P F⁻ᵀ of each dynamic parameter, a column each;
     where the URDF gives no mass or no size, those of a mean link stand in.
     """
-    found = []
+    balls = []
     priors = mechanism.prior.reshape(-1, COUNT)
     for prior, mean_m, mean_l in zip(priors, *body_scales(mechanism), strict=True):
         m, moments, L = split(prior)
@@ -321,8 +329,8 @@ def in_balls(mechanism: Mechanism) -> list[np.ndarray]:
         F[:3, 3] = -c / r
         F /= np.sqrt(m)
         columns = [cone.svec(F @ pseudo_inertia(one) @ F.T) for one in np.eye(COUNT)]
-        found.append(np.stack(columns, axis=1))
-    return found
+        balls.append(np.stack(columns, axis=1))
+    return balls
 
 
 def of_bodies(mechanism: Mechanism, columns: Columns) -> np.ndarray:
@@ -375,8 +383,8 @@ def limits_of(problem: Problem, asked: Consistency, scale: np.ndarray) -> list[c
                 f"total mass {mass:g} kg: no body's mass is unknown, they add up to {known:.6g} "
                 "kg; leave it out, or make a link's m unknown"
             )
-        whole = np.array([known / mass - 1.0])
-        limits.append(cone.Limit(f"total mass = {mass:g} kg", "zero", row[None], whole))
+        excess = np.array([known / mass - 1.0])
+        limits.append(cone.Limit(f"total mass = {mass:g} kg", "zero", row[None], excess))
     return limits
 
 

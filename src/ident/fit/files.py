@@ -80,20 +80,20 @@ def identified_files(fit: Fit, urdf: bytes) -> dict[str, bytes]:
     names = tuple(fit.columns.names[i] for i in fit.estimate.base.independent)
     errors = fit.known_errors
     if names and np.isfinite(fit.covariance).all():
-        own = Covariance(names, fit.covariance)
-        errors = own if errors is None else own + errors
+        errors_of_fit = Covariance(names, fit.covariance)
+        errors = errors_of_fit if errors is None else errors_of_fit + errors
     inside = folder_files(fit.mechanism, urdf, known, [], fit.found, errors)
     return {f"identified/{name}": x for name, x in inside.items()}
 
 
 def own_files(fit: Fit) -> dict[str, tuple[str, bytes]]:
     """Return name and content of the files that define effects outside of the library, by label."""
-    found, files = fit.found, dict[str, tuple[str, bytes]]()
+    values, files = fit.found, dict[str, tuple[str, bytes]]()
     for effect in fit.mechanism.effects:
-        own = None if effect.kind in KINDS else effect.source_file(found[effect.label])
-        if own is not None:
-            taken = dict(files.values()).get(own[0], own[1]) != own[1]
-            files[effect.label] = (f"{effect.kind}_{own[0]}" if taken else own[0], own[1])
+        source = None if effect.kind in KINDS else effect.source_file(values[effect.label])
+        if source is not None:
+            taken = dict(files.values()).get(source[0], source[1]) != source[1]
+            files[effect.label] = (f"{effect.kind}_{source[0]}" if taken else source[0], source[1])
     return files
 
 
@@ -145,14 +145,14 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "base_parameters": [_entry(value) for value in fit.base_parameters],
         "effects": [
             {
-                "kind": each.effect.kind,
-                "joint": ",".join(each.effect.joints),
-                **({"signal": each.effect.signal} if each.effect.signal else {}),
-                **({"file": files[each.effect.label][0]} if each.effect.label in files else {}),
-                "settings": {name: each.effect.setting(name) for name in each.effect.settings},
-                "parameters": [_entry(value) for value in each.parameters],
+                "kind": values.effect.kind,
+                "joint": ",".join(values.effect.joints),
+                **({"signal": values.effect.signal} if values.effect.signal else {}),
+                **({"file": files[values.effect.label][0]} if values.effect.label in files else {}),
+                "settings": {name: values.effect.setting(name) for name in values.effect.settings},
+                "parameters": [_entry(value) for value in values.parameters],
             }
-            for each in fit.effects
+            for values in fit.effects
         ],
         "multipliers": {
             "names": list(kinematics.multipliers),
@@ -192,11 +192,11 @@ def fit_json(fit: Fit) -> dict[str, Any]:
 def _changes(x: Changes) -> dict[str, Any]:
     entries = [
         {
-            "name": each.after.name, "unit": each.after.unit, "changed": each in x.changed,
-            "before": each.before.value, "before_stderr": each.before.stderr,
-            "value": each.after.value, "stderr": each.after.stderr, "z": each.z,
+            "name": change.after.name, "unit": change.after.unit, "changed": change in x.changed,
+            "before": change.before.value, "before_stderr": change.before.stderr,
+            "value": change.after.value, "stderr": change.after.stderr, "z": change.z,
         }
-        for each in x.compared
+        for change in x.compared
     ]  # fmt: skip
     return {"since": x.since, "alpha": ALPHA, "least_z": x.least, "compared": entries,
             "not_compared": list(x.apart)}  # fmt: skip
@@ -210,13 +210,16 @@ def _error_sets(fit: Fit, standstill: bool = False) -> dict[str, Any]:
     return {
         "train": _errors(fit.train, standstill),
         "held_out": _errors(fit.held_out, standstill),
-        "validation": {log: _errors(each, standstill) for log, each in fit.validation.items()},
+        "validation": {log: _errors(errors, standstill) for log, errors in fit.validation.items()},
     }
 
 
 def _errors(errors: Mapping[str, Error], standstill: bool = False) -> dict[str, Any]:
-    own = {joint: e.with_standstill if standstill else e for joint, e in errors.items()}
-    return {j: {n: getattr(e, n) for n in ("rms", "relative", "unit")} for j, e in own.items()}
+    errors_of_joint = {joint: e.with_standstill if standstill else e for joint, e in errors.items()}
+    return {
+        j: {n: getattr(e, n) for n in ("rms", "relative", "unit")}
+        for j, e in errors_of_joint.items()
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,27 +294,32 @@ def _refuse(constant: str) -> None:
 
 def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: bool) -> Saved:
     lists = data["multipliers"]["names"], mechanism.kinematics.multipliers
-    theirs, ours = ([n for n in names if not n.startswith("joint.")] for names in lists)
-    if theirs != ours:  # another mechanism, whose links happen to have the same names
+    names_in_file, names_here = (
+        [n for n in names if not n.startswith("joint.")] for names in lists
+    )
+    if names_in_file != names_here:  # another mechanism, whose links happen to have the same names
         raise FitError(
             f"{path}: is of another mechanism, {data.get('mechanism')}, whose multipliers are "
-            f"{', '.join(theirs) or 'none'}; {mechanism.name} has {', '.join(ours) or 'none'}"
+            f"{', '.join(names_in_file) or 'none'}; {mechanism.name} has "
+            f"{', '.join(names_here) or 'none'}"
         )
     values = {str(entry["name"]): entry["value"] for entry in data["parameters"]}
     parts = [(e["kind"], e["joint"], e.get("signal", "")) for e in data["effects"]]
-    labels = [":".join(filter(None, each)) for each in parts]
+    labels = [":".join(filter(None, part)) for part in parts]
     grown = mechanism
     for effect in reversed(mechanism.effects):  # the fit's model did not have it
         grown = grown if effect.label in labels else grown.without(effect.label)
     for label, effect in zip(labels, data["effects"], strict=True):
         kind, joint, signal = effect["kind"], effect["joint"], effect.get("signal", "")
-        own = next((known for known in grown.effects if known.label == label), None)
-        if own is not None and own.known:  # the fit's values count, which may be others
-            settings = {name: own.setting(name) for name in own.settings}
-            grown = grown + replace(own, values=settings)
-        if own is None and kind in KINDS:
+        effect_here = next((known for known in grown.effects if known.label == label), None)
+        if (
+            effect_here is not None and effect_here.known
+        ):  # the fit's values count, which may be others
+            settings = {name: effect_here.setting(name) for name in effect_here.settings}
+            grown = grown + replace(effect_here, values=settings)
+        if effect_here is None and kind in KINDS:
             grown = grown + create_effect(kind, joint, effect.get("settings"), signal=signal)
-        elif own is None:
+        elif effect_here is None:
             grown = grown + _own_kind(path, label, effect, allow_code)(tuple(joint.split(",")))
         values |= {str(entry["name"]): entry["value"] for entry in effect["parameters"]}
     effects = {full for effect in grown.effects for full in effect.names}
@@ -327,12 +335,12 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
     point = start.at(grown, columns, start.unknowns(columns))
     cutoff = filtered["cutoff"] if (filtered := data.get("filter")) else "auto"
     errors = data.get("error") or {}
-    whole = _sets(errors.get("with_standstill") or {})
+    with_standstill = _sets(errors.get("with_standstill") or {})
     read: dict[str, dict[str, Error]] = {}
     for title, joints in _sets(errors).items():
         for joint, e in (joints or {}).items():
             if e["rms"] is not None:
-                every = whole.get(title, {}).get(joint) or {"rms": None, "relative": None}
+                every = with_standstill.get(title, {}).get(joint) or {"rms": None, "relative": None}
                 sizes = float(e["rms"]), e["relative"], str(e["unit"])
                 read.setdefault(title, {})[joint] = Error(*sizes, every["rms"], every["relative"])
     base = tuple(
@@ -348,14 +356,14 @@ def unfiltered_errors(folder: Path) -> dict[str, float]:
     the noise of the sensors, from a folder that `write_fit` wrote.
     """
     errors = json.loads(regular(folder / "fit.json").read_text(encoding="utf-8"))["error"]
-    found = errors.get("unfiltered") or errors.get("held_out") or errors["train"]
-    return {str(joint): float(each["rms"]) for joint, each in found.items() if each["rms"]}
+    sizes = errors.get("unfiltered") or errors.get("held_out") or errors["train"]
+    return {str(joint): float(size["rms"]) for joint, size in sizes.items() if size["rms"]}
 
 
 def _sets(errors: Mapping[str, Any]) -> dict[str, Any]:
     """Return errors by set, as `Fit.errors` names them, then joint."""
-    own = {"train": errors.get("train"), "held out": errors.get("held_out")}
-    return {**own, **(errors.get("validation") or {})}
+    sets = {"train": errors.get("train"), "held out": errors.get("held_out")}
+    return {**sets, **(errors.get("validation") or {})}
 
 
 def _own_kind(path: Path, label: str, entry: dict[str, Any], allow_code: bool) -> type[Effect]:
@@ -386,14 +394,16 @@ def identified_urdf(fit: Fit) -> bytes:
     for link in bodies_with_unknowns(mechanism):
         body = pi[mechanism.bodies.columns(link)]
         joint = mechanism.bodies.links.index(link) + 1
-        own = body - (fixed := fixed_parameters(mechanism.model, joint))
-        rest, whole = (np.linalg.eigvalsh(pseudo_inertia(each))[0] for each in (own, body))
+        of_link = body - (fixed := fixed_parameters(mechanism.model, joint))
+        rest, of_body = (
+            np.linalg.eigvalsh(pseudo_inertia(parameters))[0] for parameters in (of_link, body)
+        )
         # without its fixed links it must have mass, and be possible if the body is
-        if fixed.any() and not (own[0] > 0 and (rest > 0 or whole <= 0)):
-            own = body  # nothing is left for the link itself: it takes the whole body
+        if fixed.any() and not (of_link[0] > 0 and (rest > 0 or of_body <= 0)):
+            of_link = body  # nothing is left for the link itself: it takes the whole body
             links = (f for f in mechanism.model.frames if f.type == pin.FrameType.BODY)
             inertials |= dict.fromkeys(f.name for f in links if f.parentJoint == joint)
-        inertials[link] = own
+        inertials[link] = of_link
     return with_inertials(text, where, inertials)
 
 

@@ -61,9 +61,9 @@ def findings_of(
     # where a joint swings freely
     terms = problem.columns.terms
     parted = np.where(terms[:, None] == np.unique(terms), estimate.x[:, None], 0.0)
-    found = [
+    findings = [
         *_equations(problem, estimate),
-        *_held(problem.columns, estimate),
+        *_held_unknowns(problem.columns, estimate),
         *_short_runs(problem.motion),
         *_absorbed(problem.columns, estimate),
         *_multipliers(problem, estimate),
@@ -71,7 +71,7 @@ def findings_of(
         *_swinging(problem, estimate.at(parted), errors),
         *_implausible(problem.mechanism, errors, effects, pi),
     ]
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(findings))
 
 
 def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
@@ -110,7 +110,7 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         yield Finding("excitation", text, remedy, (), condition, POOR)
 
 
-def _held(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
+def _held_unknowns(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
     number = np.arange(len(columns))
     rigid, shapes = number < len(columns.rigid), np.isin(number, columns.shapes)
     for kind, where in (
@@ -127,16 +127,16 @@ def _held(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
 
 
 def _absorbed(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
-    held = {columns.names[i] for i in np.flatnonzero(estimate.held)}
+    held_names = {columns.names[i] for i in np.flatnonzero(estimate.held)}
     names: dict[str, list[str]] = {}
     for name, carrier in absorbed_by(columns, estimate.base).items():
-        if columns.index[name] >= len(columns.rigid) and name not in held:
+        if columns.index[name] >= len(columns.rigid) and name not in held_names:
             names.setdefault(carrier, []).append(name)
-    for carrier, own in names.items():
+    for carrier, absorbed_names in names.items():
         alone = "it has no effect on any torque in this motion"
         why = f"same columns as {carrier}" if carrier else alone
-        text = f"{some(own, 6)} cannot be identified: {why}"
-        yield Finding("absorbed", text, where=tuple(own))
+        text = f"{some(absorbed_names, 6)} cannot be identified: {why}"
+        yield Finding("absorbed", text, where=tuple(absorbed_names))
 
 
 def _short_runs(motion: Motion) -> Iterator[Finding]:
@@ -182,8 +182,8 @@ def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
         return []
     cov = np.zeros((estimate.base.rank,) * 2)
     values = (ParameterValues(problem.columns, x, cov) for x in (estimate, free))
-    both = [each.rigid(problem.mechanism) for each in values]
-    moved = [
+    both = [parameter_values.rigid(problem.mechanism) for parameter_values in values]
+    biased = [
         f"{a.name} {100 * (a.value / b.value - 1):+.3g} %"
         for a, b in zip(*both, strict=True)
         if a.identifiable and b.value != 0 and abs(a.value / b.value - 1) > BIASED
@@ -191,9 +191,9 @@ def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
     basis = problem.mechanism.multipliers
     text = (
         f"the {basis.basis} basis with knots of {1e3 * basis.spacing:.4g} ms moves parameters from "
-        f"where free multipliers put them: {some(moved, 6)}"
+        f"where free multipliers put them: {some(biased, 6)}"
     )
-    return [Finding("basis", text, "standard errors do not hold this bias")] if moved else []
+    return [Finding("basis", text, "standard errors do not hold this bias")] if biased else []
 
 
 def _swinging(problem: Problem, estimate: Estimate, errors: Errors) -> Iterator[Finding]:
@@ -207,10 +207,11 @@ def _swinging(problem: Problem, estimate: Estimate, errors: Errors) -> Iterator[
                 shares[joint] = share
     if shares:
         where, joints = tuple(f"tau.{joint}" for joint in shares), ", ".join(shares)
-        each = ", ".join(f"tau.{joint} is {100 * share:.2g} %" for joint, share in shares.items())
+        parts = ", ".join(f"tau.{joint} is {100 * share:.2g} %" for joint, share in shares.items())
         text = (
-            f"{each} of the inertia, gravity and coupling terms that cancel in it: unit or scale "
-            "is wrong, or the motor does next to nothing, and a relative error there says little"
+            f"{parts} of the inertia, gravity and coupling terms that cancel in it: unit or "
+            "scale is wrong, or the motor does next to nothing, and a relative error there says "
+            "little"
         )
         remedy = (
             f"check {', '.join(where)} in [log] (N m, not mN m, A or %); if right, put {joints} "
@@ -225,8 +226,10 @@ def _implausible(
 ) -> Iterator[Finding]:
     negative = tuple(
         value.name
-        for each in effects
-        for value, unknown in zip(each.parameters, each.effect.parameters, strict=True)
+        for effect_values in effects
+        for value, unknown in zip(
+            effect_values.parameters, effect_values.effect.parameters, strict=True
+        )
         if unknown.nonnegative and value.stderr and value.value < -CERTAIN * value.stderr
     )
     if negative:
@@ -261,11 +264,11 @@ def _implausible(
 
 def _driving(effects: Effects, errors: Errors) -> Iterator[Finding]:
     """Report joints that dry friction drives instead of braking them, with much of their torque."""
-    for each in effects:
-        value = each.parameters[0]
-        if not each.effect.unknowns or each.effect.unknowns[0].acts != "level":
+    for effect_values in effects:
+        value = effect_values.parameters[0]
+        if not effect_values.effect.unknowns or effect_values.effect.unknowns[0].acts != "level":
             continue
-        joint = each.effect.joints[0]
+        joint = effect_values.effect.joints[0]
         error = errors.get(joint)
         if error is None or not error.relative or not value.stderr:
             continue
@@ -330,7 +333,7 @@ def excitation(mechanism: Mechanism) -> Motion:
     )
 
 
-def unexcited(problem: Problem, found: Estimate) -> Finding | None:
+def unexcited(problem: Problem, fitted: Estimate) -> Finding | None:
     """Return which unknowns another motion would determine, and the joints that hardly move; None
     where there are none. MotionError if no motion can be made up for the mechanism.
     """
@@ -339,7 +342,7 @@ def unexcited(problem: Problem, found: Estimate) -> Finding | None:
     totals = Problem.reduced(mechanism, other, initial(mechanism, other)).information.totals
     ones = np.ones(len(totals))  # unknowns that lead a base parameter if everything moves:
     able = estimate(totals, columns.prior, ones, sigma=ones).base.independent
-    lost = tuple(columns.names[i] for i in np.setdiff1d(able, found.base.independent))
+    lost = tuple(columns.names[i] for i in np.setdiff1d(able, fitted.base.independent))
     if not lost:
         return None
     still = []

@@ -85,10 +85,12 @@ def identify(
     if validate is None:
         return fit
     texts = "its errors are no validation", "validate on another log"
-    same = [each for a in motion.logs for b in validate.logs for each in copies(a, b, *texts)]
+    same = [finding for a in motion.logs for b in validate.logs for finding in copies(a, b, *texts)]
     if validate.band.cutoff != motion.band.cutoff:
-        theirs, ours = (f"{m.band.cutoff or np.inf:.3g} Hz" for m in (validate, motion))
-        text = f"the validation logs are filtered at {theirs}, the fit's at {ours}"
+        cutoff_there, cutoff_here = (
+            f"{m.band.cutoff or np.inf:.3g} Hz" for m in (validate, motion)
+        )
+        text = f"the validation logs are filtered at {cutoff_there}, the fit's at {cutoff_here}"
         remedy = "complete them with cutoff=motion.band.cutoff"
         same.append(Finding("another cut-off", f"{text}: their errors are no measure", remedy))
     errors, floors = dict[str, dict[str, Error]](), dict[str, dict[str, float]]()
@@ -97,22 +99,25 @@ def identify(
     rows = information_of(mechanism, fit.columns, validate, fit.problem.point, last)
     possible = None if consistent else possible_bodies(fit.problem, fit.estimate, fit.findings)
     for number, e in enumerate(validate.experiments):
-        mine = rows.of_log(number)
-        errors[e.name] = mine.squares(fit.estimate.x).errors(joints, units)
+        log_rows = rows.of_log(number)
+        errors[e.name] = log_rows.squares(fit.estimate.x).errors(joints, units)
         floors[e.name] = floor_of(fit, replace(validate, experiments=(e,)))
         if possible is not None:
-            with_possible = mine.squares(possible).errors(joints, units)
+            with_possible = log_rows.squares(possible).errors(joints, units)
             same += predicts_better(e.name, errors[e.name], with_possible)
     return replace(fit, validation=errors, floors=floors, findings=(*fit.findings, *same))
 
 
 def estimate_of(problem: Problem) -> Estimate:
     """Solve least squares; weights, rank and what is held at the prior come from the rows too."""
-    found = problem.estimate()
+    estimate = problem.estimate()
     # a shape that is held may send another one out of its bounds
-    while not problem.stacked and (beyond := beyond_bounds(problem, found) & ~found.held).any():
-        found = problem.estimate(sigma=found.sigma, held=found.held | beyond)
-    return found
+    while not problem.stacked:
+        beyond = beyond_bounds(problem, estimate) & ~estimate.held
+        if not beyond.any():
+            break
+        estimate = problem.estimate(sigma=estimate.sigma, held=estimate.held | beyond)
+    return estimate
 
 
 def fit_of(
@@ -130,8 +135,8 @@ def fit_of(
     free, binding, limits = estimate, None, problem.mechanism.consistency
     if consistent:
         limits |= consistent if isinstance(consistent, Consistency) else Consistency()
-        found = nearest_possible(problem, estimate, limits, on_progress)
-        problem, estimate, free, outside, binding = found
+        nearest = nearest_possible(problem, estimate, limits, on_progress)
+        problem, estimate, free, outside, binding = nearest
         findings += binding.findings
     else:
         outside = held_out(problem.fitting, problem.information, estimate, problem.prior)

@@ -74,22 +74,22 @@ class Likelihood(Displayed):
     @property
     def findings(self) -> list[Finding]:
         """Findings to read before the estimate is trusted."""
-        found = []
+        findings = []
         if self.raised > LOUD:
             text = (
                 f"the torques' noise had to be taken {self.raised:.3g} times as large as the "
                 "sensors' to explain the residual: the model lacks something that the motion was "
                 "bent to hide, and standard errors do not know of it (ident diagnose)"
             )
-            found.append(Finding("noise raised", text, number=self.raised, threshold=LOUD))
+            findings.append(Finding("noise raised", text, number=self.raised, threshold=LOUD))
         if self.steps > 1 and not self.settled:
             text = (
                 f"the refined fit stopped after {self.steps} steps before it converged: the last "
                 "one moved some parameter by more than a twentieth of its standard error, and "
                 f"{'no step lowers the loss' if self.steps < STEPS else 'more are not made'}"
             )
-            found.append(Finding("not converged", text, number=self.steps))
-        return found
+            findings.append(Finding("not converged", text, number=self.steps))
+        return findings
 
     def covariance(self, cov: np.ndarray, now: Estimate) -> np.ndarray:
         """Return that of the base parameters (n_ind, n_ind): the mean of the blocks' `cov` and, as
@@ -117,20 +117,20 @@ def check_refinable(problem: Problem) -> None:
         )
 
 
-def share_of_motion(problem: Problem, found: Estimate) -> np.ndarray:
+def share_of_motion(problem: Problem, estimate: Estimate) -> np.ndarray:
     """Return the part (d,) of each squared residual that noise of the motion can make."""
     experiments = problem.motion.experiments
     if any(e.smooth is None for e in experiments):  # those of clean logs are as logged
         return np.zeros(problem.information.d)
-    point, cutoff = problem.point_at(found.x), problem.motion.band.cutoff
+    point, cutoff = problem.point_at(estimate.x), problem.motion.band.cutoff
     noise = [motion_noise(problem.mechanism, e, point, cutoff) for e in experiments]
-    error, _, rows = problem.information.squares(found.x).counted
-    left = error / np.maximum(rows, 1)
-    return np.asarray(np.mean(noise, axis=0) / np.where(left > 0, left, np.inf))
+    error, _, rows = problem.information.squares(estimate.x).counted
+    variance = error / np.maximum(rows, 1)
+    return np.asarray(np.mean(noise, axis=0) / np.where(variance > 0, variance, np.inf))
 
 
 def weighed(
-    problem: Problem, found: Estimate, estimator: str, on_progress: Progress = quiet
+    problem: Problem, estimate: Estimate, estimator: str, on_progress: Progress = quiet
 ) -> tuple[Problem, Estimate, Likelihood | None, list[Finding]]:
     """Weigh torques and motion together where that is asked for, or where the noise matters: with
     `likelihood` in steps until nothing changes, with `auto` in one where noise of the motion
@@ -138,19 +138,19 @@ def weighed(
     """
     if estimator == "likelihood":
         check_refinable(problem)
-        share = share_of_motion(problem, found)
-        better = refined(problem, found, share, on_progress)
+        share = share_of_motion(problem, estimate)
+        better = refined(problem, estimate, share, on_progress)
         return *better, better[2].findings
     if estimator != "auto" or problem.bands or not len(problem.columns):
-        return problem, found, None, []
-    share = share_of_motion(problem, found)
+        return problem, estimate, None, []
+    share = share_of_motion(problem, estimate)
     if (largest := min(float(share.max(initial=0.0)), 1.0)) < MATTERS:
-        return problem, found, None, []
+        return problem, estimate, None, []
     # one step with the noise that the channels show; where that leaves more than noise, the model
     # lacks something, and a motion bent until torques fit would hide it
-    at = Linearization.at(problem, found.x, problem.motion.experiments, on_progress)
+    at = Linearization.at(problem, estimate.x, problem.motion.experiments, on_progress)
     sigma = at.noise()[0]
-    runs, now = at.whitened(found, sigma)
+    runs, now = at.whitened(estimate, sigma)
     if _squares_per_row(now) <= LOUD**2:
         likelihood = Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x))
         return replace(at.problem, runs=runs), now, likelihood, likelihood.findings
@@ -159,31 +159,31 @@ def weighed(
         "residual, but noise does not explain all of it, so the motion was taken as it is "
         "and parameters may be shrunk; something is missing (ident diagnose), or --refine"
     )
-    return problem, found, None, [Finding("motion noise", text, "", (), largest, MATTERS)]
+    return problem, estimate, None, [Finding("motion noise", text, "", (), largest, MATTERS)]
 
 
 def refined(
-    problem: Problem, found: Estimate, share: np.ndarray, on_progress: Progress = quiet
+    problem: Problem, estimate: Estimate, share: np.ndarray, on_progress: Progress = quiet
 ) -> Weighed:
     """Make Gauss-Newton steps from a least-squares estimate and the problem's motion, until
     parameters are at rest; what `found` holds at the prior, and how it regroups, stays. The problem
     that is returned has rows whitened by noise of torques and motion.
     """
-    here = part(on_progress, 0.0, 1 / STEPS)
-    at = Linearization.at(problem, found.x, problem.motion.experiments, here)
-    sigma, runs, now = at.balanced(found)
+    progress = part(on_progress, 0.0, 1 / STEPS)
+    at = Linearization.at(problem, estimate.x, problem.motion.experiments, progress)
+    sigma, runs, now = at.balanced(estimate)
     step, converged = 1, False
     while step < STEPS and not converged:
-        here = part(on_progress, step / STEPS, (step + 1) / STEPS)
-        after = Linearization.at(problem, now.x, at.moved(runs, now.x), here, at)
+        progress = part(on_progress, step / STEPS, (step + 1) / STEPS)
+        after = Linearization.at(problem, now.x, at.with_motion(runs, now.x), progress, at)
         if after.loss(sigma) > (1 + ROUNDING) * at.loss(sigma):
             break  # no step lowers the loss: friction that jumps, or rounding
         if step == 1:  # the first motion was not yet one that the torques agree with
-            sigma, runs, now = after.balanced(found)
+            sigma, runs, now = after.balanced(estimate)
         else:
-            runs, now = after.whitened(found, sigma)
-        moved = np.abs(now.solution.beta - now.at(after.x).solution.beta)
-        converged = bool((moved <= CONVERGED * np.sqrt(np.diag(now.solution.C))).all())
+            runs, now = after.whitened(estimate, sigma)
+        change = np.abs(now.solution.beta - now.at(after.x).solution.beta)
+        converged = bool((change <= CONVERGED * np.sqrt(np.diag(now.solution.C))).all())
         step, at = step + 1, after
     raised = float((sigma / at.noise()[0]).max())
     motion = at.motion(runs, now.x)
@@ -246,23 +246,23 @@ class Linearization:
         """Return the loss of all experiments."""
         return sum(part.loss(self.x, sigma) for part in self.parts)
 
-    def moved(self, runs: Runs, x: np.ndarray) -> tuple[State, ...]:
+    def with_motion(self, runs: Runs, x: np.ndarray) -> tuple[State, ...]:
         """Return the experiments on the motions that go with parameters x."""
-        found = []
+        states = []
         for number, (e, smooth) in enumerate(zip(self.experiments, self.fine, strict=True)):
             splines = tuple(
                 (p.segment, replace(p.spline, c=p.spline.c + run.elimination.back_substitute(x)))
                 for p, run in zip(self.parts, runs, strict=True)
                 if p.experiment == number
             )
-            found.append(along(self.problem.mechanism, e, replace(smooth, runs=splines)))
-        return tuple(found)
+            states.append(along(self.problem.mechanism, e, replace(smooth, runs=splines)))
+        return tuple(states)
 
     def motion(self, runs: Runs, x: np.ndarray) -> Callable[[], Motion]:
         """Return the function that makes the motion that goes with parameters x."""
-        return lambda: replace(self.problem.motion, experiments=self.moved(runs, x))
+        return lambda: replace(self.problem.motion, experiments=self.with_motion(runs, x))
 
-    def balanced(self, found: Estimate) -> tuple[np.ndarray, Runs, Estimate]:
+    def balanced(self, estimate: Estimate) -> tuple[np.ndarray, Runs, Estimate]:
         """Return the torques' noise at which residuals are as large as noise, and its estimate.
 
         σ = least^(1−θ) largest^θ with the smallest θ in [0, 1] at which |residual|² ≤ AGREED rows:
@@ -272,7 +272,7 @@ class Linearization:
         low, high, theta = 0.0, 1.0, 0.0
         for trial in range(TRIALS):
             sigma = least ** (1 - theta) * largest**theta
-            runs, now = self.whitened(found, sigma)
+            runs, now = self.whitened(estimate, sigma)
             squares = _squares_per_row(now)
             if not trial or squares <= AGREED:
                 best = sigma, runs, now
@@ -282,9 +282,9 @@ class Linearization:
             theta = 0.5 * (low + high)
         return best
 
-    def whitened(self, found: Estimate, sigma: np.ndarray) -> tuple[Runs, Estimate]:
+    def whitened(self, first: Estimate, sigma: np.ndarray) -> tuple[Runs, Estimate]:
         """Return the runs without their motion, and the estimate from them."""
         problem, one = self.problem, np.ones(1)
         runs = tuple(part.eliminated(sigma) for part in self.parts)
         information = stacks_information(runs, problem.motion)
-        return runs, estimate(information.totals, problem.prior, one, sigma=one, held=found.held)
+        return runs, estimate(information.totals, problem.prior, one, sigma=one, held=first.held)

@@ -84,8 +84,8 @@ class Prediction(TorqueParts):
     @property
     def squares(self) -> Squares:
         """The same, of usable samples."""
-        some = self.usable
-        return Squares.of(self.residual[some], self.measured[some], self.moving[some])
+        usable = self.usable
+        return Squares.of(self.residual[usable], self.measured[usable], self.moving[usable])
 
     def filtered(self, cutoff: float | None) -> Trace:
         """Return the residual at the rows of the regression, with a cut-off [Hz]."""
@@ -103,12 +103,12 @@ class Prediction(TorqueParts):
 
         d, J = self.measured.shape[1], e.y.shape[1]
         empty = np.zeros((0, 2 + len(self.parts), d)), np.zeros((0, 4, J)), *2 * [np.zeros((0, d))]
-        found: list[list[np.ndarray]] = [[np.zeros(0), np.zeros(0, int), *empty]]
+        pieces: list[list[np.ndarray]] = [[np.zeros(0), np.zeros(0, int), *empty]]
         for number, segment in enumerate(e.segments()):
             for sample, series in Decimator.of(cutoff, e.rate).filtered(segment, make):
-                found.append([e.t[sample], np.full(len(sample), number), *series])
+                pieces.append([e.t[sample], np.full(len(sample), number), *series])
         t, segments, torques, joints, opened, standing = (
-            np.concatenate(x) for x in zip(*found, strict=True)
+            np.concatenate(x) for x in zip(*pieces, strict=True)
         )
         informed, moving = opened < STICKING, standing < STANDING
         torques[:, :, scene.mechanism.unmeasured_rows] = 0.0  # no residual where none is measured
@@ -153,7 +153,7 @@ class Trace(TorqueParts):
 
 def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Prediction]:
     """Predict every experiment of a motion, at full rate and unfiltered."""
-    found, others = [], {*mechanism.driven} - {*motion.independent}
+    predictions, others = [], {*mechanism.driven} - {*motion.independent}
     for bare in motion.experiments:
         scene = Scene.of(mechanism, NOTHING, bare, point, motion.band.cutoff)
         e, farthest = scene.e, largest_transmission(scene.e)
@@ -172,10 +172,10 @@ def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Predicti
                 f = sum(forces.values()) - s.measured(others)
                 multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
         scene.samples.memo.pop(RIGID, None)  # the parts hold them
-        for each in parts.values():  # no residual where nothing is measured
-            each[:, mechanism.unmeasured_rows] = 0.0
-        found.append(Prediction(e.name, e.t, measured, parts, moving, multipliers, scene))
-    return found
+        for part_series in parts.values():  # no residual where nothing is measured
+            part_series[:, mechanism.unmeasured_rows] = 0.0
+        predictions.append(Prediction(e.name, e.t, measured, parts, moving, multipliers, scene))
+    return predictions
 
 
 SAMPLES = 200  # work: of an experiment that are looked at
@@ -213,17 +213,17 @@ def resting_on_priors(problem: Problem, estimate: Estimate) -> dict[str, list[st
     if not m or not len(base.dependent):
         return {}
     point = problem.point_at(estimate.x)
-    moved, size = np.zeros((m, len(base.dependent))), np.zeros(m)
+    moved_by_priors, size = np.zeros((m, len(base.dependent))), np.zeros(m)
     for e in motion.experiments:
         at = np.flatnonzero(e.usable)[:: max(1, len(e) // SAMPLES)]
-        found = Scene.of(mechanism, columns, e, point, motion.band.cutoff).terms(at, full=True)
+        terms = Scene.of(mechanism, columns, e, point, motion.band.cutoff).terms(at, full=True)
         extract = -e.pinv[at][:, :, :m].transpose(0, 2, 1)
-        A, unbalanced = found.A, found.A @ columns.prior - found.b
+        A, unbalanced = terms.A, terms.A @ columns.prior - terms.b
         change = extract @ (A[:, :, base.dependent] - A[:, :, base.independent] @ base.K)
-        moved = np.maximum(moved, np.abs(change).max(axis=0, initial=0.0))
+        moved_by_priors = np.maximum(moved_by_priors, np.abs(change).max(axis=0, initial=0.0))
         loads = np.einsum("nmi,ni->nm", extract, unbalanced)
         size = np.maximum(size, np.abs(loads).max(axis=0, initial=0.0))
-    by = moved * problem.plausible[base.dependent]
+    by = moved_by_priors * problem.plausible[base.dependent]
     resting = {}
     for i, name in enumerate(names):
         order = [j for j in np.argsort(-by[i]) if by[i, j] > MATERIAL * size[i]]

@@ -97,11 +97,11 @@ class Failure(Displayed):
         same = ("joint", "rms", "relative", "unit", "share", "offset", "repeats", "white")
         return {
             **{name: getattr(self, name) for name in same},
-            "depends_on": [each.signal for each in self.depends_on],
-            "r2": [each.r2 for each in self.depends_on],
+            "depends_on": [entry.signal for entry in self.depends_on],
+            "r2": [entry.r2 for entry in self.depends_on],
             "r2_threshold": self.threshold,
-            "worst": [[each.start, each.stop] for each in self.worst],
-            "worst_log": [each.experiment for each in self.worst],
+            "worst": [[entry.start, entry.stop] for entry in self.worst],
+            "worst_log": [entry.experiment for entry in self.worst],
             "autocorrelation": self.memory.value,
             "autocorrelation_threshold": self.memory.threshold,
         }
@@ -138,7 +138,7 @@ class Residual(Displayed):
         return total.errors(self.joints, self.units)
 
     @cached_property
-    def away(self) -> dict[str, float]:
+    def errors_away_from_reversals(self) -> dict[str, float]:
         """Rms by joint [N m | N] of the rows in motion, half a period of the cut-off or more away
         from where a speed with dry friction reverses; of joints with such friction and enough rows.
 
@@ -146,23 +146,23 @@ class Residual(Displayed):
         """
         mechanism, cutoff = self.model.mechanism, self.motion.band.cutoff
         dry = {name for effect in mechanism.effects if effect.jumps for name in effect.joints}
-        found = dict[str, float]()
+        sizes = dict[str, float]()
         for u, joint in enumerate(self.joints):
             names = dry if mechanism.closures else dry & {joint}
             felt = [self.signals.index(name) for name in names if name in self.signals]
             far = []
             for trace in self.traces:
                 turns = np.diff(np.sign(trace.v[:, felt]), axis=0).any(axis=1)
-                reach = 0.5 / cutoff if cutoff else 0.0
+                half_period = 0.5 / cutoff if cutoff else 0.0
                 t = np.append(trace.t[1:][turns], trace.t[:-1][turns])
-                near = np.abs(trace.t[:, None] - t).min(axis=1, initial=np.inf) <= reach
+                near = np.abs(trace.t[:, None] - t).min(axis=1, initial=np.inf) <= half_period
                 far.append(trace.residual[~near & trace.moving[:, u], u])
             rest = np.concatenate(far)
             if felt and len(rest) >= LEAST:
-                found[joint] = float(np.sqrt(np.mean(rest**2)))
-        return found
+                sizes[joint] = float(np.sqrt(np.mean(rest**2)))
+        return sizes
 
-    def risen(self, then: Mapping[str, Error]) -> list[str]:
+    def increased_errors(self, then: Mapping[str, Error]) -> list[str]:
         """Return the joints whose error is above that of `then`, the most first: by more than it
         differs between blocks of time and motions, not because the torque or the noise is larger.
 
@@ -171,7 +171,7 @@ class Residual(Displayed):
         if not then:
             return []
         noise = floor_of(self.model, self.motion)
-        found, cutoff = dict[str, float](), self.motion.band.cutoff
+        rises, cutoff = dict[str, float](), self.motion.band.cutoff
         for u, joint in enumerate(self.joints):
             if (old := then.get(joint)) is None:
                 continue
@@ -188,28 +188,28 @@ class Residual(Displayed):
             allowed = (LOUD * sigma) ** 2 + MISFIT * (least**2 - sigma**2)
             usual = np.full(len(squares), allowed)
             if paired(np.array(squares), usual) > credible_t(len(then), len(squares)):
-                found[joint] = self.errors[joint].rms / max(old.rms, 1e-300)
-        return sorted(found, key=lambda joint: -found[joint])
+                rises[joint] = self.errors[joint].rms / max(old.rms, 1e-300)
+        return sorted(rises, key=lambda joint: -rises[joint])
 
     @cached_property
     def parts(self) -> dict[str, np.ndarray]:
         """rms (d,) of `measured`, each part, `gravity` and `residual` over all rows."""
-        found = {"measured": _rms([trace.measured for trace in self.traces])}
-        found |= {name: self.rms_together([name]) for name in self.traces[0].parts}
+        sizes = {"measured": _rms([trace.measured for trace in self.traces])}
+        sizes |= {name: self.rms_together([name]) for name in self.traces[0].parts}
         for name in ("gravity", "residual"):
-            found[name] = _rms([getattr(trace, name) for trace in self.traces])
-        return found
+            sizes[name] = _rms([getattr(trace, name) for trace in self.traces])
+        return sizes
 
     def rms_together(self, names: Sequence[str]) -> np.ndarray:
         """Return the rms (d,) of the sum of some parts, by `names`."""
         parts = [[trace.parts[name] for name in names] for trace in self.traces]
-        return _rms([np.sum(each, axis=0) for each in parts])
+        return _rms([np.sum(series, axis=0) for series in parts])
 
     @cached_property
     def where(self) -> tuple[Failure, ...]:
         """Where the model fails: one entry a joint, the largest share first."""
         joints = (name for name in self.joints if not self.errors[name].unmeasured)
-        return tuple(sorted(map(self.failure, joints), key=lambda each: -each.share))
+        return tuple(sorted(map(self.failure, joints), key=lambda failure: -failure.share))
 
     def failure(self, joint: str) -> Failure:
         """Return how the model fails in one joint."""
@@ -229,11 +229,13 @@ class Residual(Displayed):
             edges = np.cumsum([0, *map(len, pieces)])
             ends = np.append(0, np.cumsum(rows))[edges]
             together = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
-            mine = residual_maps.own_maps(self.signal, joint, self.maps)
+            maps = residual_maps.own_maps(self.signal, joint, self.maps)
             if not rows.all():
-                mine = [replace(each, columns=each.columns[rows]) for each in mine]
+                maps = [
+                    replace(signal_map, columns=signal_map.columns[rows]) for signal_map in maps
+                ]
             if together:
-                steps, threshold = residual_maps.depends_on(r[rows], fold[rows], mine, together)
+                steps, threshold = residual_maps.depends_on(r[rows], fold[rows], maps, together)
         repeats = again is not None and again.rho[joint] > again.chance
         self._failures[joint] = Failure(
             joint=joint,
@@ -329,16 +331,20 @@ def residual_of(model: Model, motion: Motion | None = None, *, name: str = "") -
         raise FitError("a fit read from a file has no motion; give motion=ident.complete(…)")
     mechanism = model.mechanism
     # a fit keeps those of its own motion
-    kept = getattr(model, "predictions", None) if motion is model.motion else None
-    predictions = kept or predict(mechanism, motion, model.point)
-    traces = tuple(x for each in predictions if len(x := each.filtered(motion.band.cutoff)))
+    made_before = getattr(model, "predictions", None) if motion is model.motion else None
+    predictions = made_before or predict(mechanism, motion, model.point)
+    traces = tuple(
+        x for prediction in predictions if len(x := prediction.filtered(motion.band.cutoff))
+    )
     if not traces:
         raise too_short(motion)
-    units = tuple(mechanism.joint(each).force_unit for each in motion.independent)
-    names, own = zip(*((joint.name, joint.unit) for joint in mechanism.joints), strict=True)
+    units = tuple(mechanism.joint(prediction).force_unit for prediction in motion.independent)
+    names, coordinate_units = zip(
+        *((joint.name, joint.unit) for joint in mechanism.joints), strict=True
+    )
     return Residual(
-        name or model.name, model, motion, motion.independent, units, own, names, traces,
-        tuple(predictions),
+        name or model.name, model, motion, motion.independent, units, coordinate_units, names,
+        traces, tuple(predictions),
     )  # fmt: skip
 
 
@@ -394,4 +400,7 @@ def _worst(residual: Residual, u: int, effective: float) -> tuple[Window, ...]:
             if len(within) >= 2:
                 window = Window(name, float(within[0]), float(within[-1]))
                 windows.append((-float((r[run] ** 2).sum()), window))
-    return tuple(window for _, window in sorted(windows, key=lambda each: each[0])[:MOST])
+    return tuple(
+        window
+        for _, window in sorted(windows, key=lambda window_and_size: window_and_size[0])[:MOST]
+    )

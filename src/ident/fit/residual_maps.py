@@ -96,10 +96,10 @@ def own_correlation(cutoff: float | None, rate: float) -> np.ndarray:
 def memory_of(runs: Sequence[np.ndarray], cutoff: float | None, rate: float) -> Memory:
     """Return the autocorrelation of a series, in runs without a gap, beyond its filter's length."""
     n, longest = sum(map(len, runs)), max(map(len, runs))
-    own = own_correlation(cutoff, rate)
-    first, last = len(own) + 1, min(longest // 3, FARTHEST)
+    of_filter = own_correlation(cutoff, rate)
+    first, last = len(of_filter) + 1, min(longest // 3, FARTHEST)
     r = _autocorrelation(runs, max(last, first))
-    effective = n / float(1 + 2 * ((own if cutoff else r[1:first]) ** 2).sum())
+    effective = n / float(1 + 2 * ((of_filter if cutoff else r[1:first]) ** 2).sum())
     if last <= first:
         return Memory(0.0, MEMORY, effective)
     lags = np.arange(first, last + 1)
@@ -146,21 +146,25 @@ def signal_maps(
             load = np.concatenate(signal(f"load.{joint}")[0])
             bands = np.abs(load)[:, None] / max(float(np.abs(load).max()), 1e-300)
             maps.append(SignalMap(f"load.{joint}", np.hstack([direction, bands * direction])))
-    return [each for each in maps if np.ptp(each.columns, axis=0).max() > ROUNDING]
+    return [
+        signal_map for signal_map in maps if np.ptp(signal_map.columns, axis=0).max() > ROUNDING
+    ]
 
 
 def own_maps(signal: Signal, joint: str, maps: Sequence[SignalMap]) -> list[SignalMap]:
     """Return maps in one joint's order of preference, with a fine one of its position for waves."""
     every, position = list(maps), f"q.{joint}"
-    if any(each.name == position for each in maps):
+    if any(signal_map.name == position for signal_map in maps):
         every.append(_hats(position, np.concatenate(signal(position)[0]), KNOTS_WAVE))
-    return sorted(every, key=lambda each: each.name.partition(".")[2] != joint)
+    return sorted(every, key=lambda signal_map: signal_map.name.partition(".")[2] != joint)
 
 
 def folds(lengths: Sequence[int], count: int = 10) -> np.ndarray:
     """Return the fold (n,) of every row: whole experiments from three on, else parts of them."""
-    each = -(-count // len(lengths)) if len(lengths) < 3 else 1
-    return np.concatenate([i * each + np.arange(n) * each // n for i, n in enumerate(lengths)])
+    per_log = -(-count // len(lengths)) if len(lengths) < 3 else 1
+    return np.concatenate(
+        [i * per_log + np.arange(n) * per_log // n for i, n in enumerate(lengths)]
+    )
 
 
 # --- the choice of signals -----------------------------------------------------------------------
@@ -189,8 +193,8 @@ def depends_on(
     added, threshold = dict[str, float](), 1.0  # R² by signal, which may have maps of two widths
     if len(r) < FEWEST or not r.any() or fold[0] == fold[-1]:
         return [], threshold
-    X = np.hstack([np.ones((len(r), 1)), *(each.columns for each in maps)])
-    ends = np.cumsum([1, *(each.columns.shape[1] for each in maps)])
+    X = np.hstack([np.ones((len(r), 1)), *(signal_map.columns for signal_map in maps)])
+    ends = np.cumsum([1, *(signal_map.columns.shape[1] for signal_map in maps)])
     groups = [np.arange(a, b) for a, b in pairwise(ends)]
     edges = np.array([0, *(np.flatnonzero(np.diff(fold)) + 1), len(r)])
     r = r / float(np.sqrt(np.mean(r**2)))  # squares are compared
@@ -198,14 +202,14 @@ def depends_on(
     now = PartialRegression((part,), np.zeros(1, dtype=np.intp), np.ones(1))
     total, rest, random = float(now.loss.sum()), [*range(len(maps))], np.random.default_rng(0)
     while rest and len(added) < SIGNALS:
-        some, left = [groups[i] for i in rest], float(now.loss.sum())
-        g, threshold = now.explained(now.gains(some).by) * left / total, LEAST
+        groups_left, loss = [groups[i] for i in rest], float(now.loss.sum())
+        g, threshold = now.explained(now.gains(groups_left).by) * loss / total, LEAST
         if g.max() <= threshold:
             break
         noise = surrogates(now.residual[0], runs, DRAWS, random)[:, 0]
         asked = now.with_targets([np.column_stack([r, noise])])
-        null = asked.gains(some).null.transpose(0, 2, 1)
-        chance = asked.explained(null, asked.null_losses.T).max() * left / total
+        null = asked.gains(groups_left).null.transpose(0, 2, 1)
+        chance = asked.explained(null, asked.null_losses.T).max() * loss / total
         threshold = max(LEAST, float(chance))
         if g.max() <= threshold:
             break
@@ -215,8 +219,8 @@ def depends_on(
         now = now.extended(groups[chosen])
         name = maps[chosen].name
         added[name] = added.get(name, 0.0) + float(g[pick])
-    found = [Dependence(name, r2) for name, r2 in added.items()]
-    return sorted(found, key=lambda each: -each.r2), threshold
+    dependences = [Dependence(name, r2) for name, r2 in added.items()]
+    return sorted(dependences, key=lambda dependence: -dependence.r2), threshold
 
 
 APART = 0.5  # level: likeness below which the motion has left where it was
@@ -242,7 +246,7 @@ class Periods:
     @property
     def repeated(self) -> float:
         """Mean share of the residual that repeats, over joints."""
-        return float(np.mean([max(0.0, each) for each in self.rho.values()]))
+        return float(np.mean([max(0.0, rho) for rho in self.rho.values()]))
 
     def variance(self, seconds: float) -> float:
         """Return by how much variances over so many seconds are larger than of white residuals."""
@@ -266,27 +270,27 @@ def repetition(
     that have rows at a `rate` [Hz]; None where it repeats nothing. `joints` (d,): places of the
     independent joints among all.
     """
-    found, pairs, left = dict[str, float](), [], list(traces)
+    periods, pairs, remaining = dict[str, float](), [], list(traces)
     for e in motion.experiments:
-        if not left or left[0].name != e.name or left[0].t[0] < e.t[0]:
+        if not remaining or remaining[0].name != e.name or remaining[0].t[0] < e.t[0]:
             continue
-        trace = left.pop(0)
+        trace = remaining.pop(0)
         if (period := period_of(e, joints, motion.band.motion)) is not None:
-            name = e.name if e.name not in found else f"{e.name} ({len(found) + 1})"
-            found[name] = period
-            run = max(trace.runs(), key=lambda each: each.stop - each.start)
+            name = e.name if e.name not in periods else f"{e.name} ({len(periods) + 1})"
+            periods[name] = period
+            run = max(trace.runs(), key=lambda pair: pair.stop - pair.start)
             t, r = trace.t[run], trace.residual[run]
             early = t + period <= t[-1] + 1e-9
             pairs.append((r[early], _between(t, r, np.minimum(t[early] + period, t[-1]))))
     if sum(len(early) for early, _ in pairs) < FEWEST_PAIRS:
         return None
-    first, second = (np.concatenate(each) for each in zip(*pairs, strict=True))
+    first, second = (np.concatenate(pair) for pair in zip(*pairs, strict=True))
     a, b = first - first.mean(axis=0), second - second.mean(axis=0)
     rho = (a * b).sum(axis=0) / np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0) + 1e-300)
-    own = own_correlation(motion.band.cutoff, rate)
-    independent = len(first) / float(1 + 2 * (own**2).sum())
+    of_filter = own_correlation(motion.band.cutoff, rate)
+    independent = len(first) / float(1 + 2 * (of_filter**2).sum())
     chance = max(CHANCE, ERRORS / float(np.sqrt(max(independent, 1.0))))
-    return Periods(found, dict(zip(motion.independent, map(float, rho), strict=True)), chance)
+    return Periods(periods, dict(zip(motion.independent, map(float, rho), strict=True)), chance)
 
 
 def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -295,19 +299,19 @@ def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     nodes = np.arange(min(4, len(t)))
     s = (at - t[0]) / (t[1] - t[0]) if len(t) > 1 else np.zeros(len(at))
     first = np.clip(s.astype(int) - 1, 0, len(t) - len(nodes))
-    found = np.zeros((len(at), x.shape[1]))
+    values = np.zeros((len(at), x.shape[1]))
     for k in nodes:
         others = nodes[nodes != k]
         weight = np.prod((s[:, None] - first[:, None] - others) / (k - others), axis=1)
-        found += weight[:, None] * x[first + k]
-    return found
+        values += weight[:, None] * x[first + k]
+    return values
 
 
 def period_of(e: State, joints: np.ndarray, bandwidth: float) -> float | None:
     """Return the period [s] of the motion of some joints (d,), by their places, in its longest run;
     None if it is not repeated. `bandwidth`: of the motion [Hz].
     """
-    run = max(e.segments(), key=lambda each: each.stop - each.start, default=slice(0, 0))
+    run = max(e.segments(), key=lambda run: run.stop - run.start, default=slice(0, 0))
     stride = max(1, int(e.rate / (FINE * max(bandwidth, 1e-9))))
     t, y, yd = (x[run][::stride] for x in (e.t, e.y, e.yd))
     if len(t) < FEWEST_PAIRS:
@@ -318,9 +322,9 @@ def period_of(e: State, joints: np.ndarray, bandwidth: float) -> float | None:
     likeness = np.min([_likeness(y[:, i]) for i in joints[moves]], axis=0)
     inner = likeness[1:-1]
     peak = (inner >= likeness[:-2]) & (inner >= likeness[2:]) & (inner >= SAME_SHAPE)
-    away = np.flatnonzero(likeness < APART)
+    far_lags = np.flatnonzero(likeness < APART)
     lags = 1 + np.flatnonzero(peak)
-    lags = lags[lags > away[0]] if len(away) else lags[:0]
+    lags = lags[lags > far_lags[0]] if len(far_lags) else lags[:0]
     if not len(lags):
         return None
     low, mid, high = likeness[lags[0] - 1 : lags[0] + 2]

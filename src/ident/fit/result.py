@@ -132,11 +132,13 @@ class Fit(Charted):
     @property
     def parameter_table(self) -> pl.DataFrame:
         """The unknown parameters, bodies' then effects', as a data frame of `Value`'s fields."""
-        effects = (value for each in self.effects for value in each.parameters)
-        unknown = [each for each in (*self.parameters, *effects) if each.name in self.columns.index]
+        effects = (value for effect in self.effects for value in effect.parameters)
+        unknown = [
+            value for value in (*self.parameters, *effects) if value.name in self.columns.index
+        ]
         kinds = {"str": pl.String, "bool": pl.Boolean}  # others are numbers
-        schema = {each.name: kinds.get(str(each.type), pl.Float64) for each in fields(Value)}
-        return pl.DataFrame([asdict(each) for each in unknown], schema)
+        schema = {entry.name: kinds.get(str(entry.type), pl.Float64) for entry in fields(Value)}
+        return pl.DataFrame([asdict(value) for value in unknown], schema)
 
     @cached_property
     def noise(self) -> dict[str, float]:
@@ -174,7 +176,7 @@ class Fit(Charted):
         """What a repeated motion repeats of the residual; None where it is no more than chance."""
         motion, joints = self.motion, self.mechanism.joint_index
         places = np.array([joints[name] for name in motion.independent])
-        if all((each.relative or 0.0) < ROUNDING for each in self.train.values()) or not any(
+        if all((error.relative or 0.0) < ROUNDING for error in self.train.values()) or not any(
             period_of(e, places, motion.band.motion) for e in motion.experiments
         ):
             return None
@@ -194,11 +196,11 @@ class Fit(Charted):
         names faults, the same with their bias in place of that of reversals.
         """
         good = max(self.relative.values(), default=0.0) < SMALL  # no fault is named
-        return self.without_faults if good else self._with(self.checks.moved)
+        return self.without_faults if good else self._with(self.checks.bias)
 
-    def _with(self, moved: np.ndarray) -> np.ndarray:
+    def _with(self, change: np.ndarray) -> np.ndarray:
         """Covariance with a bias of the unknowns (k,)."""
-        again, bias = self.repeated, self.estimate.base.combined(moved)
+        again, bias = self.repeated, self.estimate.base.combined(change)
         wider = 1.0 if again is None else again.variance(self.motion.duration)
         return self.scatter * wider + np.outer(bias, bias)
 
@@ -295,9 +297,9 @@ class Fit(Charted):
     def found(self) -> dict[str, Estimates]:
         """Values and standard errors of all effects' parameters: by label, then short name."""
         return {
-            each.effect.label: {v.name.rpartition(".")[2]: (v.value, v.stderr)
-                                for v in each.parameters}
-            for each in self.effects
+            effect_values.effect.label: {v.name.rpartition(".")[2]: (v.value, v.stderr)
+                                for v in effect_values.parameters}
+            for effect_values in self.effects
         }  # fmt: skip
 
     def __getitem__(self, name: str) -> Value | BaseValue:
@@ -307,11 +309,11 @@ class Fit(Charted):
             KeyError: with the nearest name.
         """
         values = [*self.parameters, *(v for effect in self.effects for v in effect.parameters)]
-        own = {value.name: value for value in values}
-        found = {value.name: value for value in self.base_parameters} | own
-        if name not in found:
-            raise KeyError(f"no parameter '{name}'; {one_of(name, own)}")
-        return found[name]
+        plain_values = {value.name: value for value in values}
+        by_name = {value.name: value for value in self.base_parameters} | plain_values
+        if name not in by_name:
+            raise KeyError(f"no parameter '{name}'; {one_of(name, plain_values)}")
+        return by_name[name]
 
     @cached_property
     def residual(self) -> Residual:
@@ -338,16 +340,16 @@ class Fit(Charted):
             m = len(determined)
             values = [(e.t, np.full((len(e), m), np.nan)) for e in self.motion.experiments]
         else:
-            moved = self.likelihood and self.predict(self.likelihood.motion)
+            of_likelihood = self.likelihood and self.predict(self.likelihood.motion)
             values = [
                 (p.t, np.where(p.usable[:, None], p.multipliers, np.nan))
-                for p in moved or self.predictions
+                for p in of_likelihood or self.predictions
             ]
         for band in self.problem.bands:  # λ(t) = B(t) a, where a run of samples extends
-            t, found = values[band.experiment]
+            t, series = values[band.experiment]
             a = band.elimination.back_substitute(self.estimate.x)
-            found[band.segment] = band.basis.evaluate(a, t[band.segment])
-        return [(t, np.where(determined, each, np.nan)) for t, each in values]
+            series[band.segment] = band.basis.evaluate(a, t[band.segment])
+        return [(t, np.where(determined, series, np.nan)) for t, series in values]
 
     @cached_property
     def unfiltered(self) -> dict[str, Error]:
@@ -375,10 +377,10 @@ class Fit(Charted):
             column = next(iter(reactions.columns), "t")
             raise FitError(f"{reactions.name}: no column is a multiplier; {one_of(column, names)}")
         log, (t, values) = self.motion.experiments[0].name, self.multipliers[0]
-        found = [np.interp(reactions.t, t, x, left=np.nan, right=np.nan) for x in values.T]
+        interpolated = [np.interp(reactions.t, t, x, left=np.nan, right=np.nan) for x in values.T]
         none = np.full(len(reactions.t), np.nan)
         known = np.stack([reactions.columns.get(name, none) for name in names], axis=1)
-        off = np.stack(found, axis=1) - known
+        off = np.stack(interpolated, axis=1) - known
         return Reactions(self.mechanism, log, (t, values), reactions.t, known, off)
 
     def plot_parameters(self) -> Any:

@@ -53,8 +53,8 @@ def working_point(
     fewer = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.linear))
     columns = Columns.of(fewer)
     if len(columns):
-        found = Problem.reduced(fewer, motion, point).estimate()
-        point = point.at(fewer, columns, found.x)
+        estimate = Problem.reduced(fewer, motion, point).estimate()
+        point = point.at(fewer, columns, estimate.x)
         if start is not None:
             point = Point(point.pi, {**start.values, **point.values})
     for effect in mechanism.effects:
@@ -68,8 +68,8 @@ def initial(mechanism: Mechanism, motion: Motion) -> Point:
     point = Point.prior(mechanism)
     for effect in mechanism.effects:
         if effect.searched:
-            whole = Samples(mechanism, motion.experiments[0], slice(None), point)
-            starts = effect.starts(whole.signals(effect.joints))
+            samples = Samples(mechanism, motion.experiments[0], slice(None), point)
+            starts = effect.starts(samples.signals(effect.joints))
             middle = {effect.full[s]: value for s, value in starts[len(starts) // 2].items()}
             point = point.with_values({**middle, **point.values})
     return point
@@ -91,9 +91,9 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     rest = replace(mechanism, effects=others)
     table = Table.of(rest, Columns.of(rest), motion, point)
     starts = table.starts(effect)
-    own, felt = table.effect_columns(effect, starts)
+    columns, felt = table.effect_columns(effect, starts)
     C = np.zeros((*table.b.shape, len(starts) * u))
-    C[:, felt] = own
+    C[:, felt] = columns
     sigma = np.sqrt((table.tau**2).mean(axis=0)) + 1e-300
     inside = table.informed
     A, b = (table.A / sigma[:, None])[inside], (table.b / sigma)[inside]
@@ -101,8 +101,8 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     Q = linear.svd(A, full_matrices=False)[0] if A.shape[1] else np.zeros((len(b), 0))
     C, r = C - Q @ (Q.T @ C), b - Q @ (Q.T @ b)
     falls = [
-        float(r @ own @ linear.lstsq(own, r, rcond=1e-9)[0])
-        for own in np.split(C, len(starts), axis=1)
+        float(r @ columns @ linear.lstsq(columns, r, rcond=1e-9)[0])
+        for columns in np.split(C, len(starts), axis=1)
     ]
     best = starts[int(np.argmax(falls))]
     return point.with_values({full[name]: float(value) for name, value in best.items()})
@@ -125,11 +125,11 @@ def variable_projection(
 
     def trial(point: Point, first: Estimate) -> tuple[Point, float]:
         """Return the point of least error with the shapes where they are, and that error."""
-        there = point.unknowns(columns)
+        shape_values = point.unknowns(columns)
         for _ in range(passes):
-            found = solved(point, first, first.held | shapes, columns.with_known_shapes)
-            point = point.at(mechanism, columns, np.where(shapes, there, found.x))
-        return point, found.triangle.residual_norm(found.x) ** 2
+            estimate = solved(point, first, first.held | shapes, columns.with_known_shapes)
+            point = point.at(mechanism, columns, np.where(shapes, shape_values, estimate.x))
+        return point, estimate.triangle.residual_norm(estimate.x) ** 2
 
     point, _ = trial(point, start.estimate())  # a shape without size has no slope
     first = Problem.reduced(mechanism, motion, point).estimate()
@@ -163,7 +163,7 @@ def variable_projection(
     return point
 
 
-def beyond_bounds(problem: Problem, found: Estimate) -> np.ndarray:
+def beyond_bounds(problem: Problem, estimate: Estimate) -> np.ndarray:
     """Return (k,) shapes that an estimate puts where their columns mean nothing.
 
     Those of corrections may be on either side of their bounds, for a negative play is noise around
@@ -174,7 +174,7 @@ def beyond_bounds(problem: Problem, found: Estimate) -> np.ndarray:
     for effect, places in problem.columns.effects:
         for at in bounds.keys() & set(places.tolist()):
             low, high = bounds[at] if effect.unknowns else widened(*bounds[at])
-            outside[at] = not low <= found.x[at] <= high
+            outside[at] = not low <= estimate.x[at] <= high
     return outside
 
 
@@ -185,7 +185,7 @@ def widened(low: float, high: float) -> tuple[float, float]:
 
 def shape_bounds(problem: Problem) -> dict[int, tuple[float, float]]:
     """Return the bounds of every unknown shape, by its place in x, over all experiments."""
-    found: dict[int, tuple[float, float]] = {}
+    bounds: dict[int, tuple[float, float]] = {}
     for e in problem.motion.experiments:
         samples = Samples(problem.mechanism, e, slice(None), problem.point)
         for effect, places in problem.columns.effects:
@@ -193,9 +193,9 @@ def shape_bounds(problem: Problem) -> dict[int, tuple[float, float]]:
             if not (shapes >= 0).any():
                 continue
             shape = problem.point.of(effect)[1]
-            own = effect.bounds(replace(samples.signals(effect.joints), shape=shape))
-            for each, place in zip(effect.shapes, shapes.tolist(), strict=True):
+            bounds_here = effect.bounds(replace(samples.signals(effect.joints), shape=shape))
+            for shape_parameter, place in zip(effect.shapes, shapes.tolist(), strict=True):
                 if place >= 0:
-                    ends = *own[each.name], *found.get(place, ())
-                    found[place] = min(ends), max(ends)
-    return found
+                    ends = *bounds_here[shape_parameter.name], *bounds.get(place, ())
+                    bounds[place] = min(ends), max(ends)
+    return bounds

@@ -89,8 +89,10 @@ class ParameterValues:
         base, beta = self.estimate.base, self.estimate.solution.beta
         names, errors = base_names(self.columns, base), np.sqrt(np.diag(self.cov))
         return tuple(
-            BaseValue(name, float(value), float(error), self.columns.units[own])
-            for name, value, error, own in zip(names, beta, errors, base.independent, strict=True)
+            BaseValue(name, float(value), float(error), self.columns.units[column])
+            for name, value, error, column in zip(
+                names, beta, errors, base.independent, strict=True
+            )
         )
 
     @cached_property
@@ -112,7 +114,7 @@ class ParameterValues:
         """Return all effects' parameters, a given one at its value in `point`, without error;
         `prior`: values of an earlier fit, by full name.
         """
-        found = []
+        every = list[EffectValues]()
         for effect, places in self.columns.effects:
             values = []
             for name, unit, at in zip(effect.names, effect.units, places, strict=True):
@@ -122,8 +124,8 @@ class ParameterValues:
                 else:
                     before, x = (prior or {}).get(name, 0.0), self.estimate.x[at]
                     values.append(self._value(name, x, self._stderr[at], unit, before))
-            found.append(EffectValues(effect, tuple(values)))
-        return tuple(found)
+            every.append(EffectValues(effect, tuple(values)))
+        return tuple(every)
 
     def rigid(self, mechanism: Mechanism) -> tuple[Value, ...]:
         """Return unknown dynamic parameters in Γ's order.
@@ -132,30 +134,30 @@ class ParameterValues:
         named `I`, else about the joint frame's origin, `L`.
         """
         pi = self.columns.dynamic_parameters(mechanism, self.estimate.solution.x)
-        found = []
+        values = []
         for link in mechanism.bodies.links:
             names = [f"{link}.{word}" for word in DYNAMIC]
             body = mechanism.bodies.columns(link)
-            mine, prior = pi[body], mechanism.prior[body]
+            body_values, prior = pi[body], mechanism.prior[body]
             places = [self.columns.index.get(name, -1) for name in names]
             errors = np.array([self._stderr[i] if i >= 0 else 0.0 for i in places])
-            centred = np.isfinite(errors[:4]).all() and mine[0] != 0.0
+            centred = np.isfinite(errors[:4]).all() and body_values[0] != 0.0
             for k, (word, name) in enumerate(zip(DYNAMIC, names, strict=True)):
                 if places[k] < 0:
                     continue
-                value, error, before = mine[k], errors[k], prior[k]
+                value, error, before = body_values[k], errors[k], prior[k]
                 if word in CENTROIDAL and centred:
-                    value -= beyond_centroidal(mine)[k]
+                    value -= beyond_centroidal(body_values)[k]
                     before -= beyond_centroidal(prior)[k]
                     if np.isfinite(error):
-                        error = self._centroidal_error(mine, places, k)
+                        error = self._centroidal_error(body_values, places, k)
                     name = f"{link}.{CENTROIDAL[word]}"
-                found.append(self._value(name, value, error, unit_of(word), before))
-        return tuple(found)
+                values.append(self._value(name, value, error, unit_of(word), before))
+        return tuple(values)
 
     def _centroidal_error(self, pi: np.ndarray, at: Sequence[int], k: int) -> float:
         """Return the error of I_k of a body pi (10,) with places `at` in x (delta method)."""
-        place = {int(own): i for i, own in enumerate(self.estimate.base.independent)}
+        place = {int(column): i for i, column in enumerate(self.estimate.base.independent)}
         gradient = np.zeros(len(self.cov))
         for j in (0, 1, 2, 3):
             if at[j] >= 0:
@@ -178,8 +180,8 @@ class ParameterValues:
 def base_names(columns: Columns, base: Base) -> list[str]:
     """Return an expression for each independent column: the unknown and what is regrouped."""
     names = []
-    for own, row in zip(base.independent, base.K, strict=True):
-        terms = [columns.names[own]]
+    for independent, row in zip(base.independent, base.K, strict=True):
+        terms = [columns.names[independent]]
         for k in np.flatnonzero(row):
             number = "" if abs(abs(row[k]) - 1.0) < 1e-9 else f"{abs(row[k]):.6g} "
             terms.append(f"{'-' if row[k] < 0 else '+'} {number}{columns.names[base.dependent[k]]}")
@@ -219,8 +221,8 @@ class Correlation(Displayed):
         """
         for name in names:
             if name not in self.names:
-                some = ", ".join(self.names[:12]) + (", …" if len(self.names) > 12 else "")
-                raise KeyError(f"'{name}' leads no base parameter; valid: {some}")
+                valid = ", ".join(self.names[:12]) + (", …" if len(self.names) > 12 else "")
+                raise KeyError(f"'{name}' leads no base parameter; valid: {valid}")
         i, j = (self.names.index(name) for name in names)
         return float(self.matrix[i, j])
 
@@ -297,11 +299,11 @@ class Changes(Displayed):
                 known &= name in columns.index
                 if name in columns.index:
                     c[columns.index[name]] = float(factor or 1.0) * (-1.0 if sign == "-" else 1.0)
-            g, theirs = c[base.independent], c[base.dependent]
-            size = np.abs(base.K).T @ np.abs(g) + np.abs(theirs)
+            g, c_dependent = c[base.independent], c[base.dependent]
+            size = np.abs(base.K).T @ np.abs(g) + np.abs(c_dependent)
             value = float(g @ now.estimate.solution.beta)
             stderr = float(np.sqrt(g @ now.cov @ g))
-            other = not known or (np.abs(base.K.T @ g - theirs) > SAME * size).any()
+            other = not known or (np.abs(base.K.T @ g - c_dependent) > SAME * size).any()
             if other or not np.isfinite(stderr):
                 apart.append(before.name)
                 continue
@@ -310,7 +312,7 @@ class Changes(Displayed):
             exact = abs(step) <= EXACT * max(abs(value), abs(before.value))
             z = 0.0 if exact else step / error if error else np.copysign(np.inf, step)
             compared.append(Change(before, after, float(z), effects.get(before.name)))
-        compared.sort(key=lambda each: -abs(each.z))
+        compared.sort(key=lambda change: -abs(change.z))
         return cls(earlier.name, tuple(compared), tuple(apart))
 
     @property

@@ -98,7 +98,8 @@ def good_enough(
 
     Args:
         errors, floor: by joint, of the model and what noise of the sensors makes [N m | N].
-        away: rms away from reversals of joints with dry friction, as `Residual.away`.
+        away: rms away from reversals of joints with dry friction, as
+            `Residual.errors_away_from_reversals`.
         searched: whether nothing that is missing was found.
         logs: other ones than those that were fitted; doubts: on the data.
     """

@@ -67,12 +67,12 @@ def comparison_card(c: Comparison) -> Card:
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
     shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
     alone, (_, errors) = first is last, judged(c, last.name)
-    good = good_enough(errors, floor, last.away)
+    good = good_enough(errors, floor, last.errors_away_from_reversals)
     before = fitted(c, first.name) if alone else judged(c, first.name)[1]
     now = {joint for joint, e in errors.items() if not e.unmeasured}
     blind = [joint for joint, e in before.items() if e.unmeasured and joint in now]
     before = {joint: e for joint, e in before.items() if joint not in blind}
-    changed = first.risen(before) if alone else []
+    changed = first.increased_errors(before) if alone else []
     bars = bars_of(before, errors, floor)
     models = shown[first.name] if alone else f"{shown[first.name]} → {shown[last.name]}"
     line = f"{models} on {', '.join(trace.name for trace in first.traces)}"
@@ -209,7 +209,7 @@ def comparison_json(c: Comparison, replay: Plotted | None = None) -> dict[str, A
     models = {
         name: {
             "error": residual.errors, "fitted": c.fitted[name],
-            "changed": residual.risen(fitted(c, name)),
+            "changed": residual.increased_errors(fitted(c, name)),
             "noise": floor_of(residual.model, residual.motion),
             "parts": {
                 part: dict(zip(residual.joints, values, strict=True))

@@ -73,7 +73,9 @@ def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
         command = next_command("explore", added)
     bars = tuple(Bar(j, e, after.get(j), d.floor[j]) for j, e in errors.items() if not e.unmeasured)
     searched, doubts = d.verdict == "nothing", d.health.findings
-    good = good_enough(errors, d.floor, d.fit.residual.away, searched, doubts=doubts)
+    good = good_enough(
+        errors, d.floor, d.fit.residual.errors_away_from_reversals, searched, doubts=doubts
+    )
     known = "The earlier model lacked it too: its own log shows as much. "
     sure = known * bool(d.best and left_before(d)) + certainty(d)
     parts = [*health_words(d), good, sure, *beside(d)]

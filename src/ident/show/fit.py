@@ -213,7 +213,11 @@ def sheet(fit: Fit) -> Sheet:
 def card(fit: Fit) -> Card:
     """Return how well a fit predicts, better than the URDF's own numbers or not, and what next."""
     earlier = fit.earlier if isinstance(fit.earlier, Fit | Saved) else None
-    errors, floor, away = fit.held_out or fit.train, fit.noise, fit.residual.away
+    errors, floor, away = (
+        fit.held_out or fit.train,
+        fit.noise,
+        fit.residual.errors_away_from_reversals,
+    )
     judged, shown = errors, (errors, floor)
     if fit.validation:
         before, (judged, floor) = errors, _worst(fit, lambda e, x: e.rms / (x or 1e-300))
@@ -252,7 +256,7 @@ def card(fit: Fit) -> Card:
     if fit.changes.changed:  # with the earlier bodies known, which names the cause
         command = next_command("diagnose")
     then = earlier.errors if earlier else {}
-    worse = fit.residual.risen(then.get("held out") or then.get("train") or {})
+    worse = fit.residual.increased_errors(then.get("held out") or then.get("train") or {})
     line = changes_line(fit.changes, worse)
     return Card(line, f"{headline(fit)} {trust}", bars, command, change=change)
 

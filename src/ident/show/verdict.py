@@ -119,7 +119,7 @@ def left_before(d: Diagnosis) -> list[str]:
     earlier = d.fit.earlier
     errors = earlier.errors if isinstance(earlier, Saved) else {}
     then = errors.get("held out") or errors.get("train") or {}
-    if d.verdict == "nothing" or d.fit.residual.risen(then):
+    if d.verdict == "nothing" or d.fit.residual.increased_errors(then):
         return []
     return [f"{j} ({percent(then[j].relative)})" for j in too_large(then, d.floor, MATERIAL)]
 

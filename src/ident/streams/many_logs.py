@@ -118,7 +118,7 @@ def compare_logs(
 ) -> LogComparison:
     """Compare each log with the fit of all logs and with a fit of its own."""
     broken, fits = left_out or {}, OwnFits(r)
-    joint, own = fits.joint, fits.own
+    joint, own = fits.joint, fits.solutions
     odd = disagreements(r.information, fits.weighed, r.columns)
     torque = np.where(r.torque > 0, r.torque, np.inf) ** 2
     results = [LogRow(name, left_out=broken[name]) for name in broken if name not in names.values()]

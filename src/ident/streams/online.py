@@ -287,7 +287,7 @@ class Online:
                     log = log_of(mechanism.name, stream.columns_of_samples, some)
                     motion = complete(mechanism, log)
                     fit = identify(mechanism, motion, estimator="least-squares")
-                    self._bias = fit.checks.moved
+                    self._bias = fit.checks.bias
                     findings = (*filter(self._is_new, fit.health.findings), *fit.checks.poor())
                     self.findings = self._watch.note(findings, float(some[0, 0]))
                 self._reference = None
