@@ -120,7 +120,8 @@ class Kinematics:
         q, v = self._symbols
         N = rates(self.model, q)
         rate = ca.jacobian(value, q) @ N
-        drift = ca.jacobian(rate @ v, q) @ N @ v
+        qd = N @ v  # of the second derivative along q̇, N(q) is differentiated too
+        drift = ca.jtimes(ca.jtimes(value, q, qd), q, qd)
         return ca.Function(name, [q, v], [ca.densify(x) for x in (value, rate, drift)])
 
     @cached_property
