@@ -57,14 +57,14 @@ inputs: ContextVar[Inputs | None] = ContextVar("inputs", default=None)
 """Those of the running command; None where there is none, or they do not describe its model."""
 
 
-def quiet(what: str, share: float) -> None:
+def no_progress(what: str, share: float) -> None:
     """Show nothing."""
 
 
 def part(on_progress: Progress | None, start: float, end: float) -> Progress:
     """Report the progress of one part of the work as that of the whole, between two shares."""
     if on_progress is None:
-        return quiet
+        return no_progress
     return lambda what, share: on_progress(what, start + share * (end - start))
 
 

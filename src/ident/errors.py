@@ -53,8 +53,8 @@ def near(name: str, words: Iterable[str]) -> str:
     'joint_7'
     """
     key, number = name.casefold(), re.findall(r"\d+", name)
-    alike = (word for word in words if not number or re.findall(r"\d+", word) in (number, []))
-    by_case = {word.casefold(): word for word in alike}
+    candidates = (word for word in words if not number or re.findall(r"\d+", word) in (number, []))
+    by_case = {word.casefold(): word for word in candidates}
     matches = difflib.get_close_matches(key, by_case, n=1)
     if number and not matches:  # of one number, a word and the beginning of it
         start = key.removesuffix(number[-1])

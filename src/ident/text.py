@@ -150,11 +150,11 @@ def merged(lines: Iterable[str]) -> list[str]:
         form = NUMBER.sub("#", rest) if name.endswith(":") else rest
         named = space and not name[:1].isdigit()
         kinds.setdefault(form if named else line, []).append((name, space + rest))
-    found = []
+    lines_merged = []
     for kind in kinds.values():
         names = list(dict.fromkeys(name for name, _ in kind))
         numbers = zip(*(NUMBER.findall(text) for _, text in kind), strict=True)
-        columns = [sorted(each, key=float) for each in numbers]
+        columns = [sorted(column, key=float) for column in numbers]
         ranges = [f"{c[0]} to {c[-1]}" if c[0] != c[-1] else c[0] for c in columns]
         pieces = zip(NUMBER.split(kind[0][1]), [*ranges, ""], strict=True)
         text = "".join(chain.from_iterable(pieces))
@@ -162,5 +162,5 @@ def merged(lines: Iterable[str]) -> list[str]:
         if len(names) > 1:
             of, colon = of.removesuffix(":"), ":" * of.endswith(":")
             of += f" … {names[-1].removesuffix(':')} ({len(names)})"
-        found.append(f"{of}{colon}{text}")
-    return found
+        lines_merged.append(f"{of}{colon}{text}")
+    return lines_merged

@@ -13,7 +13,7 @@ from nbclient import NotebookClient
 
 import ident
 from ident.diagnosis import diagnose, grow
-from ident.display import quiet
+from ident.display import no_progress
 from ident.fit import identify
 from ident.show.progress import watched
 from identification import motion_log, plant, robot
@@ -97,6 +97,6 @@ def test_a_notebook_shows_a_bar_and_keeps_none(root):
 def test_progress_that_is_given_replaces_the_bar():
     seen = []
     verb = watched(lambda *, progress=None: seen.append(progress))
-    verb(progress=quiet)
+    verb(progress=no_progress)
     verb()
-    assert seen == [quiet, None]  # of a test nobody sees the standard error
+    assert seen == [no_progress, None]  # of a test nobody sees the standard error

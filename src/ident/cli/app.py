@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO, get_type_hin
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from ident.display import Progress, quiet, running
+from ident.display import Progress, no_progress, running
 from ident.errors import IdentError
 from ident.files import LARGEST_LOG, json_line, most_bytes, version
 from ident.text import merged
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 _starting: list[str] = []  # the line that shows that a command has begun
-_held: list[str] = []  # notes that wait for the result
+_pending: list[str] = []  # notes that wait for the result
 _steps: list[str] = []  # the present step of the command, for the line that Ctrl-C gets
 _bars: list[Bar] = []  # the bar of progress that is shown
 _written: list[Path] = []  # files that the command has written
@@ -77,8 +77,8 @@ def styled(text: str, **style: Any) -> None:
 
 
 def _in_style(text: str, stream: TextIO, **style: Any) -> str:
-    plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
-    return text if plain or not stream.isatty() else typer.style(text, **style)
+    unstyled = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    return text if unstyled or not stream.isatty() else typer.style(text, **style)
 
 
 def close_pipe() -> None:
@@ -94,14 +94,14 @@ def notes(lines: Iterable[str]) -> None:
     """Write notes to standard error, one line each, first those that were held back; several of one
     kind are one line.
     """
-    held, _held[:] = [*_held], []
-    for each in merged([*held, *lines]):
-        result(f"note: {each}", sys.stderr)
+    pending, _pending[:] = [*_pending], []
+    for note in merged([*pending, *lines]):
+        result(f"note: {note}", sys.stderr)
 
 
 def notes_later(lines: Iterable[str]) -> None:
     """Hold notes back until the next ones, which follow the result, or the end of the command."""
-    _held.extend(lines)
+    _pending.extend(lines)
 
 
 def wrote(paths: Iterable[Path]) -> None:
@@ -111,9 +111,9 @@ def wrote(paths: Iterable[Path]) -> None:
         result(f"note: wrote {path}", sys.stderr)
 
 
-def conclude(found: object, written: Iterable[Path] = (), remarks: Iterable[str] = ()) -> None:
+def conclude(outcome: object, written: Iterable[Path] = (), remarks: Iterable[str] = ()) -> None:
     """Write a result, a mapping as one line of JSON, then what files were written, and notes."""
-    result(json_line(found) if isinstance(found, Mapping) else found)
+    result(json_line(outcome) if isinstance(outcome, Mapping) else outcome)
     wrote(written)
     notes(remarks)
 
@@ -127,7 +127,7 @@ def fail(why: object) -> NoReturn:
 @contextmanager
 def progress() -> Iterator[Progress]:
     """Show a bar on standard error while something long runs; nothing where that is no terminal."""
-    show: Progress = quiet
+    show: Progress = no_progress
     _begun()
     with ExitStack() as stack:
         if sys.stderr.isatty():
@@ -185,18 +185,18 @@ def flat(function: Callable[..., None]) -> Callable[..., None]:
     hints = get_type_hints(function, include_extras=True)
     groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
     parameters = []
-    for own in inspect.signature(function).parameters.values():
-        inner, types = [own], hints
-        if group := groups.get(own.name):
+    for parameter in inspect.signature(function).parameters.values():
+        inner, types = [parameter], hints
+        if group := groups.get(parameter.name):
             types = get_type_hints(group, include_extras=True)
             inner = [*inspect.signature(group).parameters.values()]
-        keyword = own.KEYWORD_ONLY
+        keyword = parameter.KEYWORD_ONLY
         parameters += [each.replace(kind=keyword, annotation=types[each.name]) for each in inner]
 
     def command(**values: Any) -> None:
         for name, group in groups.items():
-            values[name] = group(**{each.name: values.pop(each.name) for each in fields(group)})
-        for state in (_held, _steps, _bars, _written):
+            values[name] = group(**{field.name: values.pop(field.name) for field in fields(group)})
+        for state in (_pending, _steps, _bars, _written):
             state.clear()
         context = copy_context()
         # 130 and 141 are what a shell reports of a program that ends by SIGINT or SIGPIPE
@@ -207,9 +207,11 @@ def flat(function: Callable[..., None]) -> Callable[..., None]:
             finally:
                 notes(())  # those that are held back
         except KeyboardInterrupt:
-            left = "".join(f" while {step}" for step in _steps)
+            during = "".join(f" while {step}" for step in _steps)
             files = ", ".join(map(str, _written))
-            text = f"interrupted{left}; {f'complete: {files}' if files else 'no file was written'}"
+            text = (
+                f"interrupted{during}; {f'complete: {files}' if files else 'no file was written'}"
+            )
             if again := context.run(running.get):
                 how = "go on" if "--resume" in again.split() else "begin again"
                 text += f"; {how} with: {again}"

@@ -83,8 +83,8 @@ class Puzzle:
     @property
     def hidden(self) -> str:
         """The answer in one line."""
-        each = zip(self.truth.items(), self.answer.units, strict=True)
-        values = (f"{name} = {x:.4g} {unit}".removesuffix(" 1") for (name, x), unit in each)
+        pairs = zip(self.truth.items(), self.answer.units, strict=True)
+        values = (f"{name} = {x:.4g} {unit}".removesuffix(" 1") for (name, x), unit in pairs)
         return f"{self.answer.label} ({self.answer.summary()}): {listed(values)}"
 
 
@@ -190,9 +190,9 @@ def demo(
         for step in BEFORE:
             _step(*step, made.folder)
         file = made.folder / "diagnosis" / "diagnosis.json"
-        found = json.loads(file.read_text(encoding="utf-8"))
-        outcome = f"gave no name: {found['verdict']}"
-        if best := found["best"]:
+        diagnosis = json.loads(file.read_text(encoding="utf-8"))
+        outcome = f"gave no name: {diagnosis['verdict']}"
+        if best := diagnosis["best"]:
             name = f"{best['effect']}:{','.join(best['joints'])}"
             outcome = f"named {name}"
             for step in AFTER:

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from ident.streams.gather import Gathered
     from ident.streams.many_logs import Verdicts
 
-    Judged = tuple[Mapping[str, Error], Mapping[str, float]]  # errors and noise by joint
+    ErrorsAndNoise = tuple[Mapping[str, Error], Mapping[str, float]]  # errors and noise by joint
 
 MOST_IN_MEMORY = 1_000_000  # samples of all logs that are read at once
 Verbose = Annotated[bool, option("All candidates, and all reasons.", None, "--verbose")]
@@ -150,29 +150,29 @@ def identify(
 
         with progress() as on_progress:
             motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.2))
-            alike, show = model.filtered_at(motion.band.cutoff), part(on_progress, 0.2, 0.3)
+            treatment, show = model.filtered_at(motion.band.cutoff), part(on_progress, 0.2, 0.3)
             fit = identify_(
                 mechanism,
                 motion,
                 consistent=limits,
-                validate=alike.motion(mechanism, validate, show) if validate else None,
+                validate=treatment.motion(mechanism, validate, show) if validate else None,
                 estimator="likelihood" if refine else "auto",
                 progress=part(on_progress, 0.3, 1.0),
             )
     fit = fit if since is None else fit.since(since)
     _show(fit, gathered and replace(gathered, fit=fit), reactions, json, out)
     if good_enough is not None:
-        sets: dict[str, Judged] = {"": (fit.held_out or fit.train, fit.noise)}
+        sets: dict[str, ErrorsAndNoise] = {"": (fit.held_out or fit.train, fit.noise)}
         sets |= {f" of {log}": (e, fit.noise_on(log)) for log, e in fit.validation.items()}
         _judge(sets, good_enough)
 
 
-def _judge(sets: Mapping[str, Judged], percent: float) -> None:
+def _judge(sets: Mapping[str, ErrorsAndNoise], percent: float) -> None:
     """End with status 3 where an error is above a threshold of one's own and above noise."""
     from ident.show.card import too_large
 
-    found = {of: too_large(*each, percent / 100) for of, each in sets.items()}
-    if loud := [f"{', '.join(joints)}{of}" for of, joints in found.items() if joints]:
+    above = {of: too_large(*pair, percent / 100) for of, pair in sets.items()}
+    if loud := [f"{', '.join(joints)}{of}" for of, joints in above.items() if joints]:
         notes([f"status 3: {'; '.join(loud)} above --good-enough {percent:g} %"])
         sys.exit(3)
 
@@ -188,11 +188,11 @@ def _show(
     written: list[Path] = []
     if out is not None:
         written = gathered.write(out, known) if gathered else write_fit(fit, out, known)
-    found: object = fit_json(fit)
+    outcome: object = fit_json(fit)
     if not json:
-        found = gathered.summary if gathered else summary(fit)
-        found = f"{found}\n\n{known}" if known else found
-    conclude(found, written, gathered.notes if gathered else fit.warnings)
+        outcome = gathered.summary if gathered else summary(fit)
+        outcome = f"{outcome}\n\n{known}" if known else outcome
+    conclude(outcome, written, gathered.notes if gathered else fit.warnings)
     with suppress(IdentError):
         notes([str(fit.unexcited)] if fit.unexcited else [])
 
@@ -256,10 +256,10 @@ def compare(
         written.append(plot)
     if out is not None:
         written += write_all(out, comparison_files(comparison, replayed))
-    found: object = comparison_json(comparison, replayed)
+    outcome: object = comparison_json(comparison, replayed)
     if not json:
-        found = "\n\n".join(map(str, filter(None, (comparison, replayed))))
-    conclude(found, written, motion.notes)
+        outcome = "\n\n".join(map(str, filter(None, (comparison, replayed))))
+    conclude(outcome, written, motion.notes)
     if good_enough is not None:
         residual = [*comparison.residuals.values()][-1]
         floor = floor_of(residual.model, residual.motion)
@@ -274,13 +274,13 @@ def _go_on_with(given: Mechanism, fitted: Mechanism, fits: Sequence[Path]) -> No
     from ident.mechanism.load import has_identified
 
     before = inputs.get()
-    own = {effect.label for effect in given.effects}
-    extra = {each.label: each.kind for each in fitted.effects if each.label not in own}
+    labels = {effect.label for effect in given.effects}
+    extra = {effect.label: effect.kind for effect in fitted.effects if effect.label not in labels}
     if before is None or fitted.locked != given.locked or not KINDS.keys() >= {*extra.values()}:
         inputs.set(None)
         return
-    whole = {k for k in extra.values() if all(f"{k}:{j}" in extra for j in fitted.driven)}
-    drives = {f"{kind}:{joint}" for kind in whole for joint in fitted.driven}
+    whole_kinds = {k for k in extra.values() if all(f"{k}:{j}" in extra for j in fitted.driven)}
+    drives = {f"{kind}:{joint}" for kind in whole_kinds for joint in fitted.driven}
     names = dict.fromkeys(kind if label in drives else label for label, kind in extra.items())
     words = [word for name in names for word in ("--with", name)]
     home = fits[0] if fits[0].is_dir() else fits[0].parent
@@ -308,14 +308,14 @@ def diagnose(
     """
     from ident.diagnosis.diagnosis import VERDICTS
 
-    for each in fail_on or ():
-        if each not in VERDICTS:
-            raise typer.BadParameter(f"--fail-on {each}: is no verdict; {one_of(each, VERDICTS)}")
+    for name in fail_on or ():
+        if name not in VERDICTS:
+            raise typer.BadParameter(f"--fail-on {name}: is no verdict; {one_of(name, VERDICTS)}")
     decision = rule.given
     mechanism = model.load(logs)
     model, since = model.as_fitted(mechanism)
     output_folder(out, [*DIAGNOSIS_FILES, "logs.csv"], logs)
-    found: Diagnosis | Verdicts
+    outcome: Diagnosis | Verdicts
     with progress() as on_progress:
         if many(logs, jobs, scheduler):
             from ident.files import write_all
@@ -323,7 +323,7 @@ def diagnose(
 
             done: list[Verdict] = []
             try:
-                found = diagnose_each(
+                outcome = diagnose_each(
                     mechanism, logs, jobs=jobs, scheduler=scheduler, done=done,
                     progress=on_progress, **model.treatment, **decision,
                 )  # fmt: skip
@@ -338,7 +338,7 @@ def diagnose(
                     rows = table_of(done).to_dicts()
                     conclude({"each": rows} if json else text, remarks=[how_on])
                 raise
-            remarks = found.notes
+            remarks = outcome.notes
         else:
             from ident.diagnosis import diagnose as diagnose_
             from ident.fit import identify
@@ -350,7 +350,7 @@ def diagnose(
             if model.mechanism.name == "identified" and since is not None:
                 fit = fit.since(since)  # what it left in its own log
             try:
-                found, remarks = diagnose_(fit, progress=third, **decision), fit.warnings
+                outcome, remarks = diagnose_(fit, progress=third, **decision), fit.warnings
                 if not model.lock and has_identified(model.mechanism):
                     from ident.show.comparison import fitted_anew
 
@@ -366,16 +366,20 @@ def diagnose(
                     look = next_command("compare").replace("OTHER.csv", shlex.join(map(str, logs)))
                     notes([f"{out} has the fit that was diagnosed; where it fails: {look}"])
                 raise
-        written = [] if out is None else found.write(out)
-        shown = found.json() if json else str(found) if verbose else found.short
+        written = [] if out is None else outcome.write(out)
+        shown = outcome.json() if json else str(outcome) if verbose else outcome.short
     conclude(shown, written, remarks)
-    lost = [f"the laws of {', '.join(left)}"] if (left := getattr(found, "unsearched", ())) else []
-    advice = getattr(found, "advice", None)  # none of many logs
+    lost = (
+        [f"the laws of {', '.join(unsearched)}"]
+        if (unsearched := getattr(outcome, "unsearched", ()))
+        else []
+    )
+    advice = getattr(outcome, "advice", None)  # none of many logs
     lost += ["the next experiment"] * (advice is not None and advice.interrupted)
     if lost:
         notes([f"interrupted before {' and '.join(lost)}; everything else is complete"])
         sys.exit(130)
-    if bad := sorted(found.verdicts & set(fail_on or ())):
+    if bad := sorted(outcome.verdicts & set(fail_on or ())):
         notes([f"status 3, since --fail-on is {', '.join(bad)}"])
         sys.exit(3)
 
@@ -408,7 +412,7 @@ def grow(
     output_folder(out, [*FIT_FILES, *DIAGNOSIS_FILES], [*logs, *(validate or ())])
     with progress() as on_progress:
         motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.04))
-        alike, show = model.filtered_at(motion.band.cutoff), part(on_progress, 0.04, 0.05)
+        treatment, show = model.filtered_at(motion.band.cutoff), part(on_progress, 0.04, 0.05)
 
         def reached(step: Step) -> None:
             first = not step.added and not step.removed
@@ -429,7 +433,7 @@ def grow(
                 step=reached,
                 checkpoint=out,
                 resume=resume,
-                validate=alike.motion(mechanism, validate, show) if validate else None,
+                validate=treatment.motion(mechanism, validate, show) if validate else None,
                 **decision,
             )
             written = [] if out is None else history.write(out)

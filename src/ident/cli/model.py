@@ -65,14 +65,14 @@ def add(
 
     before = load(mechanism, allow_code=allow_code)
     after = before
-    for each in effect:
-        after = with_effect(after, each, allow_code=allow_code)
-    new = [each for each in after.effects if each not in before.effects]
+    for x in effect:
+        after = with_effect(after, x, allow_code=allow_code)
+    new = [x for x in after.effects if x not in before.effects]
     path = add_effects(before, new)
     if before.toml is None:
         words = f"{mechanism} by itself stays as it is; the mechanism is now"
         notes([f"{words} {path}: ident diagnose {shlex.quote(str(path))} LOG"])
-    labels, free = [each.label for each in new], {each.label for each in before.effects}
+    labels, free = ([x.label for x in new], {x.label for x in before.effects})
     added = ", ".join(label for label in labels if label not in free)
     changes = [f"added {added}"] * bool(added)
     changes += [f"unknown again: {x}, which had a value" for x in labels if x in free]
@@ -93,7 +93,7 @@ def effects(
     from ident.show.laws import described
 
     kinds = KINDS.values() if kind is None else [kind_of(kind)]
-    result("\n\n".join(described(each) for each in kinds))
+    result("\n\n".join(described(effect_class) for effect_class in kinds))
 
 
 def view(
@@ -183,9 +183,9 @@ def simulate(
     from ident.simulate import simulate as simulate_
 
     if not forward:
-        own = {"--control": control, "--gains": gains, "--start": start, "--duration": duration}
-        own |= {"--rate": rate, "--tolerance": tolerance}
-        if given := [option for option, value in own.items() if value]:
+        options = {"--control": control, "--gains": gains, "--start": start, "--duration": duration}
+        options |= {"--rate": rate, "--tolerance": tolerance}
+        if given := [option for option, value in options.items() if value]:
             raise IdentError(f"{given[0]}: is of an integration; add --forward")
         if motion is None:
             raise typer.BadParameter(
@@ -199,7 +199,7 @@ def simulate(
     if fit is not None:
         saved = read_fit(fit, mechanism, allow_code=model.allow_code)
         known = (*replace(model, with_=None).load().effects, *saved.mechanism.effects)
-        more = [e for e in mechanism.effects if e.label not in {each.label for each in known}]
+        more = [e for e in mechanism.effects if e.label not in {item.label for item in known}]
         mechanism, pi = reduce(operator.add, more, saved.mechanism), saved.dynamic_parameters
         values = {**saved.point.values, **values}
     common: dict[str, Any] = {
@@ -207,8 +207,8 @@ def simulate(
         "pi": pi,
         "noise": [Noise(channel, *level) for channel, level in levels.items()],
         "seed": seed,
-        "columns": [each.strip() for each in columns.split(",")],
-        "joints": None if joints is None else [each.strip() for each in joints.split(",")],
+        "columns": [item.strip() for item in columns.split(",")],
+        "joints": None if joints is None else [item.strip() for item in joints.split(",")],
     }
     if forward:
         if tolerance is not None:
@@ -309,10 +309,10 @@ def excite(
     mechanism = model.load(logs=[])  # a motion of the arm: hands are held
     output_file(out, LOGS)
     output_file(plot, CHARTS)
-    left, values = {}, {}
+    remaining, values = {}, {}
     if fitted := (model.mechanism / "fit.json").is_file():  # of `identify`, or of `grow`
         of_drives = unfiltered_errors(model.mechanism).items()
-        left = {name: x for name, x in of_drives if name in moved_joints(mechanism)}
+        remaining = {name: x for name, x in of_drives if name in moved_joints(mechanism)}
         saved = read_fit(model.mechanism, mechanism, allow_code=model.allow_code)
         values = dict(saved.point.values)
     limits = Limits(
@@ -325,10 +325,10 @@ def excite(
     )
     written = list[Path]()
 
-    def better(found: Excitation) -> None:
+    def better(excitation: Excitation) -> None:
         if out is None:
             return
-        found.write(out)
+        excitation.write(out)
         if not written:
             written.append(out)
             wrote([out])
@@ -336,7 +336,7 @@ def excite(
             notes([f"it keeps all limits; better motions replace it {until}"])
 
     with progress() as on_progress:
-        found = excite_(
+        excitation = excite_(
             mechanism,
             duration=duration,
             periods=periods,
@@ -344,7 +344,7 @@ def excite(
             harmonics=harmonics,
             limits=limits,
             separate=separate,
-            noise=left | named(noise, "--noise", "write NAME=NUMBER, as elbow=1.5", finite),
+            noise=remaining | named(noise, "--noise", "write NAME=NUMBER, as elbow=1.5", finite),
             values=values,
             balance=balance,
             tries=tries,
@@ -352,27 +352,27 @@ def excite(
             better=better,
             progress=on_progress,
         )
-    if out is None and not found.finished:  # no seed repeats it
-        free = (Path(f"{found.name}_excited{i or ''}.csv") for i in count())
+    if out is None and not excitation.finished:  # no seed repeats it
+        free = (Path(f"{excitation.name}_excited{i or ''}.csv") for i in count())
         out = next(path for path in free if not path.exists())
     look = "no file was written: repeat the command with --out next.csv"
     if out is not None:
-        found.write(out)
+        excitation.write(out)
         look = f"look at it: ident view {place_of(mechanism)} {out}"
     if plot is not None:
-        found.plot().save(plot)
+        excitation.plot().save(plot)
     of = "values and friction of the fit" if fitted else "masses of the file"
     remarks = [f"planned with the {of}; collisions are not checked; {look}"]
-    conclude(found, filter(None, (out, plot)), remarks)
-    if not found.finished:
+    conclude(excitation, filter(None, (out, plot)), remarks)
+    if not excitation.finished:
         notes([f"interrupted: {out} has the best motion so far"])
         sys.exit(130)
 
 
 def _limit(given: str, texts: Texts) -> float | dict[str, float] | None:
     """Return one number for all drives, or numbers by joint."""
-    found = named(texts, given, "is no number; write 1.5 or elbow=1.5", finite, bare="number")
-    return found.get("", found or None)
+    bounds = named(texts, given, "is no number; write 1.5 or elbow=1.5", finite, bare="number")
+    return bounds.get("", bounds or None)
 
 
 def montecarlo(
@@ -425,28 +425,28 @@ def montecarlo(
         raise IdentError(f"--reactions {reactions}: are of one log, and {log} is a folder")
     logs = logs_in(log) if several else [log]
     studies, broken = [], list[str]()
-    for i, each in enumerate(logs):
+    for i, path in enumerate(logs):
         try:
             with progress() as show:
                 of_log = part(show, i / len(logs), (i + 1) / len(logs))
-                found = monte_carlo(mechanism, each, reactions=reactions, progress=of_log, **common)
+                study = monte_carlo(mechanism, path, reactions=reactions, progress=of_log, **common)
         except IdentError as error:
             if not several:
                 raise
-            broken.append(f"{each.name}: left out: {error}")
+            broken.append(f"{path.name}: left out: {error}")
             continue
-        conclude(found, [] if out is None else found.write(out / each.name if several else out))
-        if found.runs < runs:
-            text = f"interrupted: {found.runs} of {runs} runs are done"
+        conclude(study, [] if out is None else study.write(out / path.name if several else out))
+        if study.runs < runs:
+            text = f"interrupted: {study.runs} of {runs} runs are done"
             text += f"{' and kept' * (out is not None)}; the same seed repeats them"
             again = f"; all of them, these too, with: {running.get()}" if running.get() else ""
             notes([f"{text}{again}"])
             sys.exit(130)
-        studies.append(found)
+        studies.append(study)
     if not studies:
         raise IdentError(f"none of {len(logs)} logs can be used: {broken[0]}")
     notes(broken)
-    for found in studies:
-        if found.samples.is_empty():
-            first = found.failures["error"][0]
+    for study in studies:
+        if study.samples.is_empty():
+            first = study.failures["error"][0]
             raise IdentError(f"every run ended in an error, the first: {first}")

@@ -205,32 +205,32 @@ class Session(contextlib.ExitStack):
     def end(self) -> Snapshot:
         """Return the last snapshot, after the last alarms."""
         self._warn(None)
-        found = self._snapshot(self._online.finish())
+        snapshot = self._snapshot(self._online.finish())
         notes(map(str, self._online.findings))
-        return found
+        return snapshot
 
-    def _snapshot(self, found: Snapshot) -> Snapshot:
+    def _snapshot(self, snapshot: Snapshot) -> Snapshot:
         self._record_forces()
         rows: list[tuple[object, ...]] = []
-        for v in found.parameters:
+        for v in snapshot.parameters:
             state = "identified" if v.identifiable else "prior"
-            state = "held" if v.name in found.held else state
-            rows.append((found.t, v.name, v.value, v.stderr, v.unit, state))
-        for name, e in found.errors.items():
-            rows.append((found.t, f"error.{name}", e.rms, None, e.unit, "all"))
+            state = "held" if v.name in snapshot.held else state
+            rows.append((snapshot.t, v.name, v.value, v.stderr, v.unit, state))
+        for name, e in snapshot.errors.items():
+            rows.append((snapshot.t, f"error.{name}", e.rms, None, e.unit, "all"))
         self._record("parameters", rows)
         if self._history is not None:
-            self._history.add(found, None)
-        return found
+            self._history.add(snapshot, None)
+        return snapshot
 
     def _record_forces(self) -> None:
         """Record a row a sample; a multiplier that is not determined has empty cells."""
-        if (found := self._online.multipliers) is None:
+        if (forces := self._online.multipliers) is None:
             return
-        rows = np.column_stack([found.t, found.values, found.stderr]).tolist()
+        rows = np.column_stack([forces.t, forces.values, forces.stderr]).tolist()
         self._record("multipliers", [["" if x != x else x for x in row] for row in rows])
         if self._history is not None:
-            self._history.add_forces(found)
+            self._history.add_forces(forces)
 
     def _warn(self, samples: Mapping[str, np.ndarray] | None) -> None:
         for x in self._watch.alarms(samples) if self._watch else ():
@@ -255,8 +255,8 @@ def _until_interrupted() -> Iterator[Callable[[], bool]]:
     try:
         yield stop.is_set
     finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
+        for signal_number, handler in before.items():
+            signal.signal(signal_number, handler)
 
 
 def _appended(path: Path, header: Sequence[str]) -> TextIO:

@@ -55,7 +55,9 @@ def kinds_beginning(incomplete: str) -> list[tuple[str, str]]:
     """Return kinds of effects for the Tab key. No joints: a colon separates words in bash."""
     from ident.effects import KINDS
 
-    return [(kind, each.equation) for kind, each in KINDS.items() if kind.startswith(incomplete)]
+    return [
+        (name, effect.equation) for name, effect in KINDS.items() if name.startswith(incomplete)
+    ]
 
 
 Texts = list[str] | None
@@ -130,9 +132,9 @@ class MechanismOptions:
         from ident.mechanism import load
 
         words: list[str] = []
-        for each in fields(self):
-            given, name = getattr(self, each.name), each.name.rstrip("_").replace("_", "-")
-            if each.default is not MISSING and given != each.default:
+        for field in fields(self):
+            given, name = (getattr(self, field.name), field.name.rstrip("_").replace("_", "-"))
+            if field.default is not MISSING and given != field.default:
                 for one in given if isinstance(given, list) else [given]:
                     words += [f"--{name}"] if one is True else [f"--{name}", str(one)]
         files, normal = map(str, logs or [Path("LOG.csv")]), map(str, like or ())
@@ -147,13 +149,12 @@ class MechanismOptions:
         valued = [text for text in self.lock or () if "=" in text]
         remedy = "is no joint with a number; write --lock JOINT to hold it at its start, or "
         remedy += "--lock JOINT=VALUE in rad or m, as --lock finger=0.02"
-        held = named(valued, "--lock", remedy, finite)
-        if both := next((name for name in bare if name in held), None):
-            why = (
-                f"{both} and --lock {both}={held[both]:g}: are two places for one joint, its start"
-            )
+        places = named(valued, "--lock", remedy, finite)
+        if both := next((name for name in bare if name in places), None):
+            why = f"{both} and --lock {both}={places[both]:g}: "
+            why += "are two places for one joint, its start"
             raise IdentError(f"--lock {why} and a value; give one of them")
-        locked = dict.fromkeys(bare) | held
+        locked = dict.fromkeys(bare) | places
         read = partial(
             load, self.mechanism, allow_code=self.allow_code, unmeasured=self.unmeasured or ()
         )
@@ -234,8 +235,8 @@ class MotionOptions(MechanismOptions):
         """Return the completed motion of logs, those in folders among them."""
         from ident.motion import complete
 
-        paths = [each for each in logs if isinstance(each, Path)]
-        read = [each for each in logs if not isinstance(each, Path)] + read_logs(mechanism, paths)
+        paths = [log for log in logs if isinstance(log, Path)]
+        read = [log for log in logs if not isinstance(log, Path)] + read_logs(mechanism, paths)
         with naming_unused(mechanism):
             return complete(
                 mechanism, read, torques=torques, progress=on_progress, **self.treatment
@@ -307,7 +308,7 @@ def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
 
     if logs is None or not unlogged_hands(mechanism, ()):
         return ()
-    columns = [each.column for each in mechanism.columns.values() if not each.group and not logs]
+    columns = [c.column for c in mechanism.columns.values() if not c.group and not logs]
     with suppress(IdentError):  # reading the log reports what is wrong with it
         for first in expanded(logs)[:1]:
             columns = [*log_file(first, None).table().columns]
@@ -318,10 +319,10 @@ def with_effect(mechanism: Mechanism, text: str, *, allow_code: bool) -> Mechani
     """Return the mechanism with an effect of the library, or with one of a Python file."""
     from ident.effects import parse_user, read_user_effect
 
-    own = parse_user(text)
-    if own is None:
+    user_effect = parse_user(text)
+    if user_effect is None:
         return mechanism.with_effect(text)
-    file, name, joints = own
+    file, name, joints = user_effect
     return mechanism + read_user_effect(file, name, allow_code=allow_code)(joints)
 
 
@@ -425,15 +426,15 @@ def named(
             raise ValueError
         return name, read(content)
 
-    found: dict[str, Any] = {}
+    by_name: dict[str, Any] = {}
     for text in texts or ():
         name, content = value(text, given, remedy, pair)
-        if found.setdefault(name, content) != content and name:
+        if by_name.setdefault(name, content) != content and name:
             raise IdentError(f"{given} {text}: '{name}' has another value already; give one")
-    if "" in found and texts and texts[1:]:
+    if "" in by_name and texts and texts[1:]:
         how = f"give one {bare} for all drives, or JOINT={bare} for each"
         raise IdentError(f"{given} {' '.join(texts)}: {how}")
-    return found
+    return by_name
 
 
 def finite(text: str) -> float:

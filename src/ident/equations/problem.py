@@ -24,7 +24,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from ident.display import Progress, part, quiet
+from ident.display import Progress, no_progress, part
 from ident.equations.filter import Decimator
 from ident.equations.motion_noise import EliminatedRun
 from ident.equations.rows import Rows, Scene, row_supports, rows, stack
@@ -58,7 +58,7 @@ class Problem:
 
     @classmethod
     def of(
-        cls, mechanism: Mechanism, motion: Motion, point: Point, on_progress: Progress = quiet
+        cls, mechanism: Mechanism, motion: Motion, point: Point, on_progress: Progress = no_progress
     ) -> Problem:
         """Make all rows at a point.
 
@@ -146,7 +146,7 @@ def information_of(
     columns: Columns,
     motion: Motion,
     point: Point | None = None,
-    on_progress: Progress = quiet,
+    on_progress: Progress = no_progress,
 ) -> Information:
     """Return the information of all experiments; rows are seen once, in pieces, and never kept."""
     blocks, cutoff = list[Block](), motion.band.cutoff

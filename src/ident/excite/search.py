@@ -23,7 +23,7 @@ from time import monotonic
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from ident.display import Progress, quiet
+from ident.display import Progress, no_progress
 from ident.errors import MotionError, check_whole
 from ident.excite.design import DesignProblem, ExcitingMotion
 from ident.excite.excitation import Criterion, Excitation, with_rivals
@@ -105,7 +105,7 @@ def excite(
                 f"separate {separate!r}; valid: two effects, as ('drag:a', 'viscous:a')"
             )
         mechanism = with_rivals(mechanism, separate)
-    say = progress or quiet
+    say = progress or no_progress
     say(f"random motions of {mechanism.name}", 0.0)
     problem = DesignProblem(
         mechanism, limits or Limits(), duration / periods, harmonics, noise or {}, seed, values

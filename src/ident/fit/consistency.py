@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.display import Displayed, Progress, quiet
+from ident.display import Displayed, Progress, no_progress
 from ident.equations.problem import Problem, body_scales
 from ident.equations.unknowns import Columns
 from ident.errors import FitError, one_of
@@ -129,7 +129,7 @@ def nearest_possible(
     problem: Problem,
     unlimited_estimate: Estimate,
     asked: Consistency,
-    on_progress: Progress = quiet,
+    on_progress: Progress = no_progress,
 ) -> tuple[Problem, Estimate, Estimate, Squares | None, Binding]:
     """Return the consistent estimate that is nearest to the data; weights are those of `found`.
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.display import Progress, part, quiet
+from ident.display import Progress, no_progress, part
 from ident.equations.problem import Problem, information_of
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
@@ -126,7 +126,7 @@ def fit_of(
     consistent: bool | Consistency = False,
     findings: Sequence[Finding] = (),
     likelihood: Likelihood | None = None,
-    on_progress: Progress = quiet,
+    on_progress: Progress = no_progress,
 ) -> Fit:
     """Return the fit of an estimate: within limits if asked for, with standard errors and errors;
     `findings` are of the way in which the estimate was made, `consistent` as in `identify`.

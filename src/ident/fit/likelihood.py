@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.display import Displayed, Progress, part, quiet
+from ident.display import Displayed, Progress, no_progress, part
 from ident.equations.motion_noise import (
     EliminatedRun,
     LinearRun,
@@ -130,7 +130,7 @@ def share_of_motion(problem: Problem, estimate: Estimate) -> np.ndarray:
 
 
 def weighed(
-    problem: Problem, estimate: Estimate, estimator: str, on_progress: Progress = quiet
+    problem: Problem, estimate: Estimate, estimator: str, on_progress: Progress = no_progress
 ) -> tuple[Problem, Estimate, Likelihood | None, list[Finding]]:
     """Weigh torques and motion together where that is asked for, or where the noise matters: with
     `likelihood` in steps until nothing changes, with `auto` in one where noise of the motion
@@ -163,7 +163,7 @@ def weighed(
 
 
 def refined(
-    problem: Problem, estimate: Estimate, share: np.ndarray, on_progress: Progress = quiet
+    problem: Problem, estimate: Estimate, share: np.ndarray, on_progress: Progress = no_progress
 ) -> Weighed:
     """Make Gauss-Newton steps from a least-squares estimate and the problem's motion, until
     parameters are at rest; what `found` holds at the prior, and how it regroups, stays. The problem

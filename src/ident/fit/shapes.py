@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.display import Progress, quiet
+from ident.display import Progress, no_progress
 from ident.effects import Effect
 from ident.equations.problem import Problem
 from ident.equations.rows import check_needs
@@ -37,7 +37,10 @@ SAME = 1e-12  # numerics: of the sum of squares of all terms, within which two e
 
 
 def working_point(
-    mechanism: Mechanism, motion: Motion, start: Point | None = None, on_progress: Progress = quiet
+    mechanism: Mechanism,
+    motion: Motion,
+    start: Point | None = None,
+    on_progress: Progress = no_progress,
 ) -> Point:
     """Search the working point of a mechanism's equations; the prior where they are linear.
 
@@ -109,7 +112,7 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
 
 
 def variable_projection(
-    mechanism: Mechanism, motion: Motion, point: Point, on_progress: Progress = quiet
+    mechanism: Mechanism, motion: Motion, point: Point, on_progress: Progress = no_progress
 ) -> Point:
     """Descend to the point of least error from a point whose shapes all have a value."""
     start = Problem.reduced(mechanism, motion, point)

@@ -21,7 +21,7 @@ from markupsafe import Markup
 
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Law
-from ident.display import Progress, part, quiet
+from ident.display import Progress, no_progress, part
 from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.effects.library import effect_noun, named
@@ -309,7 +309,7 @@ class Board:
         text = json_line(changes)
         with self._lock:
             self.state |= changes
-            self._readers.tell(text)
+            self._readers.send(text)
 
     def _say(self, text: str, kind: str = "done", share: float = 0.0) -> None:
         """Show a line: `done`, `busy` with a share of the work done, or `bad`."""
@@ -426,7 +426,7 @@ def explore(mechanism: Mechanism, log: Motion | Logs, *, progress: Progress | No
         )
     motion = log if isinstance(log, Motion) else complete(mechanism, log)
     board = Board(mechanism.name, f"{mechanism.name}_explored")
-    board.begin(lambda p: Exploration.of(mechanism, motion, p), progress or quiet)
+    board.begin(lambda p: Exploration.of(mechanism, motion, p), progress or no_progress)
     return board
 
 

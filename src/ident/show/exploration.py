@@ -25,7 +25,7 @@ from ident.diagnosis.result import Law, announced_errors, errors_of
 from ident.diagnosis.search import Search
 from ident.diagnosis.selection import Evidence, Ranking, as_good, rank, simplicity
 from ident.diagnosis.unobservable import invisible, unsupported
-from ident.display import Displayed, Progress, quiet
+from ident.display import Displayed, Progress, no_progress
 from ident.effects import KINDS, Effect
 from ident.effects.library import named
 from ident.equations.unknowns import Point
@@ -87,7 +87,7 @@ def rows_of(
     earlier: Contest | None = None,
 ) -> Contest:  # fmt: skip
     """Return the rows of a fit with the columns of effects; an `earlier` model's are used again."""
-    return Contest.of(fit, effects, progress or quiet, curved=False, earlier=earlier)
+    return Contest.of(fit, effects, progress or no_progress, curved=False, earlier=earlier)
 
 
 def simplest_first(first: Ranking, every: Sequence[Evidence]) -> list[Evidence]:
@@ -131,7 +131,7 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
             )
         )  # fmt: skip
     given = [effect.label for effect in fit.mechanism.effects]
-    lead = Search(contest, given, quiet).led(first)
+    lead = Search(contest, given, no_progress).led(first)
     open_.sort(key=lambda each: each.label != lead)
     shut = [PredictedGain(e, why=hidden[e.label]) for e in every if e.label in hidden]
     doubts = {x.effect.label: x.why for x in unsupported(first)}

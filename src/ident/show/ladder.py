@@ -102,14 +102,14 @@ def noise_rung(history: History) -> str:
 
 def cells(errors: Mapping[str, Error], joints: Sequence[str]) -> list[str]:
     """Return relative errors; of a joint without torque its rms."""
-    found = (errors.get(joint) for joint in joints)
+    errors_by_joint = (errors.get(joint) for joint in joints)
     return [
         "–"
         if e is None or e.unmeasured
         else significant(e.rms, 2)
         if e.relative is None
         else percent(e.relative)
-        for e in found
+        for e in errors_by_joint
     ]
 
 
@@ -128,12 +128,12 @@ def text(history: History) -> str:
 def rows(history: History) -> list[list[str]]:
     """Return a table: effect, a column a joint, rivals; ≈ marks errors that are announced."""
     joints = history.fit.motion.independent
-    found = [["effect", *joints, "rivals"]]
+    table_rows = [["effect", *joints, "rivals"]]
     for step in history.steps:
         errors = [f"{'' if step.fit else '≈ '}{cell}" for cell in cells(step.errors, joints)]
         rivals = named(step.rivals, "or") if step.rivals else ""
-        found.append([changed(step), *errors, rivals])
-    return [*found, [NOISE, *cells(noise_errors(history.fit), joints), ""]]
+        table_rows.append([changed(step), *errors, rivals])
+    return [*table_rows, [NOISE, *cells(noise_errors(history.fit), joints), ""]]
 
 
 @renders(History, "sheet")
@@ -148,7 +148,7 @@ def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
     errors, at = [step.errors for step in steps], np.arange(len(names), dtype=float)
     lines: list[Mark] = []
     for i, joint in enumerate(errors[0]):
-        y = [each[joint].relative or 0.0 for each in errors]
+        y = [by_joint[joint].relative or 0.0 for by_joint in errors]
         if all(y):  # else there is no torque to be relative to
             lines.append(Line(at, 100 * np.array(y), joint, i, 1.6, dotted=True))
         if floor := joint in noise and noise[joint].relative:
@@ -181,13 +181,13 @@ def history_card(history: History) -> Card:
     top = card(d, history.added)
     errors = {**errors_of(history.fit), **errors_with(d)}
     last = next((s.added for s in history.steps[::-1] if s.added), ())
-    own = [top.first, *(joint for effect in last for joint in effect.joints)]
+    joints = [top.first, *(joint for effect in last for joint in effect.joints)]
     bars = bars_of(first, errors, d.floor)
     if d.verdict == "nothing":
         top = replace(top, command=next_command("compare", history.added))
     sure = f"Added: {_added(history)}{_sizes(history)}. {_larger(history)}{top.sure}"
     change = "as given → with all that is named"
-    first_bar = next(filter(None, own), "")
+    first_bar = next(filter(None, joints), "")
     return replace(top, sure=sure, bars=bars, change=change, first=first_bar)
 
 
@@ -198,8 +198,8 @@ def _added(history: History) -> str:
     sure = [effect for effect in history.added if effect.label not in unsure]
     parts = [named(sure)] * bool(sure)
     for step in open_:
-        if kept := [effect for effect in step.added if effect in history.added]:
-            rivals = f"{named(kept)} or {named(step.rivals, 'or')}"
+        if still_there := [effect for effect in step.added if effect in history.added]:
+            rivals = f"{named(still_there)} or {named(step.rivals, 'or')}"
             parts.append(f"{rivals}, which this data cannot tell apart")
     return "; ".join(parts) or "nothing"
 

@@ -43,13 +43,13 @@ def numbers(parameters: Sequence[Value]) -> str:
     """
     if body := body_words(parameters):
         return body
-    found = []
+    texts = []
     for v in parameters:
         name, number = v.name.rpartition(".")[2], rounded(v.value, v.stderr)
         unknown = v.stderr is not None and abs(v.value) < v.stderr
         value = f"{name} = {number} {v.unit}".removesuffix(" 1")
-        found.append(value + " (not determined)" * unknown)
-    return some(found)
+        texts.append(value + " (not determined)" * unknown)
+    return some(texts)
 
 
 def curve_name(curve: Effect) -> str:
@@ -57,27 +57,27 @@ def curve_name(curve: Effect) -> str:
     return f"curve of {curve.signal} at {listed(curve.joints)}"
 
 
-def law_words(found: Law | FoundCurve) -> str:
+def law_words(form: Law | FoundCurve) -> str:
     """Return what a law or a curve is: constants and relative, or how much it explains."""
-    if isinstance(found, FoundCurve):
-        own = {*found.effect.depends_on, *(f"q.{name}" for name in found.effect.joints[1:])}
-        more = [n for n in found.depends if n not in own]
-        also = f"It depends on {listed(sorted(own))}"
+    if isinstance(form, FoundCurve):
+        signals = {*form.effect.depends_on, *(f"q.{name}" for name in form.effect.joints[1:])}
+        more = [n for n in form.depends if n not in signals]
+        also = f"It depends on {listed(sorted(signals))}"
         also += f", and beside the curve on {listed(more)}" if more else ""
-        also += f"; not on {listed(found.independent)}" if found.independent else ""
+        also += f"; not on {listed(form.independent)}" if form.independent else ""
         return (
-            f"a {curve_name(found.effect)} explains {100 * (1 - found.ratio):.0f} % of the squared "
-            f"error there; {100 * found.absorbable:.0f} % of its torque is such as the model's own "
+            f"a {curve_name(form.effect)} explains {100 * (1 - form.ratio):.0f} % of the squared "
+            f"error there; {100 * form.absorbable:.0f} % of its torque is such as the model's own "
             f"parameters can make. {also}"
         )
-    law = found.found
+    law = form.found
     close = f"closest known law: {law.nearest.replace('_', ' ')}" if law.nearest else ""
     close += f" ({100 * law.distance:.0f} % different)" if law.distance > DIFFERENT else ""
     kind = KINDS.get(law.nearest)
-    if kind and kind.unknowns[0].nonnegative and found.parameters[0].value < 0:
+    if kind and kind.unknowns[0].nonnegative and form.parameters[0].value < 0:
         close += ", which cannot have this sign"
     return (
-        f"torque of {found.joint} = {found.formula}, with {numbers(found.parameters)} "
+        f"torque of {form.joint} = {form.formula}, with {numbers(form.parameters)} "
         f"({close or 'no known relative'})"
     )
 
@@ -85,9 +85,9 @@ def law_words(found: Law | FoundCurve) -> str:
 def curves(d: Diagnosis) -> list[str]:
     """Return the curves that explain what no effect does, and on which signals they depend."""
     return [
-        f"A{law_words(each)[1:]}. In the model: `--with "
-        f"{each.effect.label}:pieces={each.effect.pieces}`."
-        for each in d.curves
+        f"A{law_words(curve)[1:]}. In the model: `--with "
+        f"{curve.effect.label}:pieces={curve.effect.pieces}`."
+        for curve in d.curves
     ]
 
 
@@ -99,36 +99,36 @@ def solved(d: Diagnosis) -> bool:
 
 def laws(d: Diagnosis) -> list[str]:
     """Return the formulas for what no effect explains, with constants, relatives and rivals."""
-    found, does = [], "explains it" if solved(d) else "lowers the error"
-    for each in d.laws:
-        law = each.found
-        before, after = (errors[each.felt].relative for errors in (each.before, each.after))
-        with_ = f" with {listed(e.label for e in each.beside)} beside it" if each.beside else ""
+    paragraphs, does = [], "explains it" if solved(d) else "lowers the error"
+    for law in d.laws:
+        formula = law.found
+        before, after = (errors[law.felt].relative for errors in (law.before, law.after))
+        with_ = f" with {listed(e.label for e in law.beside)} beside it" if law.beside else ""
         falls = (after or 0.0) < (before or 0.0)
         way = f"{'falls' if falls else 'rises'} from {percent(before)} to {percent(after)}"
-        share = f"; {100 * law.explained:.0f} % of what exceeds the noise away from reversals"
+        share = f"; {100 * formula.explained:.0f} % of what exceeds the noise away from reversals"
         share *= falls
-        error = f"{with_} the error of {each.felt} {way}{share}"
-        rivals = [f"`{one.formula.text}`" for one in law.rivals]
+        error = f"{with_} the error of {law.felt} {way}{share}"
+        rivals = [f"`{one.formula.text}`" for one in formula.rivals]
         or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
-        instead = f" It takes the place of {listed(law.replaced)}." if law.replaced else ""
+        instead = f" It takes the place of {listed(formula.replaced)}." if formula.replaced else ""
         head = f"A formula {does}:" if d.best is None else "A formula explains more:"
-        head = head if each.beside or d.best is None else "A formula could stand in its place:"
-        curve, not_all = next((x for x in d.curves if x.joint == each.joint), None), ""
-        left = (before or 0.0) * math.sqrt(curve.ratio) if curve and d.best is None else math.inf
-        if curve and left < CLEARLY * (after or 0.0):
+        head = head if law.beside or d.best is None else "A formula could stand in its place:"
+        curve, not_all = next((x for x in d.curves if x.joint == law.joint), None), ""
+        rest = (before or 0.0) * math.sqrt(curve.ratio) if curve and d.best is None else math.inf
+        if curve and rest < CLEARLY * (after or 0.0):
             not_all = (
-                f" The {curve_name(curve.effect)} leaves {percent(left)}, so the formula is not "
+                f" The {curve_name(curve.effect)} leaves {percent(rest)}, so the formula is not "
                 f"all of it: `--with {curve.effect.label}:pieces={curve.effect.pieces}`."
             )
-        same = [other.joint for other in d.of_same_form(each)]
+        same = [other.joint for other in d.of_same_form(law)]
         one = f" {listed(same)} has the same form, with constants of its own." if same else ""
-        found.append(
-            f"{head} {law_words(each)};{error}.{not_all}{or_}{one}{instead} "
-            f"It is a description, not yet a cause. `--out DIR` writes it as {each.file}: `--with "
-            f"{folder.get() or 'DIR'}/{each.option} --allow-code`."
+        paragraphs.append(
+            f"{head} {law_words(law)};{error}.{not_all}{or_}{one}{instead} "
+            f"It is a description, not yet a cause. `--out DIR` writes it as {law.file}: `--with "
+            f"{folder.get() or 'DIR'}/{law.option} --allow-code`."
         )
-    return found
+    return paragraphs
 
 
 # --- charts, report, JSON ----------------------------------------------------------------------
@@ -136,15 +136,15 @@ def laws(d: Diagnosis) -> list[str]:
 
 def law_blocks(d: Diagnosis) -> list[Block]:
     """Return the curve with its band, the formula over it, the front, and the effect file."""
-    blocks: list[Block] = [paragraph(each) for each in curves(d)]
-    of_joint = {each.joint: each for each in d.laws}
+    blocks: list[Block] = [paragraph(item) for item in curves(d)]
+    of_joint = {item.joint: item for item in d.laws}
     for curve in d.curves:
         blocks.append(plot_curve(curve, of_joint.get(curve.joint)))
-    blocks += [paragraph(each) for each in laws(d)]
+    blocks += [paragraph(item) for item in laws(d)]
     for law in d.laws:
         blocks += [headed(f"Formulas for {law.joint}"), paragraph(FRONT), plot_front(law)]
         rows = [["complexity", "squared error left", "formula"]]
-        rows += [[str(c), f"{100 * left:.2f} %", text] for c, left, text in law.found.front]
+        rows += [[str(c), f"{100 * share:.2f} %", text] for c, share, text in law.found.front]
         blocks += [table(rows, "The front"), code(law.code)]
     return blocks
 
@@ -186,8 +186,8 @@ def _on_curve(curve: FoundCurve, law: Law) -> np.ndarray | None:
 
 def plot_front(law: Law) -> Chart:
     """Draw complexity against the squared error that is left."""
-    cost, left, _ = zip(*law.found.front, strict=True)
-    front = Line(np.array(cost, float), 100 * np.array(left), "formulas", 0, 1.4, dotted=True)
+    cost, share, _ = zip(*law.found.front, strict=True)
+    front = Line(np.array(cost, float), 100 * np.array(share), "formulas", 0, 1.4, dotted=True)
     chosen = Level(float(law.effect.cost), upright=True, label="chosen", dashed=True)
     axes = "complexity: operators and constants", "squared error left [%]"
     panel = Panel((front, chosen), *axes, logarithmic=True, height=3.6)
@@ -237,22 +237,22 @@ def facts(kind: type[Effect]) -> dict[str, list[str]]:
         "settings": [f"{name} = {value:g} by default" for name, value in kind.settings.items()],
         "sits on": [SITS[kind.sits] if effect.arity < 2 else f"{effect.arity} driven joints"],
         "signals": [", ".join(kind.signals)] if kind.signals else [],
-        "needs": [f"{each} at the same joint" for each in kind.needs]
+        "needs": [f"{signal} at the same joint" for signal in kind.needs]
         + [f"the log's column {name.replace('joint1', '<joint>')}" for name in effect.reads()],
         "when missing": [kind.signature],
         "confused with": [", ".join(kind.confused_with) or "nothing"],
         "contained in": [", ".join(kind.nested_in)] if kind.nested_in else [],
         "source": [kind.source],
     }
-    return {heading: each for heading, each in lines.items() if each}
+    return {heading: signal for heading, signal in lines.items() if signal}
 
 
 def described(kind: type[Effect]) -> str:
     """Return the text of a kind for a terminal."""
     lines = [kind.example().call]
-    for heading, each in facts(kind).items():
+    for heading, texts in facts(kind).items():
         first = f"  {heading:<{INDENT - 2}}"
-        lines += [part for x in each for part in wrapped(first + x, " " * INDENT)]
+        lines += [part for x in texts for part in wrapped(first + x, " " * INDENT)]
     return "\n".join(lines)
 
 

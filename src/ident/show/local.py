@@ -87,8 +87,8 @@ class Place:
         def faulty(record: logging.LogRecord) -> bool:
             # browsers open connections ahead and close them unused, or leave without a word when a
             # page is loaded again: neither is a fault
-            left = record.exc_info and isinstance(record.exc_info[1], ConnectionClosed)
-            return not left and record.msg != "opening handshake failed"
+            disconnected = record.exc_info and isinstance(record.exc_info[1], ConnectionClosed)
+            return not disconnected and record.msg != "opening handshake failed"
 
         log = logging.getLogger("ident.page")
         log.addFilter(faulty)
@@ -134,21 +134,21 @@ class Readers:
         finally:
             self._sockets.discard(socket)
 
-    def tell(self, text: str) -> None:
+    def send(self, text: str) -> None:
         """Send a text to all pages."""
         from websockets.exceptions import ConnectionClosed
 
         with self.lock:
-            for each in list(self._sockets):
+            for open_socket in list(self._sockets):
                 try:
-                    each.send(text)
+                    open_socket.send(text)
                 except ConnectionClosed:
-                    self._sockets.discard(each)
+                    self._sockets.discard(open_socket)
 
     def close(self) -> None:
         """Close all pages."""
-        for each in list(self._sockets):
-            each.close()
+        for open_socket in list(self._sockets):
+            open_socket.close()
 
 
 @contextmanager
@@ -156,14 +156,14 @@ def live_page(title: str, port: int, state: Callable[[], str]) -> Iterator[str]:
     """Serve a page inside this context, which gives its address; it draws what `state` returns."""
     readers, ended = Readers(state), threading.Event()
 
-    def tell() -> None:
+    def send() -> None:
         last = ""
         while not ended.wait(REDRAWN):
             if (now := state()) != last:
-                readers.tell(last := now)
+                readers.send(last := now)
 
     with Place(port).serve(str(piece("live", title, scripts())), readers.listen) as page:
-        threading.Thread(target=tell, daemon=True).start()
+        threading.Thread(target=send, daemon=True).start()
         yield page.address
         ended.set()
-        readers.tell(state())
+        readers.send(state())

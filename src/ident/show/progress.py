@@ -87,8 +87,8 @@ def notebook_bar() -> Iterator[Progress]:
         if now < due:
             return
         spent, due = now - start, now + EVERY
-        left = f", {spent * (1 - share) / share:.0f} s left" if share > 0 else ""
-        words = escape(f"{what}: {100 * share:.0f} %, {spent:.0f} s{left}")
+        remaining = f", {spent * (1 - share) / share:.0f} s left" if share > 0 else ""
+        words = escape(f"{what}: {100 * share:.0f} %, {spent:.0f} s{remaining}")
         bar = HTML(f'<progress value="{share:.4f}"></progress> {words}')
         if handle is None:
             handle = display(bar, display_id=True)

@@ -31,7 +31,7 @@ LABEL = 28  # characters of a model's name in a chart or table
 FILM = 400  # moments of the mechanism in a report
 BINS = 30  # of the mean that is drawn through a cloud
 SAME_ROWS = 0.02  # of an error: in the rows of its own log a fit may be weighed otherwise
-OWN = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
+JOINT_SIGNALS = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
 SUM = "the sum taken apart, rms: rigid bodies + effects = predicted"
 MAPS = (
     "Each dot is a row of the fit; the line is their mean. A model that lacks nothing leaves a "
@@ -39,7 +39,7 @@ MAPS = (
     "beside those that were chosen before it; the largest is framed."
 )
 Models = Mapping[str, Residual]
-Judged = tuple[str, Mapping[str, Error]]  # what the errors are, as `held-out error`; by joint
+NamedErrors = tuple[str, Mapping[str, Error]]  # what the errors are, as `held-out error`; by joint
 
 
 # --- text -----------------------------------------------------------------------------------------
@@ -78,7 +78,7 @@ def parts_rows(residual: Residual) -> list[list[str]]:
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def judged_of(fit: Fit) -> Judged:
+def judged_of(fit: Fit) -> NamedErrors:
     """Return the errors of a fit's card: those held out in time, where there are any."""
     return ("held-out error", fit.held_out) if fit.held_out else ("error in the fit", fit.train)
 
@@ -88,7 +88,7 @@ def fitted(c: Comparison, name: str) -> Mapping[str, Error]:
     return c.fitted[name].get("held out") or c.fitted[name].get("train") or {}
 
 
-def judged(c: Comparison, name: str) -> Judged:
+def judged(c: Comparison, name: str) -> NamedErrors:
     """Return a model's errors that count: on the data of its own fit those held out of it."""
     errors, train = c.errors[name], c.fitted[name].get("train", {})
     same = train.keys() == errors.keys() and all(
@@ -101,7 +101,7 @@ def judged(c: Comparison, name: str) -> Judged:
 
 
 @renders(Failure, "text")
-def failure_text(failure: Failure, several: bool = True, judged: Judged | None = None) -> str:
+def failure_text(failure: Failure, several: bool = True, judged: NamedErrors | None = None) -> str:
     """Return how a model fails in one joint: its error, on what that depends, when it is worst."""
     what, errors = judged or ("residual", {})
     error = errors.get(failure.joint, failure)
@@ -124,7 +124,7 @@ def residual_sheet(residual: Residual) -> Sheet:
     logs = ", ".join(trace.name for trace in residual.traces)
     title = f"residual of {residual.name} on {logs}{below(residual)}: {residual.rows} rows"
     several = len(residual.traces) > 1
-    lines = ["where it fails", *(failure_text(each, several) for each in residual.where)]
+    lines = ["where it fails", *(failure_text(failure, several) for failure in residual.where)]
     return Sheet(title, tables={SUM: parts_rows(residual)}, lines=lines)
 
 
@@ -160,8 +160,8 @@ def told_apart(names: Iterable[str]) -> dict[str, str]:
         return {name: short(name) for name in paths}
     head = _common(paths.values())
     tail = _common([x[head:][::-1] for x in paths.values()])
-    own = {name: x[head : len(x) - tail] or x[-1:] for name, x in paths.items()}
-    return {name: short("/".join(x)) for name, x in own.items()}
+    differing = {name: x[head : len(x) - tail] or x[-1:] for name, x in paths.items()}
+    return {name: short("/".join(x)) for name, x in differing.items()}
 
 
 def _common(paths: Iterable[Sequence[str]]) -> int:
@@ -185,7 +185,7 @@ def plot_predictions(
     shown, alone = told_apart(c.predictions), len(c.predictions) == 1
     if (given := len(next(iter(c.predictions.values())))) <= experiment:
         raise FitError(f"experiment {experiment}; valid: 0 to {given - 1}, one a log")
-    models = {name: each[experiment] for name, each in c.predictions.items()}
+    models = {name: predictions[experiment] for name, predictions in c.predictions.items()}
     one = next(iter(models.values()))
     zero = zero_of(one.t)
     clock, rows = time_label(zero), []
@@ -215,10 +215,10 @@ def plot_predictions(
 
 def plot_joint(c: Comparison, joint: str, experiment: int = 0) -> Chart:
     """Draw measured torque and every model's prediction of one joint, with residuals below."""
-    whole = plot_predictions(c, experiment, joint)
-    words = whole.words.replace("every joint", joint)
+    chart = plot_predictions(c, experiment, joint)
+    words = chart.words.replace("every joint", joint)
     words += f": {listed([*c.residuals])}" * (len(c.residuals) > 1)
-    return replace(whole, words=words, rows=whole.rows[:2])
+    return replace(chart, words=words, rows=chart.rows[:2])
 
 
 def broken(trace: Trace, y: np.ndarray) -> np.ndarray:
@@ -240,14 +240,14 @@ def plot_parts(c: Comparison, experiment: int = 0) -> Chart:
         for name, residual in c.residuals.items():
             trace = residual.traces[number]
             zero = residual.zero(trace)
-            line, whole = partial(Line, trace.t - zero), sum(trace.parts.values())
+            line, total = partial(Line, trace.t - zero), sum(trace.parts.values())
             lines = [line(broken(trace, trace.measured[:, u]), "measured", MEASURED, BELOW)]
             for key, x in trace.parts.items():
                 if key == RIGID or np.abs(x[:, u]).max() > 0:
                     kind = key.split(":")[0]
                     colour = colours.setdefault(kind, len(colours))
                     lines.append(line(broken(trace, x[:, u]), kind, colour, 1.2))
-            rest = broken(trace, (trace.measured - whole)[:, u])
+            rest = broken(trace, (trace.measured - total)[:, u])
             lines.append(line(rest, "residual", RESIDUAL, 0.8))
             title = shown[name] if not rows and len(shown) > 1 else ""
             label = "" if row else f"{joint} [{first.units[u]}]"
@@ -274,54 +274,60 @@ def plot_maps(c: Comparison, joint: str | None = None, effect: str = "") -> Char
     joint = last.where[0].joint if joint is None else joint
     if joint not in last.joints:
         raise FitError(f"no residual of joint '{joint}'; {one_of(joint, last.joints)}")
-    torque, own = np.zeros(0), ""
+    torque, of_effect = np.zeros(0), ""
     if effect:
         u = last.joints.index(joint)
         torque = np.concatenate([trace.parts[effect][:, u] for trace in last.traces])
-        own = _own_signal(last, effect, torque)
+        of_effect = _signal_of_effect(last, effect, torque)
     # one measure is enough, and what is left beside an effect is described elsewhere
     scores = [
-        {} if own or (effect and i) else _scores(each, joint)
-        for i, each in enumerate(residuals.values())
+        {} if of_effect or (effect and i) else _scores(model, joint)
+        for i, model in enumerate(residuals.values())
     ]
-    names = ["t", *(f"{kind}.{joint}" for kind in OWN)]
-    foreign = [(x.r2, name) for each in scores for name, x in each.items() if name not in names]
-    names += [own] if own and own not in names else [max(foreign)[1]] if foreign else []
+    names = ["t", *(f"{kind}.{joint}" for kind in JOINT_SIGNALS)]
+    other = [(x.r2, name) for model in scores for name, x in model.items() if name not in names]
+    names += (
+        [of_effect] if of_effect and of_effect not in names else [max(other)[1]] if other else []
+    )
     shown, framed = told_apart(residuals), list[str]()
     rows: list[tuple[Panel, ...]] = []
-    for (title, residual), score in zip(residuals.items(), scores, strict=True):
-        most = next((name for name in score if name in names), "" if rows else own)
+    for (title, model), score in zip(residuals.items(), scores, strict=True):
+        most = next((name for name in score if name in names), "" if rows else of_effect)
         if most in score:
-            model = f"{shown[title]}, " * (len(residuals) > 1)
-            framed.append(f"{score[most].signal} ({model}R² {score[most].r2:.2f})")
+            which = f"{shown[title]}, " * (len(residuals) > 1)
+            framed.append(f"{score[most].signal} ({which}R² {score[most].r2:.2f})")
         through = (["t", most] if most else names) if effect and not rows else []
         drawn = dict.fromkeys(through, torque)
-        row = [_map(residual, joint, x, score, x == most, drawn.get(x)) for x in names]
-        unit = f"{joint} [{residual.units[residual.joints.index(joint)]}]"
+        row = [_map(model, joint, x, score, x == most, drawn.get(x)) for x in names]
+        unit = f"{joint} [{model.units[model.joints.index(joint)]}]"
         label = unit if len(residuals) == 1 else f"{shown[title]}\n{unit}"
         rows.append((replace(row[0], y=label), *row[1:]))
     words = f"Residual of {joint} against time, its position, speed, acceleration and load"
-    words += f"; framed: {own}, on which the effect depends" * bool(own)
+    words += f"; framed: {of_effect}, on which the effect depends" * bool(of_effect)
     words += f"; framed: {listed(framed)}, on which it depends most" * bool(framed)
     words += f"; the line: {effect}" * bool(effect)
     return Chart(words, tuple(rows), shared_y=True, width=2.6 * len(names))
 
 
-def _own_signal(residual: Residual, effect: str, torque: np.ndarray) -> str:
+def _signal_of_effect(residual: Residual, effect: str, torque: np.ndarray) -> str:
     """Return the signal in its law that means in bins show best in the torque of an effect."""
-    mine = next(x for x in residual.model.mechanism.effects if x.label == effect)
-    law = mine.equation.partition(";")[0]
+    own_effect = next(x for x in residual.model.mechanism.effects if x.label == effect)
+    law = own_effect.equation.partition(";")[0]
     size = law.replace("sign(v)", "")  # of the torque; the direction alone tells little
-    found = ([kind for kind in OWN if re.search(rf"\b{kind}\b", x)] for x in (size, law))
-    kinds = next(filter(None, found), [])
+    alternatives = (
+        [kind for kind in JOINT_SIGNALS if re.search(rf"\b{kind}\b", x)] for x in (size, law)
+    )
+    kinds = next(filter(None, alternatives), [])
     known = {kind: residual.joints if kind == "load" else residual.signals for kind in kinds}
-    own = [f"{kind}.{each}" for kind in kinds for each in mine.joints if each in known[kind]]
+    signals = [
+        f"{kind}.{name}" for kind in kinds for name in own_effect.joints if name in known[kind]
+    ]
 
     def explained(name: str) -> float:
         _, mean, count = _means(np.concatenate(residual.signal(name)[0]), torque)
         return float(count @ mean**2)
 
-    return max(own, key=explained, default="")
+    return max(signals, key=explained, default="")
 
 
 def _means(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -333,10 +339,10 @@ def _means(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
 
 def _scores(residual: Residual, joint: str) -> dict[str, Dependence]:
     """Return on what a residual depends, the largest R² first, by the signal of its map."""
-    found: dict[str, Dependence] = {}
-    for each in residual.failure(joint).depends_on:
-        found.setdefault(each.signal.replace("sign(v)", "v"), each)
-    return found
+    by_signal: dict[str, Dependence] = {}
+    for dependence in residual.failure(joint).depends_on:
+        by_signal.setdefault(dependence.signal.replace("sign(v)", "v"), dependence)
+    return by_signal
 
 
 def _map(
@@ -347,10 +353,10 @@ def _map(
     u = residual.joints.index(joint)
     x, unit = residual.signal(name)
     if name == "t":
-        x = [each - residual.zero(trace) for each, trace in zip(x, residual.traces, strict=True)]
+        x = [times - residual.zero(trace) for times, trace in zip(x, residual.traces, strict=True)]
     r = [trace.residual[:, u] for trace in residual.traces]
     clouds = [Points(xs, rs, colour=i) for i, (xs, rs) in enumerate(zip(x, r, strict=True))]
-    own = name.removesuffix(f".{joint}")
+    label = name.removesuffix(f".{joint}")
     title = f"R² {scores[name].r2:.2f}" if name in scores else ""
     if title and scores[name].signal != name:
         title = f"sign(v) {title}"
@@ -358,13 +364,13 @@ def _map(
     sides = [np.full(len(y), True)]
     if torque is not None:
         y, style = torque, ("the effect itself", RESIDUAL)
-        if own == "load":  # against either direction
+        if label == "load":  # against either direction
             sides = [side for side in (y > 0, y <= 0) if side.any()]
     lines = []
     for side in sides:
         middle, mean, count = _means(every[side], y[side])
         lines.append(Line(middle[count >= 3], mean[count >= 3], *style, 1.8))
-    axis = f"{own} [{unit}]" if unit else own
+    axis = f"{label} [{unit}]" if unit else label
     return Panel((Level(), *clouds, *lines), axis, title=title, marked=marked, height=2.4)
 
 
@@ -402,17 +408,17 @@ def residual_sections(
     shown = told_apart(c.residuals)
     machine = view_of_fit(last, list(c.predictions.values())[-1], marks or {first: first})
     options: dict[str, list[Block]] = {}
-    for failure in sorted(last.where, key=lambda each: each.joint != first):
+    for failure in sorted(last.where, key=lambda failure: failure.joint != first):
         blocks: list[Block] = []
         for name, residual in c.residuals.items():
-            own = residual.failure(failure.joint)
-            text = failure_text(own, len(logs) > 1, judged(c, name))
+            own_failure = residual.failure(failure.joint)
+            text = failure_text(own_failure, len(logs) > 1, judged(c, name))
             blocks.append(paragraph(f"{shown[name]}, {text}" if len(shown) > 1 else text))
         blocks.append(plot_maps(c, failure.joint))
         options[failure.joint] = blocks
-    parts: list[Block] = [html_table(*each[::-1]) for each in all_parts(c.residuals).items()]
+    parts: list[Block] = [html_table(rows, title) for title, rows in all_parts(c.residuals).items()]
     parts += by_log(logs, lambda i: plot_parts(c, i))
-    every = [each.name for each in last.motion.experiments]
+    every = [experiment.name for experiment in last.motion.experiments]
     torques = by_log(every, lambda i: plot_predictions(c, i, first, prior))
     return (
         Section("Measured against predicted", (machine, *torques)),
@@ -438,7 +444,7 @@ def view_page(c: Comparison) -> Any:
     """Return the mechanism in 3-D above charts of its torques, which share a cursor."""
     residual = list(c.residuals.values())[-1]
     worst = residual.where[0].joint
-    logs = [each.name for each in residual.motion.experiments]
+    logs = [experiment.name for experiment in residual.motion.experiments]
     charts = by_log(logs, lambda i: plot_predictions(c, i, worst))
     machine = view_of_fit(residual, list(c.predictions.values())[-1], {worst: worst}, 2 * FILM)
     return replace(machine, charts=charts)

@@ -36,7 +36,7 @@ def run_sheet(x: Run) -> Sheet:
     )
     facts = {"closure error": f"{x.closure_error:.2g}"} if x.mechanism.closures else {}
     for name, stuck in x.stuck.items():
-        share, count = 100 * stuck.mean(), sum(each.joint == name for each in x.transitions)
+        share, count = 100 * stuck.mean(), sum(joint.joint == name for joint in x.transitions)
         facts[f"dry friction at {name}"] = f"stuck {share:.3g} % of the time, {count} changes"
     lines = list(map(str, x.transitions[:TRANSITIONS]))
     more = len(x.transitions) - TRANSITIONS
@@ -130,11 +130,11 @@ def excitation_sheet(x: Excitation) -> Sheet:
     ) + ", the search was interrupted" * (not x.finished)
     facts = {"every period begins and ends": f"at rest, at {start}"}
     if x.home:
-        share = next(each.share for each in x.uses if each.kind == "singularity")
+        share = next(item.share for item in x.uses if item.kind == "singularity")
         reaches = f"‖K⁺‖ reaches {x.home:.3g} times its value at home, "
         facts["singular positions"] = f"{reaches}{100 * share:.3g} % of its limit"
     noise = ", ".join(f"{name} {significant(value)}" for name, value in x.noise.items())
-    known = [each for each in x.base if each.determined]
+    known = [item for item in x.base if item.determined]
     rows = [["base parameter", "prior", "expected ±", "unit"]]
     rows += [
         [shortened(b.name), significant(b.prior, 4), significant(b.stderr, 2), b.unit]
@@ -146,7 +146,7 @@ def excitation_sheet(x: Excitation) -> Sheet:
         f"{noise} [N m | N] a sample:"
     )
     lines = [] if x.separation is None else [str(x.separation)]
-    unknown = [each for each in x.base if not each.determined]
+    unknown = [item for item in x.base if not item.determined]
     if unknown:
         lost = ", ".join(f"{b.name} (± {significant(b.stderr, 2)} {b.unit})" for b in unknown)
         lines.append(f"not determined, with errors above any plausible value: {lost}")
@@ -158,8 +158,8 @@ def excitation_sheet(x: Excitation) -> Sheet:
 
 def _limits(x: Excitation) -> list[list[str]]:
     rows = [["joint", "from", "to", "of range", "speed", "", "acceleration", "", "torque", ""]]
-    uses = {(each.joint, each.kind): each for each in x.uses}
-    for name in dict.fromkeys(each.joint for each in x.uses if each.joint):
+    uses = {(use.joint, use.kind): use for use in x.uses}
+    for name in dict.fromkeys(use.joint for use in x.uses if use.joint):
         position = uses[name, "position"]
         row = [name, f"{position.low:.4g}", f"{position.high:.4g}", _share(position)]
         for kind in ("speed", "acceleration", "torque"):
@@ -212,7 +212,7 @@ def study_sheet(x: MonteCarlo, most: int | None = ROWS) -> Sheet:
     """Return a heading, the tables of `most` parameters and of multipliers, and notes."""
     plan = x.plan
     runs = "run" if x.runs == 1 else "runs"
-    ratios = ", ".join(f"{each:g}" for each in x.snr)
+    ratios = ", ".join(f"{item:g}" for item in x.snr)
     title = (
         f"Monte Carlo of {plan.mechanism.name} on {plan.log.name}: {x.runs} {runs} at {ratios} dB "
         f"each, seed {plan.seed}"
@@ -223,7 +223,7 @@ def study_sheet(x: MonteCarlo, most: int | None = ROWS) -> Sheet:
     more = len(x.parameters) - (most or len(x.parameters))
     lines = [f"… and {more} parameters more"] * (more > 0)
     basis = {"noise": ", ".join(plan.columns), "truth": "; ".join(plan.truth.words)}
-    facts = basis | {each.name: each.words for each in plan.estimators}
+    facts = basis | {item.name: item.words for item in plan.estimators}
     return Sheet(title, facts=facts, tables=tables, lines=lines, notes=x.notes)
 
 
@@ -263,8 +263,12 @@ def _study_rows(
     of = table.rows_by_key(table.columns[:3], named=True, unique=True)
     for name, size in sizes.items():
         for i, snr in enumerate(x.snr):
-            own = [cell for each in x.estimators for cell in cells(of.get((each, snr, name), {}))]
-            yield [*(["", ""] if i else [shortened(name, 40), size]), f"{snr:g} dB", *own]
+            row = [
+                cell
+                for estimator in x.estimators
+                for cell in cells(of.get((estimator, snr, name), {}))
+            ]
+            yield [*(["", ""] if i else [shortened(name, 40), size]), f"{snr:g} dB", *row]
 
 
 def _relative(r: Mapping[str, Any], name: str) -> str:
@@ -286,14 +290,14 @@ def plot_study(x: MonteCarlo, parameters: Sequence[str] | None = None) -> Chart:
     drawn = set(x.errors.drop_nulls("rms")["multiplier"])
     panels = []
     for name in names:
-        own = x.samples.filter(pl.col("parameter") == name)
+        samples = x.samples.filter(pl.col("parameter") == name)
         truth = Level(x.plan.truth.values[name], colour=PRIOR, dashed=True)
-        marks: tuple[Mark, ...] = (truth, *_quantiles(x, own, "value"))
+        marks: tuple[Mark, ...] = (truth, *_quantiles(x, samples, "value"))
         panels.append(_panel(x, marks, shortened(name, 40), x.plan.truth.units[name]))
     for name in (n for n in (*x.plan.truth.multipliers, *SUMS) if n in drawn):
-        own = x.errors.filter(pl.col("multiplier") == name)
-        marks, title = _quantiles(x, own, "rms"), f"rms error of {name}"
-        panels.append(_panel(x, marks, title, own["unit"][0], logarithmic=True))
+        samples = x.errors.filter(pl.col("multiplier") == name)
+        marks, title = _quantiles(x, samples, "rms"), f"rms error of {name}"
+        panels.append(_panel(x, marks, title, samples["unit"][0], logarithmic=True))
     rows = tuple(tuple(panels[i : i + ACROSS]) for i in range(0, len(panels), ACROSS))
     words = f"{x.plan.mechanism.name}: {x.runs} runs at each SNR; thin lines: the lowest and "
     words += "highest 5 % of them; dashed: the truth"
@@ -313,10 +317,10 @@ def _quantiles(x: MonteCarlo, rows: pl.DataFrame, column: str) -> tuple[Line, ..
     """Return the median of each estimator over the SNRs, and thinner 5 and 95 %."""
     lines = []
     for i, name in enumerate(x.estimators):
-        own = rows.filter(estimator=name).drop_nulls(column)
-        known = [k for k, snr in enumerate(x.snr) if len(own.filter(snr=snr))]
+        samples = rows.filter(estimator=name).drop_nulls(column)
+        known = [k for k, snr in enumerate(x.snr) if len(samples.filter(snr=snr))]
         for share, width in QUANTILES.items():
-            y = [own.filter(snr=x.snr[k])[column].quantile(share, "linear") for k in known]
+            y = [samples.filter(snr=x.snr[k])[column].quantile(share, "linear") for k in known]
             label = name if share == 0.5 else ""
             lines.append(Line(np.array(known, float), np.array(y), label, i, width, dotted=True))
     return tuple(lines)
@@ -329,7 +333,7 @@ def study_files(x: MonteCarlo) -> dict[str, bytes]:
     data = {
         "schema": SCHEMA, "mechanism": plan.mechanism.name, "log": plan.log.name,
         "snr": list(x.snr), "runs": x.runs, "seed": plan.seed, "noise_on": list(plan.columns),
-        "estimators": [{"name": each.name, "words": each.words} for each in plan.estimators],
+        "estimators": [{"name": item.name, "words": item.words} for item in plan.estimators],
         "truth": list(plan.truth.words), "parameters": x.table.to_dicts(),
         "multipliers": x.multipliers.to_dicts(), "failures": x.failures.to_dicts(),
     }  # fmt: skip
@@ -353,7 +357,7 @@ def _headline(x: MonteCarlo) -> str:
     """Return how often the last estimator's intervals hold the truth."""
     line = f"{x.runs} runs at each of {', '.join(f'{snr:g}' for snr in x.snr)} dB"
     rows = x.table.filter(pl.col("estimator") == x.estimators[-1], pl.col("coverage").is_not_null())
-    held = rows.group_by("snr", maintain_order=True).agg(pl.col("coverage").mean()).rows()
-    shares = listed([f"{100 * share:.0f} % at {snr:g} dB" for snr, share in held])
+    coverage = rows.group_by("snr", maintain_order=True).agg(pl.col("coverage").mean()).rows()
+    shares = listed([f"{100 * share:.0f} % at {snr:g} dB" for snr, share in coverage])
     words = f"With {x.estimators[-1]}, intervals of 95 % hold the truth in {shares}, over all runs."
-    return f"{line}. {words}" if held else line
+    return f"{line}. {words}" if coverage else line

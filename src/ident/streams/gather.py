@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.display import Displayed, quiet, render
+from ident.display import Displayed, no_progress, render
 from ident.equations.problem import Problem
 from ident.equations.unknowns import Point
 from ident.errors import FitError
@@ -174,7 +174,7 @@ def gather(
     logged, prior = some.experiments[0].logged, Point.prior(mechanism)
     common = Plan(mechanism, logged, some.independent, some.band, smoothing, (), prior)
     plan = with_logs(common, looked_at, samples, workers.between(0.3, 0.4))
-    on_shapes = workers.between(0.4, 0.45).on_progress or quiet
+    on_shapes = workers.between(0.4, 0.45).on_progress or no_progress
     plan = replace(plan, point=working_point(mechanism, some, None, on_shapes))
     saved = None if checkpoint is None else Checkpoint(Path(checkpoint), plan)
     blocks, notes, findings, worked, resumed = _summed(plan, workers.between(0.45, 0.9), saved)
@@ -206,7 +206,7 @@ def gather(
             f"the table of multipliers show {shown} of them"
         )
     findings += map(note, notes)
-    last = workers.between(0.9, 1.0).on_progress or quiet
+    last = workers.between(0.9, 1.0).on_progress or no_progress
     fit = fit_of(problem, fitted, consistent, findings, on_progress=last)
     if others:
         x = fitted.solution.x
