@@ -12,8 +12,9 @@ motion together.
     G_uir = ∂r_u/∂u_i^(r),    r = b − A x,    r = 0, 1, 2 for position, velocity, acceleration
     Var r = G P Gᵀ + σ²       P = (UᵀU)⁻¹ through B, Ḃ, B̈: the covariance of the smooth motion
 
-G is found by differences: everything that a motion enters is in them, closures, effects and
-corrections too. At standstill dry friction is open, and no motion is asked to make it otherwise.
+G is found by differences of r between neighbouring states (`motion.neighbours`): everything that a
+motion enters is in them, closures, effects and corrections too. At standstill dry friction is open,
+and no motion is asked to make it otherwise.
 
 Sources: W. Fuller, Measurement Error Models, 1987, sect. 3.2 (functional model); K. Schittkowski,
 Numerical Data Fitting in Dynamical Systems, 2002; direct collocation as in L. Biegler, Nonlinear
@@ -43,6 +44,7 @@ from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.information.time_bases import Basis, Chunk, Elimination, eliminate
 from ident.mechanism.mechanism import Mechanism
+from ident.motion.neighbours import Neighbours
 from ident.motion.smoothing import through_motion
 from ident.motion.spline import WIDTH, Smooth, Spline, fitted
 from ident.motion.state import State
@@ -70,15 +72,17 @@ def gain(
     base = residual(at(e))
     G = np.empty((*base.shape, len(names), 3))
     given = names if len(e.logged) > mechanism.degrees_of_freedom else e.logged
-    known = e.known(mechanism, given)
+    known, neighbours = e.known(mechanism, given), Neighbours(mechanism, e, given)
     for i, name in enumerate(names):
-        for order, start in enumerate(("near", "same", "same")):
-            shifted = known.copy()
-            series = shifted[order][:, given.index(name)]
-            step = STEP * (float(np.std(series)) or 1.0)
-            series += step
-            perturbed = residual(at(e.at(mechanism, shifted, given, start=start)))
-            G[:, :, i, order] = (perturbed - base) / step
+        for order in range(3):
+            step = STEP * (float(np.std(known[order][:, given.index(name)])) or 1.0)
+            if mechanism.closures:
+                there = neighbours.shifted(name, order, step)
+            else:
+                shifted = known.copy()
+                shifted[order][:, given.index(name)] += step
+                there = e.at(mechanism, shifted, given)
+            G[:, :, i, order] = (residual(at(there)) - base) / step
     samples = Samples(mechanism, e, slice(None), point).reduced(slice(None))
     G[~informing(samples, largest_transmission(e))] = 0.0
     return G

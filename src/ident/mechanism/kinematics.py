@@ -116,34 +116,40 @@ class Kinematics:
             first += len(constraint.names)
         return forces
 
-    def _compile(self, name: str, value: ca.SX) -> ca.Function:
+    def _compile(self, name: str, value: ca.SX, moving: bool = True) -> ca.Function:
         q, v = self._symbols
         N = rates(self.model, q)
-        rate = ca.jacobian(value, q) @ N
-        qd = N @ v  # of the second derivative along q̇, N(q) is differentiated too
+        qd = N @ v  # a second derivative along q̇: N(q) is differentiated too
         drift = ca.jtimes(ca.jtimes(value, q, qd), q, qd)
-        return ca.Function(name, [q, v], [ca.densify(x) for x in (value, rate, drift)])
+        outputs = (value, ca.jacobian(value, q) @ N, drift)[: 3 if moving else 2]
+        return ca.Function(name, [q, v], [ca.densify(x) for x in outputs])
+
+    @cached_property
+    def _phi(self) -> ca.SX:
+        return ca.vertcat(*(constraint.phi for constraint in self._constraints))
 
     @cached_property
     def closure_function(self) -> ca.Function:
         """(q, v) → (Φ, J, J̇v) of one sample, for callers that cannot go over many at once."""
-        return self._compile(
-            "closure", ca.vertcat(*(constraint.phi for constraint in self._constraints))
-        )
+        return self._compile("closure", self._phi)
+
+    @cached_property
+    def _place_function(self) -> ca.Function:
+        """(q, v) → (Φ, J), half the work."""
+        return self._compile("place", self._phi, moving=False)
 
     @cached_property
     def own_function(self) -> ca.Function:
         """(q, v) → (y, W, Ẇv) of one sample."""
-        return self._compile(
-            "joints", ca.vertcat(*(joint.expression for joint in self.closure_joints))
-        )
+        joints = (joint.expression for joint in self.closure_joints)
+        return self._compile("joints", ca.vertcat(*joints))
 
     def closure_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
         """Return Φ (n, m), J (n, m, nv), J̇v (n, m) of q (n, nq), v (n, nv); v = 0 if left out."""
         if not self.closures:
             none = np.zeros((len(q), 0))
             return ConstraintRows(none, np.zeros((len(q), 0, self.model.nv)), none)
-        return self._rows(self.closure_function, q, v)
+        return self._rows(self._place_function if v is None else self.closure_function, q, v)
 
     def own_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
         """Return y, W and Ẇv of the closures' own joints, as `closure_rows`."""
@@ -155,8 +161,9 @@ class Kinematics:
         for start in range(0, max(len(q), 1), CHUNK):
             part = slice(start, start + CHUNK)
             parts.append(self._mapped(function, len(q[part]))(q[part], v[part]))
-        value, rate, drift = (np.concatenate(x) for x in zip(*parts, strict=True))
-        return ConstraintRows(value[..., 0], rate, drift[..., 0])
+        value, rate, *moving = (np.concatenate(x) for x in zip(*parts, strict=True))
+        drift = moving[0][..., 0] if moving else np.zeros(value.shape[:2])
+        return ConstraintRows(value[..., 0], rate, drift)
 
     def assemble(self, q: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the configuration nearest to q at which all closures hold, and its error."""
