@@ -78,7 +78,7 @@ def relative_error(model, n, seed=0):
 
 
 @pytest.mark.parametrize("name", TREES)
-@pytest.mark.parametrize("n", [1, 100])
+@pytest.mark.parametrize("n", [1, 100, 1100])  # one, calls, all at once
 def test_gamma_of_many_samples_is_pinocchios(name, n, tmp_path):
     mechanism = load(
         write_mechanism(tmp_path, tree_urdf(TREES[name], seed=3), "gravity = [1.0, -2.0, -9.0]")

@@ -22,6 +22,7 @@ class RotorInertia(Effect):
     """The motor rotor's inertia, seen at the joint (gear ratio squared times its own)."""
 
     kind = "rotor_inertia"
+    smooth = True
     model_words = ("armature",)
     watched = "request"
     common = True
@@ -73,6 +74,7 @@ class TorqueOffset(Effect):
     """A constant error of the torque channel, or asymmetric Coulomb friction."""
 
     kind = "torque_offset"
+    smooth = True
     common = True
     sits = "driven"
     watched = "always"

@@ -206,6 +206,7 @@ class Effect(ABC):
     # columns, or corrections of data and geometry instead
     implicit: ClassVar[bool] = False  # its columns depend on the present model
     memory: ClassVar[bool] = False  # its columns depend on the past, not on the sample alone
+    smooth: ClassVar[bool] = False  # its columns are as smooth as the motion: few samples do
     fades: ClassVar[bool] = False  # its memory of the distant past fades: portions can start anew
     corrects: ClassVar[bool] = False  # it has a correction instead of columns
     margin: ClassVar[float] = 0.0  # [s] at both ends of a log that its correction cannot use

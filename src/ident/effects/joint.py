@@ -29,6 +29,7 @@ class Viscous(Effect):
     """Friction torque in proportion to speed."""
 
     kind = "viscous"
+    smooth = True
     noun = "viscous friction"
     model_words = ("damping",)
     common = True
@@ -281,6 +282,7 @@ class Spring(Effect):
     """A linear spring across a joint, with its preload."""
 
     kind = "spring"
+    smooth = True
     of_position = True
     model_words = ("stiffness", "spring_stiffness")
     watched = "request"
@@ -307,6 +309,7 @@ class Cable(Effect):
     """Hoses and cables along a joint: a smooth curve over position."""
 
     kind = "cable"
+    smooth = True
     noun = "pull of hoses and cables"
     of_position = True
     descriptive = True

@@ -27,7 +27,17 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.equations.filter import CHUNK, STANDING, STICKING, Decimator, filtered_windows
-from ident.equations.terms import RIGID, Samples, Terms, effect_terms, unbalanced, with_bodies
+from ident.equations.terms import (
+    RIGID,
+    Samples,
+    Terms,
+    effect_terms,
+    smooth_columns,
+    smooth_places,
+    unbalanced,
+    with_bodies,
+)
+from ident.equations.thinning import NodeSeries, Thinning, agreeing_step
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
 from ident.information.chance import CONTRIBUTES
@@ -38,6 +48,9 @@ from ident.motion.closures import integrate
 from ident.motion.state import State
 
 WIDER = 3.0  # numerics: times the rows' cut-off: passes all that the rows' filter passes
+OF_NOISE = 1e-3  # numerics: share of the torques' noise by which thinned rows may differ
+EXACT = 1e-9  # numerics: share of a column by which they may differ where there is no noise
+LOOSEST = 1e-6  # numerics: and the most, however large the noise is
 STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smooth in their shapes
 
 
@@ -170,9 +183,14 @@ class Scene:
         """The working point."""
         return self.samples.point
 
-    def effects(self, s: Samples) -> Terms:
-        """The equations of some samples without Γ, with the sensitivities S of corrections."""
-        terms, r = effect_terms(s, self.columns), unbalanced(s) if self.perturbed else np.empty(0)
+    def effects(self, s: Samples, thinned: bool = False) -> Terms:
+        """The equations of some samples without Γ, with the sensitivities S of corrections;
+        `thinned` as in `effect_terms`.
+        """
+        terms, r = (
+            effect_terms(s, self.columns, thinned),
+            unbalanced(s) if self.perturbed else np.empty(0),
+        )
         before = len(self.columns.rigid)
         for place, value, h, other in self.perturbed:
             shifted = replace(s, mechanism=other.mechanism, e=other.e, memo=other.memo)
@@ -293,36 +311,55 @@ def rows(
     every = [slice(0, len(scene.mechanism.prior))] * e.leverage.shape[2]
     spans = row_spans(model) if e.loop is None else every
     supports = row_supports(scene.mechanism, scene.columns, e)
-    before = len(scene.columns.rigid)
-    of_effects = [support[support >= before] - before for support in supports]
+    decimator, before = Decimator.of(cutoff, e.rate), len(scene.columns.rigid)
+    step = smooth_step(scene, cutoff)
+    smooth = smooth_places(scene.columns) if step > 1 else np.empty(0, dtype=int)
+    # by row the effects' columns that are made at all samples, and those made at nodes
+    sharp = [s[(s >= before) & ~np.isin(s, smooth)] - before for s in supports]
+    thin = [np.intersect1d(s, smooth) for s in supports]
     fresh: list[list[np.ndarray]] | None = [] if stored is None and keep else None
 
     def make(part: slice) -> list[np.ndarray]:
-        """Γ by row, effects' columns by row, b, τ, informed, moving of some samples."""
+        """Effects' columns by row, b, τ, informed, moving, and Γ by row, of all samples."""
         s = scene.samples.reduced(part)
-        terms = scene.effects(s)
-        gamma = [] if stored is not None else [s.gamma[:, u, span] for u, span in enumerate(spans)]
-        effects = [terms.A[:, u, support] for u, support in enumerate(of_effects)]
+        terms = scene.effects(s, thinned=step > 1)
+        effects = [terms.A[:, u, support] for u, support in enumerate(sharp)]
         informed = informing(s, farthest)
-        return [*gamma, *effects, terms.b, terms.tau, informed, in_motion(s, farthest)]
+        gamma = gamma_of(s) if stored is None and step == 1 else []
+        return [*effects, terms.b, terms.tau, informed, in_motion(s, farthest), *gamma]
+
+    def gamma_of(s: Samples) -> list[np.ndarray]:
+        return [s.gamma[:, u, span] for u, span in enumerate(spans)]
+
+    def make_smooth(nodes: np.ndarray) -> list[np.ndarray]:
+        """Smooth effects' columns by row, and Γ by row, of some samples."""
+        s = scene.samples.reduced(nodes)
+        A = smooth_columns(s, scene.columns, smooth)
+        effects = [A[:, u, np.searchsorted(smooth, support)] for u, support in enumerate(thin)]
+        return [*effects, *(gamma_of(s) if stored is None else [])]
 
     d, done, size = len(spans), 0, 0
     for segment in e.segments():
-        for sample, series in Decimator.of(cutoff, e.rate).filtered(segment, make):
+        thinning = Thinning(decimator, step, segment.stop - segment.start)
+        at_nodes = NodeSeries(thinning, make_smooth, segment.start)
+        for sample, series in decimator.filtered(segment, make):
             n = len(sample)
+            smoothed = at_nodes.rows(sample) if step > 1 else []
             if stored is not None:
                 gamma = [x[:, done : done + n].T for x in stored]
             else:
-                gamma, series = series[:d], series[d:]
+                gamma = smoothed[d:] if step > 1 else series[d + 4 :]
                 size += sum(x.nbytes for x in gamma)
                 fresh = fresh if fresh is not None and e.store.fits(size) else None
                 if fresh is not None:
                     fresh.append(gamma)
             done += n
             A = np.zeros((d, len(scene.columns) - before, n)).transpose(2, 0, 1)
-            for u, support in enumerate(of_effects):
-                A[:, u, support] = series[u]
-            b, tau, opened, standing = series[d:]
+            for u in range(d):
+                A[:, u, sharp[u]] = series[u]
+                if step > 1:
+                    A[:, u, thin[u] - before] = smoothed[u]
+            b, tau, opened, standing = series[d : d + 4]
             informed, moving = opened < sticking, standing < STANDING
             A, b = with_bodies(scene.columns, scene.point, gamma, A, b, spans)
             for u in scene.mechanism.unmeasured_rows:
@@ -332,6 +369,35 @@ def rows(
         e.store.put(
             key, model, [np.hstack([x.T for x in pieces]) for pieces in zip(*fresh, strict=True)]
         )
+
+
+def smooth_step(scene: Scene, cutoff: float | None) -> int:
+    """Return the distance of the samples at which Γ and smooth columns of a state are made, so
+    that filtered rows are those of all samples to within a share of the torques' noise.
+    """
+    e, model = scene.e, scene.mechanism.model
+    decimator, key = Decimator.of(cutoff, e.rate), ("step", cutoff)
+    if decimator.taps is None or cutoff is None or decimator.factor == 1:
+        return 1
+    if (stored := e.store.get(key, model)) is not None:
+        return int(stored[0][0])
+    noise = np.array([e.noise.get(f"tau.{name}", 0.0) for name in scene.mechanism.driven])
+    torque = np.sqrt((e.tau[e.usable] ** 2).mean(axis=0)) if e.usable.any() else np.ones(1)
+    passed = float(np.sqrt(decimator.taps @ decimator.taps))
+    share = float((passed * noise[torque > 0] / torque[torque > 0]).min(initial=1.0))
+    tolerance = float(np.clip(OF_NOISE * share, EXACT, LOOSEST))
+    speed, rise = np.abs(e.v).max(initial=1e-300), np.abs(e.a).max(initial=1e-300)
+
+    def quick(part: slice | np.ndarray) -> np.ndarray:
+        v = e.v[part] / speed
+        return np.hstack([v, v * v, e.a[part] / rise])
+
+    def whole(part: slice | np.ndarray) -> np.ndarray:
+        return scene.samples.reduced(part).gamma.reshape(len(e.t[part]), -1)
+
+    step = agreeing_step(decimator, e.rate, cutoff, e.segments(), quick, whole, tolerance)
+    e.store.put(key, model, [np.array([step])])
+    return step
 
 
 def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.ndarray]:

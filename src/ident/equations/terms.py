@@ -318,8 +318,10 @@ class Terms:
     tau: np.ndarray  # (n, r) [N m | N], the measured torques alone
 
 
-def effect_terms(s: Samples, columns: Columns) -> Terms:
-    """The equations without Γ: A (n, r, k − rigid) holds the columns of effects only."""
+def effect_terms(s: Samples, columns: Columns, thinned: bool = False) -> Terms:
+    """The equations without Γ: A (n, r, k − rigid) holds the columns of effects only; `thinned`:
+    without those that `smooth_columns` has.
+    """
     tau = s.measured(s.mechanism.driven)
     b = tau.copy() if s.wrench is None else tau + s.wrench
     n, r = s.shape
@@ -332,7 +334,7 @@ def effect_terms(s: Samples, columns: Columns) -> Terms:
         c, shape = s.point.of(effect)
         u = len(effect.unknowns)
         unknown = places[:u] >= 0
-        if unknown.any():
+        if unknown.any() and not (thinned and is_smooth(effect)):
             at = places[:u][unknown] - before  # neighbours in x: a view of A can be added to
             s.add_effect(A[:, :, at[0] : at[-1] + 1], effect, np.eye(u)[:, unknown], shape)
         if not unknown.all():
@@ -343,6 +345,30 @@ def effect_terms(s: Samples, columns: Columns) -> Terms:
                 s.add_sensitivity(A[:, :, place - before], effect, c, shape, name)
                 b += A[:, :, place - before] * shape[name]
     return Terms(A, b, tau)
+
+
+def is_smooth(effect: Effect) -> bool:
+    """Whether all columns of an effect are smooth functions of the sample's motion alone."""
+    plain = not (effect.corrects or effect.loaded_link or effect.memory or effect.implicit)
+    return effect.smooth and plain and not effect.shapes
+
+
+def smooth_places(columns: Columns) -> np.ndarray:
+    """Return the places in x, ascending, of the unknowns whose columns are smooth beside Γ."""
+    places = [places for effect, places in columns.effects if is_smooth(effect)]
+    every = np.concatenate([np.empty(0, dtype=int), *places])
+    return np.sort(every[every >= 0])
+
+
+def smooth_columns(s: Samples, columns: Columns, places: np.ndarray) -> np.ndarray:
+    """Return the columns (n, r, u) of the unknowns at `smooth_places`."""
+    n, r = s.shape
+    A = np.zeros((r, len(places), n)).transpose(2, 0, 1)
+    for effect, its in columns.effects:
+        if is_smooth(effect) and (its >= 0).any():
+            at = np.searchsorted(places, its[its >= 0])
+            s.add_effect(A[:, :, at[0] : at[-1] + 1], effect, np.eye(len(its))[:, its >= 0], {})
+    return A
 
 
 def with_bodies(

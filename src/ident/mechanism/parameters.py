@@ -22,6 +22,7 @@ from ident.effects import KINDS
 from ident.effects.joint import Payload
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import HUGE, TomlTable, is_number
+from ident.mechanism import batched
 
 UNITS = {number.name: number.units[0] for number in Payload.unknowns}  # of a body as of a payload
 DYNAMIC = tuple(UNITS)
@@ -254,6 +255,7 @@ def pseudo_inertia(pi: Sequence[float] | np.ndarray) -> np.ndarray:
 
 TURNED = 128  # work: samples whose Γ fits into a processor's cache while axes are exchanged
 FAR = 1e3  # range: [m] a centre of mass beyond belongs to a mass of rounding error
+BATCH = 1000  # work: samples from which passes over all of them are faster than calls
 
 
 def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -261,6 +263,8 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
 
     Samples are contiguous in memory, as the filter of the rows wants them.
     """
+    if len(q) >= BATCH and (joints := batched.joints_of(model)):
+        return batched.regressor(model, joints, q, v, a).transpose(2, 0, 1)
     data, gamma = model.createData(), np.zeros((model.nv, COUNT * (model.njoints - 1), len(q)))
     piece, spans = np.empty((TURNED, *gamma.shape[:2])), row_spans(model)
     for start in range(0, len(q), TURNED):
@@ -276,6 +280,8 @@ def rigid_forces(
     model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray, pi: np.ndarray
 ) -> np.ndarray:
     """Γ π (n, nv) of π (10 · bodies,), which needs no Γ."""
+    if len(q) >= BATCH and (joints := batched.joints_of(model)):
+        return batched.rigid_forces(model, joints, q, v, a, pi)
     states, total = [*zip(q, v, a, strict=True)], np.zeros((len(q), model.nv))
     for sign, other, data in Rigid.of(model, pi).terms:
         total += sign * np.reshape([pin.rnea(other, data, *state) for state in states], total.shape)
