@@ -45,39 +45,39 @@ CATEGORIES = ("visible", "loop", "quarter", "clean", "outside", "two")
 COLOURED = ("visible", "clean")  # categories that are judged with coloured noise as well
 MACHINES = ("tx40", "panda", "lwr4")
 CONSTANTS = {  # module: constants of the search, then those of the rows, which are made anew
-    "diagnosis.search": ("TOGETHER", "NEAR", "TRIED", "ALONE"),
+    "diagnosis.search": ("COMMON_RATIO", "NEAR", "BEST_TRIED", "PATH_LEAVES"),
     "diagnosis.selection": (
-        "PARSIMONY", "ALIKE", "NEGATIVE", "STANDS_FOR", "CLOSEST", "STARTS",
+        "PARSIMONY", "SAME_PART", "NEGATIVE", "STANDS_FOR", "CLOSEST", "STARTS",
     ),
     "diagnosis.null": ("TRIALS",),
-    "information.chance": ("MINE",),
+    "information.chance": ("CONTRIBUTES",),
     "diagnosis.candidates": ("STANDS_FOR", "HIDDEN"),
     "fit.small_errors": ("SLOW", "GUARD", "ENOUGH", "WORSE"),
 }  # fmt: skip
 OFF = {  # values at which a constant has no influence
-    "TOGETHER": (0.0,), "NEAR": (0.0,), "TRIED": (1,), "PARSIMONY": (0.0,),
-    "ALIKE": (-1.0, 1.0), "NEGATIVE": (1e9,), "STANDS_FOR": (0.0,),
-    "STARTS": (1,), "HIDDEN": (0.0,), "CLOSEST": (0,), "MINE": (0.0,),
-    "GUARD": (0.0,), "ALONE": (0.0, 1e9),
+    "COMMON_RATIO": (0.0,), "NEAR": (0.0,), "BEST_TRIED": (1,), "PARSIMONY": (0.0,),
+    "SAME_PART": (-1.0, 1.0), "NEGATIVE": (1e9,), "STANDS_FOR": (0.0,),
+    "STARTS": (1,), "HIDDEN": (0.0,), "CLOSEST": (0,), "CONTRIBUTES": (0.0,),
+    "GUARD": (0.0,), "PATH_LEAVES": (0.0, 1e9),
 }  # fmt: skip
 OF_ROWS = ("diagnosis.candidates", "fit.small_errors")
-SHARES = {"ALIKE", "STANDS_FOR", "NEAR", "ENOUGH"}  # doubled: half way to one
+SHARES = {"SAME_PART", "STANDS_FOR", "NEAR", "ENOUGH"}  # doubled: half way to one
 Variant = tuple[str, str, float, bool]  # module, constant, factor or value, whether a value
 # a function or a method of diagnosis/, and what leaves it out
 RULES: dict[str, Any] = {
-    "search.Search.joined": lambda self, now, ranking: now,
-    "search.Search.grouped": lambda self, now: now,
-    "search.Search.restored": lambda self, now: now,
-    "search.Search.several": lambda self, now: None,
+    "search.Search.add_group": lambda self, now, ranking: now,
+    "search.Search.add_common": lambda self, now: now,
+    "search.Search.readmit": lambda self, now: now,
+    "search.Search.add_pairs": lambda self, now: None,
     "search.Search.exchanged": lambda self, now: None,
     "search.Search.with_rivals": lambda self, now, member: member,
     "effect_set.EffectSet.polished": lambda self: self,
-    "search._stands": lambda *_: True,
+    "search._credible_without": lambda *_: True,
     "effect_set._past": lambda *_: None,
     "effect_set._curve": lambda *_: None,
     "effect_set._impossible": lambda *_: None,
     "effect_set._beside_best_law": lambda *_: True,
-    "effect_set._alone": lambda member, *_: member,
+    "effect_set._with_evidence_alone": lambda member, *_: member,
     "selection.differs": lambda *_: True,
     "selection.by_chance": lambda *_: False,
 }

@@ -112,16 +112,16 @@ def test_laws_of_two_joints_get_one_form_where_both_can_have_it():
 
     def law(joint: str, own: tuple[str, float], *rivals: tuple[str, float]) -> FoundLaw:
         first, *others = (fitted(text, joint, x) for text, x in (own, *rivals))
-        rest = ("explained", "limit", "distance", "front", "replaced", "beside")
+        rest = ("explained", "limit", "distance", "front", "replaced", "regression")
         return FoundLaw(
-            found=first, joint=joint, rivals=tuple(others), bounds={}, gain=0.5, nearest="spring",
+            fitted=first, joint=joint, rivals=tuple(others), bounds={}, gain=0.5, nearest="spring",
             **dict.fromkeys(rest),
         )  # fmt: skip
 
     a = law("elbow", ("q**3", 1.0), ("abs(q)", 1.01))
     b = law("wrist", ("abs(q)", 1.0), ("q**3", 1.5), ("q**2", 1.02))
     one = of_one_form([a, b])
-    assert [each.found.formula.text for each in one] == ["k*abs(q)", "k*abs(q)"]
+    assert [each.fitted.formula.text for each in one] == ["k*abs(q)", "k*abs(q)"]
     assert [r.formula.text for r in one[0].rivals] == ["k*q**3"]
     assert one[0].gain == 0.5 * 0.99
     assert one[1] is b

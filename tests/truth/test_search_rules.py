@@ -65,10 +65,10 @@ def test_friction_of_all_joints_enters_where_all_that_is_common_is_too_much_for_
     contest = with_noise(contest_of(missing_friction(2.2, 0.2, 0.06)))
     search = Search(contest, (), lambda what, share: None)
     search.ranked(search.start)
-    every, *_ = search.together(search.start)
+    every, *_ = search.candidate_groups(search.start)
     assert {m.effect.kind for m in every.members} > {*FRICTION}
     assert not search.beyond_chance(search.start, every)
-    found = search.grouped(search.start).members  # of a small joint's, which is not small there
+    found = search.add_common(search.start).members  # of a small joint's, which is not small there
     assert {m.label for m in found} == {"viscous:wrist", "coulomb:wrist"}
 
 

@@ -26,7 +26,7 @@ from ident.motion.signals import SLOW
 STANDS_FOR = 1 / 3  # tuned: share of a joint's samples or squares, that can speak for all of them
 HIDDEN = 0.02  # tuned: visible share below which the data cannot speak of an effect
 SURROGATES = 100  # work: random series with the spectrum of the residual
-SURE = 1.0  # level: standard errors over blocks by which pulses lower left-out errors
+PULSES_SE = 1.0  # level: standard errors over blocks by which pulses lower left-out errors
 Shape = Mapping[str, float]
 Columns = Mapping[int, np.ndarray]  # (m, u) in the rows of each coordinate
 OnProgress = Callable[[str, float], None]
@@ -88,8 +88,8 @@ def possible(mechanism: Mechanism, motion: Motion) -> list[Effect]:
     """All effects that could be missing, in the library's order; then known ones."""
     first, *others = (e.logged for e in motion.experiments)
     logged = [name for name in first if all(name in names for names in others)]
-    found = mechanism.candidates(logged, columns_of(motion))
-    return found + [effect.freed for effect in mechanism.effects if effect.known]
+    candidates = mechanism.candidates(logged, columns_of(motion))
+    return candidates + [effect.freed for effect in mechanism.effects if effect.known]
 
 
 def columns_of(motion: Motion) -> set[str]:
@@ -108,7 +108,7 @@ def absorbed(mechanism: Mechanism, effect: Effect) -> str:
 def candidates_of(fit: Fit) -> list[Effect]:
     """Effects that could be missing, without those whose columns a link has already."""
     every = possible(fit.mechanism, fit.motion)
-    return [each for each in every if not absorbed(fit.mechanism, each)]
+    return [effect for effect in every if not absorbed(fit.mechanism, effect)]
 
 
 # --- rows --------------------------------------------------------------------------------------
@@ -118,19 +118,19 @@ def deciding(table: Table, r: np.ndarray) -> np.ndarray:
     """(N, d) rows that decide: those in motion away from reversals, and all in motion of a
     coordinate whose residual r (N, d) is at its reversals for the most part.
     """
-    return _most_of(r, away_from_reversals(table), table.moving)
+    return _rows_with_most(r, away_from_reversals(table), table.moving)
 
 
-def _most_of(r: np.ndarray, calm: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def _rows_with_most(r: np.ndarray, calm: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """The calm rows (N, d), and all `rows` where these hold little of a coordinate's residual r."""
-    squares, few = (np.where(use, r**2, 0.0).sum(axis=0) for use in (rows, calm))
-    return calm | rows & (few < STANDS_FOR * squares)
+    squares, calm_squares = (np.where(use, r**2, 0.0).sum(axis=0) for use in (rows, calm))
+    return calm | rows & (calm_squares < STANDS_FOR * squares)
 
 
 def residual_in(table: Table, fit: Fit) -> np.ndarray:
     """(N, d) b − A x of a fit in the rows of its table."""
-    held = fit.estimate.held
-    x = np.where(held, table.columns.prior_at(table.point.values), fit.estimate.solution.x)
+    fixed = fit.estimate.held
+    x = np.where(fixed, table.columns.prior_at(table.point.values), fit.estimate.solution.x)
     return np.asarray(table.b - table.A @ x)
 
 
@@ -182,10 +182,10 @@ class Contest:
             use: rows (N, d) that decide, beside which there are no pulses; default: see `deciding`.
         """
         table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
-        held = fit.estimate.held
+        fixed = fit.estimate.held
         pulsed = use is None and bool((fit.checks.misfit > WORSE).any())  # rows at reversals worse
         use = deciding(table, residual_in(table, fit)) if use is None else use
-        store = ColumnStore(table, use, held)
+        store = ColumnStore(table, use, fixed)
         # what dry friction that is no step leaves at reversals
         dry = [joint for e in fit.mechanism.effects if e.jumps and pulsed for joint in e.joints]
         pulses = {
@@ -201,7 +201,7 @@ class Contest:
         )
         every = curves(moving, moving, columns) if curved else ()
         wanted = [*effects, *map(fit.mechanism.placed, every)]
-        found, failed = [], []
+        candidates, failed = [], []
         for i, effect in enumerate(wanted):
             on_progress(f"columns of {effect.label}", i / len(wanted))
             try:
@@ -210,31 +210,33 @@ class Contest:
                     at, parts = np.concatenate(old.groups), earlier.regression.parts
                     C = {part.coordinate: part.taken(at) for part in parts}
                 groups = np.split(store.add(effect, shapes, C), len(shapes))
-                found.append(CandidateColumns(effect, tuple(shapes), tuple(groups)))
+                candidates.append(CandidateColumns(effect, tuple(shapes), tuple(groups)))
             except (IdentError, np.linalg.LinAlgError) as error:
                 failed.append((effect, str(error)))
-        sigma, model = fit.estimate.sigma, np.flatnonzero(~held)
+        sigma, model = fit.estimate.sigma, np.flatnonzero(~fixed)
         if len(sigma) != table.b.shape[1]:  # a time basis weighs all rows alike
             r = table.b - table.A @ fit.estimate.solution.x
             sigma = np.sqrt((r**2).mean(axis=0)) + 1e-300
         regression = PartialRegression(store.parts(), model, 1.0 / sigma, store.count)
-        some = _at_reversals(table, regression, pulses, found)
-        bodies = np.flatnonzero(held[: len(fit.columns.rigid)])
-        found, more = _beside_held(regression, bodies, found)
+        chosen_pulses = _pulses_that_help(table, regression, pulses, candidates)
+        bodies = np.flatnonzero(fixed[: len(fit.columns.rigid)])
+        candidates, more = _visible_beside_fixed(regression, bodies, candidates)
         failed += more
-        regression = regression.extended(some)
+        regression = regression.extended(chosen_pulses)
         rule = decision or Decision()
-        return cls(fit, table, use, regression, some, tuple(found), tuple(failed), rule, seed)
+        return cls(
+            fit, table, use, regression, chosen_pulses, tuple(candidates), tuple(failed), rule, seed
+        )
 
     def at_reversals(self, on_progress: OnProgress) -> Contest | None:
         """The contest on all rows that inform of a coordinate whose residual is most at reversals,
         without pulses, which are like effects that act there; None where they are the same rows.
         """
         r = residual_in(self.table, self.fit)
-        use = _most_of(r, deciding(self.table, r), self.table.informed)
+        use = _rows_with_most(r, deciding(self.table, r), self.table.informed)
         if np.array_equal(use, self.use):
             return None
-        effects = [each.effect for each in self.laws]
+        effects = [law.effect for law in self.laws]
         return Contest.of(
             self.fit, effects, on_progress, use=use, decision=self.decision, seed=self.seed
         )
@@ -244,18 +246,18 @@ class Contest:
         """(d,) rms of the model's dry friction in the rows that decide [N m | N]."""
         parts = self.regression.parts
         torque = [np.zeros(len(part.Y)) for part in parts]
-        for effect in (each for each in self.fit.mechanism.effects if each.jumps):
+        for effect in (effect for effect in self.fit.mechanism.effects if effect.jumps):
             c, shape = self.fit.point.of(effect)
             torque = [x + C @ c for x, C in zip(torque, self.columns(effect, shape), strict=True)]
-        found = np.zeros(self.regression.d)
+        rms = np.zeros(self.regression.d)
         for part, x in zip(parts, torque, strict=True):
-            found[part.coordinate] = np.sqrt((x**2).sum() / max(len(x), 1))
-        return found
+            rms[part.coordinate] = np.sqrt((x**2).sum() / max(len(x), 1))
+        return rms
 
     @cached_property
     def laws(self) -> tuple[CandidateColumns, ...]:
         """Candidates that are no curves."""
-        return tuple(each for each in self.candidates if not each.curve)
+        return tuple(candidate for candidate in self.candidates if not candidate.curve)
 
     def unchanged(self, fit: Fit, use: np.ndarray) -> dict[str, CandidateColumns]:
         """Laws, by label, with the same columns in the rows (N, d) of another fit of the motion."""
@@ -268,9 +270,9 @@ class Contest:
     def columns(self, effect: Effect, shape: Shape) -> list[np.ndarray]:
         """The columns (m, u) of an effect at a shape in the rows of each part."""
         C, felt = self.table.effect_columns(effect, [shape])
-        whole = np.zeros((*self.table.b.shape, C.shape[2]))
-        whole[:, felt] = C
-        return [whole[self.use[:, p.coordinate], p.coordinate] for p in self.regression.parts]
+        dense = np.zeros((*self.table.b.shape, C.shape[2]))
+        dense[:, felt] = C
+        return [dense[self.use[:, p.coordinate], p.coordinate] for p in self.regression.parts]
 
     def passed(self, joint: str, waves: float) -> float:
         """Share of the samples at which the filter passes so many waves a radian (a metre)."""
@@ -299,14 +301,14 @@ class Contest:
             ]
         return C
 
-    def beside(self, regression: PartialRegression) -> Contest:
+    def with_model(self, regression: PartialRegression) -> Contest:
         """The contest with another model."""
         return replace(self, regression=regression)
 
     def extended(self, C: Sequence[np.ndarray]) -> tuple[Contest, Index]:
         """The contest with further columns C (m, u) of each part in the model, and which."""
         regression, new = self.regression.added(C)
-        return self.beside(regression.extended(new)), new
+        return self.with_model(regression.extended(new)), new
 
     @cached_property
     def torque(self) -> Array:
@@ -315,7 +317,7 @@ class Contest:
         return np.asarray((tau**2).sum(axis=0) * self.regression.weight**2)
 
 
-def _at_reversals(
+def _pulses_that_help(
     table: Table,
     regression: PartialRegression,
     pulses: Mapping[str, Index],
@@ -325,45 +327,47 @@ def _at_reversals(
     determine them), and by more than friction that builds up over so much speed that it acts far
     from reversals too: a pulse would take its part.
     """
-    some = [np.zeros(0, dtype=int)]
+    chosen = [np.zeros(0, dtype=int)]
     gains = regression.gains([*pulses.values()])
-    laws = [each for each in candidates if each.effect.slow and each.effect.needs]
+    laws = [
+        candidate for candidate in candidates if candidate.effect.slow and candidate.effect.needs
+    ]
     for (joint, columns), D, by in zip(pulses.items(), gains.D, gains.by, strict=True):
-        if zscore(D) <= SURE:
+        if zscore(D) <= PULSES_SE:
             continue
         at = table.mechanism.joint_index[joint]
         top = max(np.abs(s.e.yd[s.e.usable, at]).max(initial=0.0) for s in table.scenes)
         wide = [
             group
-            for each in laws
-            for shape, group in zip(each.shapes, each.groups, strict=True)
-            if each.effect.joints == (joint,) and max(shape.values()) > BEYOND * SLOW * top
+            for candidate in laws
+            for shape, group in zip(candidate.shapes, candidate.groups, strict=True)
+            if candidate.effect.joints == (joint,) and max(shape.values()) > BEYOND * SLOW * top
         ]
         if regression.explained(by) > (regression.shares(wide).max() if wide else 0.0):
-            some.append(columns)
-    return np.concatenate(some)
+            chosen.append(columns)
+    return np.concatenate(chosen)
 
 
-def _beside_held(
-    regression: PartialRegression, held: np.ndarray, candidates: Sequence[CandidateColumns]
+def _visible_beside_fixed(
+    regression: PartialRegression, fixed: np.ndarray, candidates: Sequence[CandidateColumns]
 ) -> tuple[list[CandidateColumns], list[tuple[Effect, str]]]:
     """The candidates that have columns of their own beside inertial parameters that are held at
     their priors, and those that have none, with the reason: where friction is missing the residual
     hides an inertia, which then is no effect.
     """
-    laws = [each for each in candidates if not each.curve]
-    if not len(held) or not laws:
+    laws = [candidate for candidate in candidates if not candidate.curve]
+    if not len(fixed) or not laws:
         return [*candidates], []
-    groups = [group for each in laws for group in each.groups]
-    own = np.cumsum([0, *(len(each.groups) for each in laws)])[:-1]
-    before, beside = (
-        np.maximum.reduceat(rows.gains(groups).visible, own)
-        for rows in (regression, regression.extended(held))
+    groups = [group for candidate in laws for group in candidate.groups]
+    starts = np.cumsum([0, *(len(candidate.groups) for candidate in laws)])[:-1]
+    before, after = (
+        np.maximum.reduceat(rows.gains(groups).visible, starts)
+        for rows in (regression, regression.extended(fixed))
     )
-    hidden = {id(law) for law, a, b in zip(laws, before, beside, strict=True) if a > HIDDEN >= b}
+    hidden = {id(law) for law, a, b in zip(laws, before, after, strict=True) if a > HIDDEN >= b}
     why = "it has the columns of inertial parameters that are held at their priors"
-    return [each for each in candidates if id(each) not in hidden], [
-        (each.effect, why) for each in laws if id(each) in hidden
+    return [candidate for candidate in candidates if id(candidate) not in hidden], [
+        (candidate.effect, why) for candidate in laws if id(candidate) in hidden
     ]
 
 
@@ -372,10 +376,10 @@ class ColumnStore:
     those that are held (k,) are taken off b at their priors.
     """
 
-    def __init__(self, table: Table, use: np.ndarray, held: np.ndarray) -> None:
+    def __init__(self, table: Table, use: np.ndarray, fixed: np.ndarray) -> None:
         prior, A = table.columns.prior_at(table.point.values), table.A
-        self.table, self.b = table, table.b - A[:, :, held] @ prior[held]
-        self.rows = [np.flatnonzero(each) for each in use.T]
+        self.table, self.b = table, table.b - A[:, :, fixed] @ prior[fixed]
+        self.rows = [np.flatnonzero(mask) for mask in use.T]
         self.blocks = [[A[rows, u]] for u, rows in enumerate(self.rows)]
         self.index = [[np.arange(A.shape[2])] for _ in self.rows]
         self.count = A.shape[2]
@@ -388,10 +392,10 @@ class ColumnStore:
             C, felt = self.table.effect_columns(effect, shapes)
             known = {u: C[self.rows[u], place] for place, u in enumerate(felt.tolist())}
         new = np.arange(self.count, self.count + next(iter(known.values())).shape[1])
-        for coordinate, mine in known.items():
-            some = mine.any(axis=0)
-            self.blocks[coordinate].append(mine[:, some])
-            self.index[coordinate].append(new[some])
+        for coordinate, block in known.items():
+            nonzero = block.any(axis=0)
+            self.blocks[coordinate].append(block[:, nonzero])
+            self.index[coordinate].append(new[nonzero])
         self.count += len(new)
         return new
 
@@ -399,9 +403,9 @@ class ColumnStore:
         """One part a coordinate."""
         block = self.table.blocks
         numbers = np.unique(np.concatenate([block[rows] for rows in self.rows]))
-        found = []
+        parts = []
         for u, rows in enumerate(self.rows):
             edges = np.searchsorted(block[rows], np.append(numbers, numbers[-1] + 1))
             X = np.concatenate(self.blocks[u], axis=1)
-            found.append(Part(u, np.concatenate(self.index[u]), X, self.b[rows, u][:, None], edges))
-        return tuple(found)
+            parts.append(Part(u, np.concatenate(self.index[u]), X, self.b[rows, u][:, None], edges))
+        return tuple(parts)

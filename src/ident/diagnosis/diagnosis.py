@@ -26,7 +26,7 @@ from ident.diagnosis.result import (
     known_of,
 )
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import MOST, NEGATIVE, Evidence, Ranking, can_be, simplicity
+from ident.diagnosis.selection import MAIN_CAUSE, NEGATIVE, Evidence, Ranking, can_be, simplicity
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
 from ident.effects import Effect
@@ -42,13 +42,15 @@ from ident.fit.residual_maps import Periods
 from ident.information.chance import ALPHA, LEAVES, LOUD, RIVAL
 from ident.information.estimate import MATERIAL
 
-TRIED = 3  # work: rivals of a formula whose constants are not determined
+FORMULAS_TRIED = 3  # work: rivals of a formula whose constants are not determined
 SHOWN = 3  # shown: candidates that are listed though they are not credible
 LISTED = 8  # shown: candidates that are listed at most
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
 STEP = 0.08  # tuned: of dry friction's rms, by which it may differ from a step around reversals; a
 # simulator's friction, 10 ms early, differs by 0.06, breakaway of eight times as much by 0.1
-AGAIN = 0.6  # tuned: correlation of a residual between periods that noise does not have
+REPEATING_CORRELATION = (
+    0.6  # tuned: correlation of a residual between periods that noise does not have
+)
 
 
 def diagnose(
@@ -88,56 +90,58 @@ def diagnose(
     on_progress = part(progress, 0.0, 1.0)
     decision = Decision(alpha, material, rival_se)
     check_whole("seed", seed)
-    here, effects = part(on_progress, 0.0, 0.3), candidates_of(fit)
-    contest = Contest.of(fit, effects, here, decision=decision, seed=seed)
+    columns_progress, effects = part(on_progress, 0.0, 0.3), candidates_of(fit)
+    contest = Contest.of(fit, effects, columns_progress, decision=decision, seed=seed)
     on_progress("noise of the sensors", 0.3)
     contest = with_noise(contest)
-    found = judged(select(contest, part(on_progress, 0.3, 0.6)), part(on_progress, 0.6, 0.9))
-    return at_reversals(found, part(on_progress, 0.9, 1.0))
+    diagnosis = conclude(select(contest, part(on_progress, 0.3, 0.6)), part(on_progress, 0.6, 0.9))
+    return at_reversals(diagnosis, part(on_progress, 0.9, 1.0))
 
 
 def at_reversals(
-    found: Diagnosis, on_progress: OnProgress, other: Contest | None = None
+    diagnosis: Diagnosis, on_progress: OnProgress, other: Contest | None = None
 ) -> Diagnosis:
     """The diagnosis, or where it names nothing the one on the rows at reversals too, if that names
     an effect that acts there, or is more than chance away from them too. What else is found there
     is left open: dry friction is least exact. `other`: the contest on those rows, if it is made.
     """
-    if found.verdict == "missing":
-        return found
-    rows, search, judge = (part(on_progress, *x) for x in ((0.0, 0.4), (0.4, 0.7), (0.7, 1.0)))
-    contest = found.selection.first.contest
+    if diagnosis.verdict == "missing":
+        return diagnosis
+    rows, search, conclude_progress = (
+        part(on_progress, *x) for x in ((0.0, 0.4), (0.4, 0.7), (0.7, 1.0))
+    )
+    contest = diagnosis.selection.first.contest
     if (other := other or contest.at_reversals(rows)) is None:
-        return found
+        return diagnosis
     other = with_noise(other)
     chosen = select(other, search)
-    seen = seen_elsewhere(found.selection.first)
-    both = tuple(m for m in chosen.members if m.label in seen)
+    elsewhere = seen_elsewhere(diagnosis.selection.first)
+    both = tuple(m for m in chosen.members if m.label in elsewhere)
     chosen = replace(chosen, members=both) if both else chosen
-    acts = seen | {m.label for m in chosen.members if m.effect.at_reversals}
+    acts = elsewhere | {m.label for m in chosen.members if m.effect.at_reversals}
     first, most = next(iter(chosen.named), None), False
     if first and first.label in acts and first.evidence is not None:
         with suppress(IdentError):
-            most = _explains_most(explain(found.fit, first.evidence), found.fit)
+            most = _explains_most(explain(diagnosis.fit, first.evidence), diagnosis.fit)
     if most:
-        again = judged(chosen, judge)
+        again = conclude(chosen, conclude_progress)
         if again.best and again.best.label in acts:
             return again
     table = contest.table
-    squares = residual_in(table, found.fit) ** 2
-    few, every = ((squares * use).sum(axis=0) for use in (contest.use, table.informed))
-    names = zip(found.fit.motion.independent, few < every / 2, strict=True)
+    squares = residual_in(table, diagnosis.fit) ** 2
+    calm, every = ((squares * use).sum(axis=0) for use in (contest.use, table.informed))
+    names = zip(diagnosis.fit.motion.independent, calm < every / 2, strict=True)
     loud = tuple(joint for joint, most in names if most)  # most of it is around reversals
     # dry friction that is no step there is no other effect, and a finding of the fit says so; nor
     # is it in a joint in which it builds up over some speed or is late
-    left = excess(other)
+    remaining = excess(other)
     more = bool(both) or any(m.effect.at_reversals for m in chosen.members)
     no_step = {j for m in chosen.named if m.effect.needs or m.effect.fault for j in m.effect.joints}
-    large = zip(found.fit.motion.independent, left > STEP * other.dry, strict=True)
+    large = zip(diagnosis.fit.motion.independent, remaining > STEP * other.dry, strict=True)
     more |= any(much and joint not in no_step for joint, much in large)
-    if found.verdict == "nothing" and more:
-        return replace(found, verdict="undecided", loud=loud, reversing=True)
-    return found
+    if diagnosis.verdict == "nothing" and more:
+        return replace(diagnosis, verdict="undecided", loud=loud, reversing=True)
+    return diagnosis
 
 
 def seen_elsewhere(first: Ranking) -> set[str]:
@@ -153,12 +157,12 @@ def seen_elsewhere(first: Ranking) -> set[str]:
     }
 
 
-def judged(selection: Selection, on_progress: OnProgress) -> Diagnosis:
+def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
     """The diagnosis of a fit from the set of effects that explains most."""
     contest, last = selection.first.contest, selection.last.regression
     fit = contest.fit
-    left = zip(fit.motion.independent, excess(selection.contest), strict=True)
-    loud = tuple(name for name, each in left if each)
+    excesses = zip(fit.motion.independent, excess(selection.contest), strict=True)
+    loud = tuple(name for name, amount in excesses if amount)
     # a wrong channel must explain more than the effects that were found
     squares = last.losses / last.weight**2
     checks = DataChecks(
@@ -171,19 +175,19 @@ def judged(selection: Selection, on_progress: OnProgress) -> Diagnosis:
     laws: tuple[Law, ...] = ()
     unsearched: tuple[str, ...] = ()
     if not data.faults:
-        here = part(on_progress, 0.0, 0.4)
-        lawful, found, unsearched = laws_of(selection, loud, here)
+        laws_progress = part(on_progress, 0.0, 0.4)
+        lawful, found_laws, unsearched = laws_of(selection, loud, laws_progress)
         on_progress("refitting", 0.4)
-        selection, laws = _refitted(lawful, found)
+        selection, laws = _refit_laws(lawful, found_laws)
     first, best = selection.named[0] if selection.named else None, None
     candidates = explanations(selection, first)
-    for each in () if data.faults else by_rivals(selection):
-        name = each.named[0]
-        again = candidates if name is first else explanations(each, name)
+    for alternative in () if data.faults else by_rivals(selection):
+        name = alternative.named[0]
+        again = candidates if name is first else explanations(alternative, name)
         known = [x.effect.label for x in again[:1]] == [name.label]
-        if known and _explains(again[0], each):
-            best, selection, candidates = name, each, again
-            if (other := least_error(each, again)) is not None:
+        if known and _explains(again[0], alternative):
+            best, selection, candidates = name, alternative, again
+            if (other := least_error(alternative, again)) is not None:
                 again = explanations(other, other.named[0])
                 if _explains(again[0], other):
                     best, selection, candidates = other.named[0], other, again
@@ -220,17 +224,20 @@ def judged(selection: Selection, on_progress: OnProgress) -> Diagnosis:
     return diagnosis
 
 
-def _refitted(
-    selection: Selection, found: Collection[FoundLaw]
+def _refit_laws(
+    selection: Selection, found_laws: Collection[FoundLaw]
 ) -> tuple[Selection, tuple[Law, ...]]:
     """Refit the laws; what those replaced that fail or do not matter has its name again."""
     laws, contest = list[Law](), selection.contest
-    for each in of_one_form(found):
-        formulas = (each.found, *each.rivals[:TRIED])  # the next, where one is not determined
+    for found_law in of_one_form(found_laws):
+        formulas = (
+            found_law.fitted,
+            *found_law.rivals[:FORMULAS_TRIED],
+        )  # the next, where one is not determined
         with_names: list[Sequence[Member | Law]] = [[*selection.named, *laws], laws]
         for formula, others in product(formulas, with_names[not selection.named :]):
             with suppress(IdentError):
-                law = refitted(contest.fit, each.instead(formula), others)
+                law = refit_law(contest.fit, found_law.instead(formula), others)
                 if law.determined and law.matters(contest.decision):
                     laws.append(law)
                     break
@@ -242,63 +249,72 @@ def _refitted(
     return replace(selection, members=members), tuple(laws)
 
 
-def of_one_form(found: Collection[FoundLaw]) -> list[FoundLaw]:
+def of_one_form(found_laws: Collection[FoundLaw]) -> list[FoundLaw]:
     """Give laws of several joints one form, the best, where each has it as law or rival."""
-    forms = [{e.formula.terms: e for e in (*law.rivals, law.found)} for law in found]
+    forms = [{e.formula.terms: e for e in (*law.rivals, law.fitted)} for law in found_laws]
     common = set(forms[0]).intersection(*forms[1:]) if len(forms) > 1 else set()
     if not common:
-        return list(found)
-    losses = [float(law.found.loss.sum()) for law in found]
+        return list(found_laws)
+    losses = [float(law.fitted.loss.sum()) for law in found_laws]
     best = min(
         common,
         key=lambda t: sum(float(f[t].loss.sum()) / x for f, x in zip(forms, losses, strict=True)),
     )
-    return [law.instead(form[best]) for law, form in zip(found, forms, strict=True)]
+    return [law.instead(form[best]) for law, form in zip(found_laws, forms, strict=True)]
 
 
-def _explains_most(found: Explanation, fit: Fit) -> bool:
+def _explains_most(explanation: Explanation, fit: Fit) -> bool:
     """Whether a candidate explains half of what exceeds the noise in its joint, as a law must."""
-    noise, joint = fit.noise[found.joint], found.joint
-    before, left = (max(e[joint].rms ** 2 - noise**2, 0.0) for e in (found.before, found.after))
-    return left <= (1 - MOST) * before
+    noise, joint = fit.noise[explanation.joint], explanation.joint
+    before, remaining = (
+        max(e[joint].rms ** 2 - noise**2, 0.0) for e in (explanation.before, explanation.after)
+    )
+    return remaining <= (1 - MAIN_CAUSE) * before
 
 
-def _explains(found: Explanation, selection: Selection) -> bool:
+def _explains(explanation: Explanation, selection: Selection) -> bool:
     """Whether the best is a cause: with which the error falls, of a possible size that the log
     determines, a length changed by no more than a third, a curve that explains half of what exceeds
     the noise, and of no joint on which it acts of which it and what was found with it leave most of
     the torque.
     """
     contest, fit = selection.contest, selection.contest.fit
-    after, before = found.after[found.joint].rms, found.before[found.joint].rms
+    after, before = (
+        explanation.after[explanation.joint].rms,
+        explanation.before[explanation.joint].rms,
+    )
     if after >= before and len(selection.named) > 1:  # alone it may need the others
-        after = announced_with(selection, selection.named)[found.joint].rms
+        after = announced_with(selection, selection.named)[explanation.joint].rms
     if after >= before:
         return False
-    if found.effect.descriptive and not _explains_most(found, fit):
+    if explanation.effect.descriptive and not _explains_most(explanation, fit):
         return False
-    several = 1 if found.effect.loaded_link else len(found.effect.unknowns)  # of a body, its mass
-    sizes = [v for v in found.parameters[: several or None] if v.stderr]
+    several = (
+        1 if explanation.effect.loaded_link else len(explanation.effect.unknowns)
+    )  # of a body, its mass
+    sizes = [v for v in explanation.parameters[: several or None] if v.stderr]
     if sizes and all(abs(v.value) < NEGATIVE * (v.stderr or 0.0) for v in sizes):
         return False
-    values = np.array([value.value for value in found.parameters])
-    if found.effect.sits == "place" and not can_be(fit.mechanism, found.effect, values, 0 * values):
+    values = np.array([value.value for value in explanation.parameters])
+    if explanation.effect.sits == "place" and not can_be(
+        fit.mechanism, explanation.effect, values, 0 * values
+    ):
         return False
     first, last = selection.first.regression, selection.last.regression
     assert contest.draws is not None
-    left = last.losses.sum(axis=0) - last.rows * (last.weight * contest.draws.floor) ** 2
-    explained = left < LEAVES**2 * contest.torque
-    own = found.evidence.squares(first) * first.weight**2
-    acts = own > contest.decision.material**2 * selection.first.contest.torque
-    acts[found.evidence.coordinate] = True
+    remaining = last.losses.sum(axis=0) - last.rows * (last.weight * contest.draws.floor) ** 2
+    explained = remaining < LEAVES**2 * contest.torque
+    squares = explanation.evidence.squares(first) * first.weight**2
+    acts = squares > contest.decision.material**2 * selection.first.contest.torque
+    acts[explanation.evidence.coordinate] = True
     return bool(explained[acts].all())
 
 
-def _clock(fit: Fit, found: Explanation) -> Iterator[Finding]:
+def _clock(fit: Fit, explanation: Explanation) -> Iterator[Finding]:
     """Report a clock 1/√k times as long that does as well as a length that is k times as long."""
-    length = fit.mechanism.lengths.get(found.effect.joints[0], 0.0)
-    k = 1 + found.parameters[0].value / length if length else 1.0
-    if (before := found.error_before) is None or not 0 < k != 1:
+    length = fit.mechanism.lengths.get(explanation.effect.joints[0], 0.0)
+    k = 1 + explanation.parameters[0].value / length if length else 1.0
+    if (before := explanation.error_before) is None or not 0 < k != 1:
         return
     fault = scale_of_time(Fault.none(fit.mechanism.driven), k**-0.5)
     assert fault.state is not None
@@ -306,8 +322,8 @@ def _clock(fit: Fit, found: Explanation) -> Iterator[Finding]:
     with suppress(IdentError):
         motion = replace(fit.motion, experiments=logs)
         errors = errors_of(identify(fit.mechanism, motion, estimator="least-squares"))
-        if all(e.rms < LOUD * found.after[name].rms for name, e in errors.items()):
-            after = errors[found.joint].relative or 0.0
+        if all(e.rms < LOUD * explanation.after[name].rms for name, e in errors.items()):
+            after = errors[explanation.joint].relative or 0.0
             yield fault_finding(fit.mechanism, fault, before, after)
 
 
@@ -326,9 +342,9 @@ def excess(contest: Contest) -> np.ndarray:
     assert draws is not None
     size = np.sqrt(np.maximum(regression.rows, 1)) * regression.weight
     rms, torque = np.sqrt(regression.losses.sum(axis=0)) / size, np.sqrt(contest.torque) / size
-    found = np.sqrt(np.maximum(rms**2 - draws.floor**2, 0.0))
-    seen = (rms > LOUD * draws.ceiling) & (found > contest.decision.material * torque)
-    return np.where(seen, found, 0.0)
+    excess_rms = np.sqrt(np.maximum(rms**2 - draws.floor**2, 0.0))
+    significant = (rms > LOUD * draws.ceiling) & (excess_rms > contest.decision.material * torque)
+    return np.where(significant, excess_rms, 0.0)
 
 
 def _verdict(
@@ -338,7 +354,11 @@ def _verdict(
         return "missing"
     if selection.members or lawful or (loud and selection.last.curves):
         return "unexplained"
-    if loud and periods is not None and max(periods.rho.values()) > max(AGAIN, periods.chance):
+    if (
+        loud
+        and periods is not None
+        and max(periods.rho.values()) > max(REPEATING_CORRELATION, periods.chance)
+    ):
         return "unexplained"
     return "undecided" if loud else "nothing"
 
@@ -352,8 +372,8 @@ def by_rivals(selection: Selection) -> Iterator[Selection]:
         return
     yield selection
     simple = sorted(selection.named[0].rivals, key=simplicity)
-    for each in simple:
-        yield _with_first(selection, each, [e for e in simple if e is not each])
+    for rival in simple:
+        yield _with_first(selection, rival, [e for e in simple if e is not rival])
 
 
 def _with_first(selection: Selection, name: Evidence, rivals: Sequence[Evidence]) -> Selection:
@@ -364,24 +384,26 @@ def _with_first(selection: Selection, name: Evidence, rivals: Sequence[Evidence]
     return replace(selection, members=tuple(m for m in members if m is member or m.label != label))
 
 
-def least_error(selection: Selection, found: Sequence[Explanation]) -> Selection | None:
+def least_error(selection: Selection, refits: Sequence[Explanation]) -> Selection | None:
     """Return a selection with that rival of its first name in the place of that which leaves least
     when all is refitted, where both are one load on several links; None where the first name does.
-    `found`: the first name and its rivals, refitted or not.
+    `refits`: the first name and its rivals, refitted or not.
     """
     first = selection.named[0]
-    left = {
+    errors = {
         e.effect.label: float(np.mean([np.log(max(x.rms, 1e-300)) for x in e.after.values()]))
-        for e in found
+        for e in refits
         if e.fit is not None
     }
-    own = first.evidence
-    if own is None or first.label not in left or not first.effect.loaded_link:
+    evidence = first.evidence
+    if evidence is None or first.label not in errors or not first.effect.loaded_link:
         return None
-    both = (own, *first.rivals)
-    alike = [e for e in both if e.effect.kind == own.effect.kind and e.effect.label in left]
-    best = min(alike, key=lambda e: left[e.effect.label])
-    if best is own:
+    both = (evidence, *first.rivals)
+    same_kind = [
+        e for e in both if e.effect.kind == evidence.effect.kind and e.effect.label in errors
+    ]
+    best = min(same_kind, key=lambda e: errors[e.effect.label])
+    if best is evidence:
         return None
     return _with_first(selection, best, [e for e in both if e is not best])
 
@@ -390,73 +412,73 @@ def explanations(selection: Selection, best: Member | None) -> list[Explanation]
     """The best refitted, its rivals and what else is promising, best first."""
     fit = selection.first.contest.fit
     first = [best.evidence, *best.rivals] if best is not None and best.evidence else []
-    effects = {each.effect.label: each.effect for each in first}
+    effects = {evidence.effect.label: evidence.effect for evidence in first}
     rest = [e for e in selection.first.evidence if e.effect.label not in effects]
-    rest.sort(key=lambda each: not each.credible)
+    rest.sort(key=lambda evidence: not evidence.credible)
     wanted = [*first, *rest][: max(SHOWN, min(LISTED, len(first) + 1))]
-    cheap = all(each.linear for each in fit.mechanism.effects)  # no search of shapes
-    found = []
-    for each in wanted:
-        own = each.effect.label
-        rivals = tuple(e for n, e in effects.items() if n != own) if own in effects else ()
-        if (first and each is first[0]) or (each.effect.linear and cheap):
+    cheap = all(effect.linear for effect in fit.mechanism.effects)  # no search of shapes
+    explained = []
+    for evidence in wanted:
+        label = evidence.effect.label
+        rivals = tuple(e for n, e in effects.items() if n != label) if label in effects else ()
+        if (first and evidence is first[0]) or (evidence.effect.linear and cheap):
             with suppress(IdentError):  # a correction too large for the loops to close, say
-                found.append(explain(fit, each, rivals))
+                explained.append(explain(fit, evidence, rivals))
         else:
-            found.append(announced(selection, each, rivals))
-    return found
+            explained.append(announced(selection, evidence, rivals))
+    return explained
 
 
-def explain(fit: Fit, found: Evidence, rivals: tuple[Effect, ...] = ()) -> Explanation:
+def explain(fit: Fit, evidence: Evidence, rivals: tuple[Effect, ...] = ()) -> Explanation:
     """The refit with a candidate, whose standard errors hold no bias of wrong data."""
-    refit = refit_with(fit, [found.effect], [found])
+    refit = refit_with(fit, [evidence.effect], [evidence])
     effects = refit.effects_with(refit.without_faults)
-    values = next(e.parameters for e in effects if e.effect.label == found.effect.label)
-    return Explanation.of(fit, found, refit, errors_of(refit), values, rivals)
+    values = next(e.parameters for e in effects if e.effect.label == evidence.effect.label)
+    return Explanation.of(fit, evidence, refit, errors_of(refit), values, rivals)
 
 
 def refit_with(
-    fit: Fit, effects: Collection[Effect], found: Collection[Evidence],
+    fit: Fit, effects: Collection[Effect], evidence: Collection[Evidence],
     shapes: Mapping[str, float] | None = None,
 ) -> Fit:  # fmt: skip
     """Refit everything with further effects; searched shapes set out from where they were found, or
     from `shapes`, by full name.
     """
-    point = started(fit, found)
+    point = start_point(fit, evidence)
     point = Point(point.pi, {**point.values, **(shapes or {})})
     model = reduce(add, effects, fit.mechanism)
     return identify(model, fit.motion, start=point, estimator="least-squares")
 
 
-def started(fit: Fit, found: Collection[Evidence]) -> Point:
+def start_point(fit: Fit, evidence: Collection[Evidence]) -> Point:
     """The working point of a fit with the shapes of some candidates where they were found."""
     shapes: dict[str, float] = {}
-    for each in found:
-        effect = each.effect
+    for candidate in evidence:
+        effect = candidate.effect
         before = known_of(fit, effect) if effect.corrects else {}
         names = effect.names[len(effect.unknowns) :]
         shapes |= {
-            full: each.shape[shape.name] + before.get(full, 0.0)
+            full: candidate.shape[shape.name] + before.get(full, 0.0)
             for full, shape in zip(names, effect.shapes, strict=True)
-            if shape.name in each.shape
+            if shape.name in candidate.shape
         }
     return Point(fit.point.pi, {**fit.point.values, **shapes})
 
 
-def refitted(fit: Fit, found: FoundLaw, beside: Collection[Member | Law]) -> Law:
+def refit_law(fit: Fit, found_law: FoundLaw, given: Collection[Member | Law]) -> Law:
     """Refit everything with a law and what is beside it; searches set out from where they ended."""
-    others = [each.effect for each in beside]
+    others = [member.effect for member in given]
     taken = {effect.kind for effect in (*fit.mechanism.effects, *others)}
     name = next(n for n in chain(["law"], map("law{}".format, count(2))) if n not in taken)
-    at = {n: (x, *found.bounds[n]) for n, x in found.found.shape.items()}
-    law = replace(found.formula, name=name, found=at)
-    evidence = [e.evidence for e in beside if isinstance(e, Member) and e.evidence is not None]
+    at = {n: (x, *found_law.bounds[n]) for n, x in found_law.fitted.shape.items()}
+    law = replace(found_law.formula, name=name, found=at)
+    evidence = [e.evidence for e in given if isinstance(e, Member) and e.evidence is not None]
     shapes = {law.full[n]: x for n, (x, *_) in at.items()}
     refit = refit_with(fit, (*others, law), evidence, shapes)
     effects = refit.effects_with(refit.without_faults)  # beside wrong data there is no law
-    own = next(e for e in effects if e.effect.label == law.label)
-    assert isinstance(own.effect, Formula)
-    values = {v.name.rpartition(".")[2]: v.value for v in own.parameters}
-    effect = replace(own.effect, found={n: (values[n], *at[n][1:]) for n in at})
+    entry = next(e for e in effects if e.effect.label == law.label)
+    assert isinstance(entry.effect, Formula)
+    values = {v.name.rpartition(".")[2]: v.value for v in entry.parameters}
+    effect = replace(entry.effect, found={n: (values[n], *at[n][1:]) for n in at})
     before, after = errors_of(fit), errors_of(refit)
-    return Law(found, effect, tuple(others), refit, tuple(own.parameters), before, after)
+    return Law(found_law, effect, tuple(others), refit, tuple(entry.parameters), before, after)

@@ -21,13 +21,13 @@ import numpy as np
 from ident.diagnosis.candidates import ColumnStore, Contest
 from ident.diagnosis.law_search import refined
 from ident.diagnosis.selection import (
-    MOST,
+    MAIN_CAUSE,
     PARSIMONY,
     Evidence,
     Ranking,
-    alike,
     behind,
     rivals,
+    same_part,
     sensible,
     simplest,
 )
@@ -59,7 +59,7 @@ class Member:
     @property
     def rejected(self) -> bool:
         """Whether something speaks against its form."""
-        return any(each is not None for each in (self.curve, self.impossible, self.law))
+        return any(objection is not None for objection in (self.curve, self.impossible, self.law))
 
     @property
     def label(self) -> str:
@@ -94,12 +94,12 @@ class EffectSet:
     @property
     def labels(self) -> frozenset[str]:
         """Labels of its effects."""
-        return frozenset(each.label for each in self.members)
+        return frozenset(member.label for member in self.members)
 
     @property
     def required(self) -> set[str]:
         """Labels of effects that its effects change, without which they are nothing."""
-        return {label for each in self.members for label in each.effect.required}
+        return {label for member in self.members for label in member.effect.required}
 
     @property
     def loss(self) -> float:
@@ -119,35 +119,37 @@ class EffectSet:
         share = float(bare.regression.explained(more.sum(axis=0)))
         return share / max(1 - share, EXACT)
 
-    def plus(self, found: Evidence, equal: tuple[Evidence, ...] = ()) -> EffectSet:
+    def plus(self, evidence: Evidence, equal: tuple[Evidence, ...] = ()) -> EffectSet:
         """The set with a further effect and its rivals."""
-        if found.C:  # of a refined shape
-            contest, columns = self.contest.extended(found.C)
+        if evidence.C:  # of a refined shape
+            contest, columns = self.contest.extended(evidence.C)
         else:
-            contest = self.contest.beside(self.regression.extended(found.columns))
-            columns = found.columns
-        return EffectSet(contest, (*self.members, Member(found.effect, columns, found, equal)))
+            contest = self.contest.with_model(self.regression.extended(evidence.columns))
+            columns = evidence.columns
+        return EffectSet(
+            contest, (*self.members, Member(evidence.effect, columns, evidence, equal))
+        )
 
     def minus(self, member: Member) -> EffectSet:
         """The set without one of its effects."""
-        left = tuple(each for each in self.members if each is not member)
-        return EffectSet(self.contest.beside(self.regression.without(member.columns)), left)
+        rest = tuple(other for other in self.members if other is not member)
+        return EffectSet(self.contest.with_model(self.regression.without(member.columns)), rest)
 
     def polished(self) -> EffectSet:
         """The set with all shapes refined beside each other: weights have changed since."""
-        found = self
+        polished = self
         for m in self.members:
             if m.evidence is None or m.effect.corrects or not m.evidence.C:
                 continue
-            bare = found.minus(m)
+            bare = polished.minus(m)
             shape, C, refit = refined(bare.contest, m.effect, m.evidence.shape)
             e = replace(m.evidence, shape=shape, columns=m.columns[:0], C=tuple(C), refit=refit)
-            found = bare.plus(e, m.rivals)
-        return found
+            polished = bare.plus(e, m.rivals)
+        return polished
 
     def reweighted(self) -> EffectSet:
         """The set with weights by the left-out errors that it leaves."""
-        return replace(self, contest=self.contest.beside(reweighted(self.regression)))
+        return replace(self, contest=self.contest.with_model(reweighted(self.regression)))
 
     @cached_property
     def shares(self) -> dict[str, float]:
@@ -158,18 +160,18 @@ class EffectSet:
         """
         theta, inverse = self.regression.solved
         place = {int(column): i for i, column in enumerate(self.regression.model)}
-        found = {}
-        for each in self.members:
-            at = np.array([place[int(column)] for column in each.columns])
+        rises = {}
+        for member in self.members:
+            at = np.array([place[int(column)] for column in member.columns])
             t = theta[at]
             rise = float(t @ linear.pinv(inverse[np.ix_(at, at)], hermitian=True) @ t)
             stderr = np.sqrt(np.maximum(np.diag(inverse)[at], 0.0))
-            possible = each.evidence is None or (
-                sensible(self.contest, each.effect, t, stderr)
-                and self.contest.possible(each.effect, each.evidence.shape)
+            possible = member.evidence is None or (
+                sensible(self.contest, member.effect, t, stderr)
+                and self.contest.possible(member.effect, member.evidence.shape)
             )
-            found[each.label] = rise / self.loss if possible else -1.0
-        return found
+            rises[member.label] = rise / self.loss if possible else -1.0
+        return rises
 
 
 def reweighted(regression: PartialRegression) -> PartialRegression:
@@ -187,12 +189,12 @@ def on_rows_in_motion(
     table = contest.table
     use = np.where(table.moving.any(axis=0), table.moving, table.informed)
     store, columns = ColumnStore(table, use, contest.fit.estimate.held), {}
-    for each in members:
-        assert each.evidence is not None
-        shape = each.evidence.shape
-        if each.effect.corrects:
-            shape = {p.name: each.effect.values.get(p.name, 0.0) for p in each.effect.shapes}
-        columns[each.effect.label] = store.add(each.effect, [shape])
+    for member in members:
+        assert member.evidence is not None
+        shape = member.evidence.shape
+        if member.effect.corrects:
+            shape = {p.name: member.effect.values.get(p.name, 0.0) for p in member.effect.shapes}
+        columns[member.effect.label] = store.add(member.effect, [shape])
     rows = contest.regression.without(contest.pulses)
     return PartialRegression(store.parts(), rows.model, rows.weight, store.count), columns
 
@@ -208,26 +210,26 @@ def past_responses(last: Ranking) -> tuple[Ranking, list[Response]]:
     table, limit = last.contest.table, last.with_curves.limit
     cutoff = table.motion.band.cutoff or 0.25 * min(scene.e.rate for scene in table.scenes)
     shortest = {"T": 0.5 / (np.pi * cutoff)}
-    regression, found = last.regression.bare, []
+    regression, responses = last.regression.bare, []
     for joint in dict.fromkeys(e.effect.joints[0] for e in last.contest.candidates if e.curve):
         response = table.mechanism.placed(PastSpeed((joint,), shortest, signal="past v"))
         regression, columns = regression.added(last.contest.columns(response, {}))
-        found.append((response, columns))
-    shares = regression.shares([columns for _, columns in found])
+        responses.append((response, columns))
+    shares = regression.shares([columns for _, columns in responses])
     credible = [
         (response, columns, float(more))
-        for (response, columns), more in zip(found, shares, strict=True)
+        for (response, columns), more in zip(responses, shares, strict=True)
         if more > limit(regression.place(columns))
     ]
-    return replace(last, contest=last.contest.beside(regression)), credible
+    return replace(last, contest=last.contest.with_model(regression)), credible
 
 
 def _curve(member: Member, last: Ranking) -> Effect | None:
     for curve, more in last.curves:
         joint = curve.joints[0]
         if joint in member.effect.joints and more > PARSIMONY * (member.gain + more):
-            own = next(each for each in last.contest.candidates if each.effect == curve)
-            if _beside_best_law(own.groups[0], joint, member, last):
+            candidate = next(other for other in last.contest.candidates if other.effect == curve)
+            if _beside_best_law(candidate.groups[0], joint, member, last):
                 return curve
     return None
 
@@ -248,10 +250,10 @@ def _past(member: Member, last: Ranking, responses: Sequence[Response]) -> Effec
     return None
 
 
-def _by_chance(member: Member, beside: PartialRegression, last: Ranking) -> bool:
+def _by_chance(member: Member, regression: PartialRegression, last: Ranking) -> bool:
     """Whether a member explains no more beside a model than chance."""
-    share = float(beside.shares([member.columns])[0])
-    return share <= last.chance.limit(beside.place(member.columns))
+    share = float(regression.shares([member.columns])[0])
+    return share <= last.chance.limit(regression.place(member.columns))
 
 
 def _impossible(member: Member, bare: PartialRegression, last: Ranking) -> Effect | None:
@@ -260,25 +262,28 @@ def _impossible(member: Member, bare: PartialRegression, last: Ranking) -> Effec
     """
     assert member.evidence is not None
     mended, u = set(member.evidence.refit.affected_coordinates), member.evidence.coordinate
-    for each in last.evidence:
-        more = each.gain > max(each.limit, member.gain)
-        if each.sensible or not more or not mended & set(each.refit.affected_coordinates):
+    for law in last.evidence:
+        more = law.gain > max(law.limit, member.gain)
+        if law.sensible or not more or not mended & set(law.refit.affected_coordinates):
             continue
-        groups = next(c for c in last.contest.candidates if c.effect == each.effect).groups
-        columns = groups[last.gains[each.effect.label][2]]
-        mine, others = bare.gains([member.columns, columns]).by
-        if _by_chance(member, bare.extended(columns), last) or mine[u] < MOST * others[u]:
-            return each.effect
+        groups = next(c for c in last.contest.candidates if c.effect == law.effect).groups
+        columns = groups[last.gains[law.effect.label][2]]
+        member_fall, others = bare.gains([member.columns, columns]).by
+        if (
+            _by_chance(member, bare.extended(columns), last)
+            or member_fall[u] < MAIN_CAUSE * others[u]
+        ):
+            return law.effect
     return None
 
 
 def _beside_best_law(columns: Index, joint: str, member: Member, last: Ranking) -> bool:
     """Whether columns explain as much beside the law of the joint that explains most."""
-    laws = [each for each in last.contest.laws if joint in each.effect.joints]
-    laws = [each for each in laws if each.effect.label in last.gains]
+    laws = [law for law in last.contest.laws if joint in law.effect.joints]
+    laws = [law for law in laws if law.effect.label in last.gains]
     if not laws:
         return True
-    best = max(laws, key=lambda each: last.gains[each.effect.label][0])
+    best = max(laws, key=lambda law: last.gains[law.effect.label][0])
     start = int(last.regression.shares(best.groups).argmax())
     more = float(last.regression.extended(best.groups[start]).shares([columns])[0])
     limit = last.chance.limit(last.regression.place(columns))
@@ -303,40 +308,42 @@ def in_order(members: Sequence[Member], first: Ranking) -> list[Member]:
     """Put members of a set in the order in which they are named: first those that are credible on
     the model as it is, by what they explain there; the first name with its evidence there.
     """
-    found = sorted(members, key=lambda each: first.place(each.label))
-    named = [m for m in found if not m.rejected]
+    ordered = sorted(members, key=lambda member: first.place(member.label))
+    named = [m for m in ordered if not m.rejected]
     if named:
-        at, lead = found.index(named[0]), leader(named, first)
-        found.remove(lead)
-        found.insert(at, _alone(lead, first))
-    return found
+        at, lead = ordered.index(named[0]), leader(named, first)
+        ordered.remove(lead)
+        ordered.insert(at, _with_evidence_alone(lead, first))
+    return ordered
 
 
-def _alone(member: Member, first: Ranking) -> Member:
+def _with_evidence_alone(member: Member, first: Ranking) -> Member:
     """The member with its evidence on the model as it is, where it is credible there.
 
     Beside other effects a member may be better than the simplest effect that explains the same part
     alone; a user who adds one effect is given the latter, with the member among its rivals.
     """
-    own = next((e for e in first.credible if e.effect.label == member.label), None)
-    if own is None:
+    evidence = next((e for e in first.credible if e.effect.label == member.label), None)
+    if evidence is None:
         return member
     if member.grouped:
-        return replace(member, evidence=own)
+        return replace(member, evidence=evidence)
     simple, least = simplest(first), first.contest.decision.rival_se
-    if simple is not None and alike(own, simple) and behind(own, simple) >= least:
-        own = simple
+    if simple is not None and same_part(evidence, simple) and behind(evidence, simple) >= least:
+        evidence = simple
         member = replace(member, stands_in=True)
-    return replace(member, effect=own.effect, evidence=own, rivals=rivals(own, first))
+    return replace(
+        member, effect=evidence.effect, evidence=evidence, rivals=rivals(evidence, first)
+    )
 
 
-def judged_member(
-    member: Member, found: EffectSet, last: Ranking, past: tuple[Ranking, Sequence[Response]]
+def evaluate_member(
+    member: Member, effect_set: EffectSet, last: Ranking, past: tuple[Ranking, Sequence[Response]]
 ) -> Member:
     """The member with its gain and with what speaks against it: a curve, or a law with impossible
     values; `last`: all candidates beside the set, `past`: see `past_responses`.
     """
-    bare, e = found.minus(member), member.evidence
+    bare, e = effect_set.minus(member), member.evidence
     assert e is not None
     if np.isnan(e.p):  # it came with others, and is judged beside them
         refit = bare.regression.refit(member.columns)
@@ -347,6 +354,6 @@ def judged_member(
         e = replace(
             e, refit=refit, gain=share, limit=limit, p=p, credible=share > limit and e.sensible
         )
-    member = replace(member, evidence=e, gain=found.rise(bare))
+    member = replace(member, evidence=e, gain=effect_set.rise(bare))
     curve = _curve(member, last) or _past(member, *past)
     return replace(member, curve=curve, impossible=_impossible(member, bare.regression, last))

@@ -34,8 +34,10 @@ from ident.motion.motion import left_out
 
 
 NEARBY = (0.7, 0.85, 1.2, 1.4)  # work: times a formula's constant, where it may do the same
-SURE = 7.0  # level: standard errors by which rivals are told apart, with chance against it
-WORSE = 10.0  # range: times the log's largest ‖K⁺‖: no trial goes nearer to a singular position
+TOLD_APART_SE = 7.0  # level: standard errors by which rivals are told apart, with chance against it
+SINGULAR_RATIO = (
+    10.0  # range: times the log's largest ‖K⁺‖: no trial goes nearer to a singular position
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +65,8 @@ class Probe:
             use = away_from_reversals(table)
             count = np.maximum(use.sum(axis=0), 1)
             sigma = _noise(d, table) * np.sqrt(count / _length(fit.motion))
-            rows = tuple(np.flatnonzero(each) for each in use.T)
-            A = [table.A[mine, u] / sigma[u] for u, mine in enumerate(rows)]
+            rows = tuple(np.flatnonzero(mask) for mask in use.T)
+            A = [table.A[chosen, u] / sigma[u] for u, chosen in enumerate(rows)]
             return cls(table, rows, 1 / sigma, orthonormal(np.concatenate(A)))
         except (IdentError, np.linalg.LinAlgError, ValueError, ArithmeticError):
             return None
@@ -72,16 +74,16 @@ class Probe:
     def columns(self, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
         """Weighted columns (M, unknowns) of an effect at shapes given and at its usual starts."""
         if effect.label not in self.memo:
-            tried = [] if effect.corrects else [*shapes]
+            shapes_tried = [] if effect.corrects else [*shapes]
             if isinstance(effect, Formula):  # of many constants, whose starts are too many
-                tried += [{**s, n: s[n] * by} for s in shapes for n in s for by in NEARBY]
-            elif effect.searched or not tried:
-                tried += self.table.starts(effect)
-            C, felt = self.table.effect_columns(effect, tried)
-            whole = np.zeros((*self.table.b.shape, C.shape[2]))
-            whole[:, felt] = C * self.weight[felt, None]
-            C = np.concatenate([whole[rows, u] for u, rows in enumerate(self.rows)])
-            self.memo[effect.label] = np.split(C, len(tried), axis=1)
+                shapes_tried += [{**s, n: s[n] * by} for s in shapes for n in s for by in NEARBY]
+            elif effect.searched or not shapes_tried:
+                shapes_tried += self.table.starts(effect)
+            C, felt = self.table.effect_columns(effect, shapes_tried)
+            dense = np.zeros((*self.table.b.shape, C.shape[2]))
+            dense[:, felt] = C * self.weight[felt, None]
+            C = np.concatenate([dense[rows, u] for u, rows in enumerate(self.rows)])
+            self.memo[effect.label] = np.split(C, len(shapes_tried), axis=1)
         return self.memo[effect.label]
 
     def separation(self, a: Evidence, b: Evidence) -> tuple[float, float]:
@@ -89,12 +91,12 @@ class Probe:
         they explain: the lesser of both ways, unless one can always do what the other does.
         """
         if a.numbers != b.numbers and a.effect.joints == b.effect.joints:
-            a, b = sorted((a, b), key=lambda each: -each.numbers)
-            return self._left(a, b)
-        found = [self._left(a, b), self._left(b, a)]
-        return min(one for one, _ in found), min(share for _, share in found)
+            a, b = sorted((a, b), key=lambda evidence: -evidence.numbers)
+            return self._difference(a, b)
+        differences = [self._difference(a, b), self._difference(b, a)]
+        return min(one for one, _ in differences), min(share for _, share in differences)
 
-    def _left(self, a: Evidence, b: Evidence) -> tuple[float, float]:
+    def _difference(self, a: Evidence, b: Evidence) -> tuple[float, float]:
         C = self.columns(a.effect, [a.shape])[0]
         names = a.effect.unknowns or a.effect.searched
         signal = _without(self.Q, C @ a.refit.theta[: len(names)])
@@ -103,8 +105,8 @@ class Probe:
             columns = self.columns(b.effect, [b.shape])
             self.spans[b.effect.label] = [orthonormal(_without(self.Q, C)) for C in columns]
         spans = self.spans[b.effect.label]
-        left = min(float(np.linalg.norm(_without(Q, signal))) for Q in spans)
-        return left, left / max(size, 1e-300)
+        remaining = min(float(np.linalg.norm(_without(Q, signal))) for Q in spans)
+        return remaining, remaining / max(size, 1e-300)
 
     def visible(self, effect: Effect) -> float:
         """The largest share of an effect's columns that the model does not have; none where the
@@ -112,15 +114,15 @@ class Probe:
         """
         bounds = self.table.bounds(effect) if effect.searched else {}
         ends = {name: max(map(abs, both)) for name, both in bounds.items()}
-        own = effect.unknowns or effect.searched
-        largest = np.array([min(p.largest, ends.get(p.name, np.inf)) for p in own])
+        parameters = effect.unknowns or effect.searched
+        largest = np.array([min(p.largest, ends.get(p.name, np.inf)) for p in parameters])
         shares = [0.0]
         for C in self.columns(effect, []):
-            beside = _without(self.Q, C)
-            size, left = (np.linalg.norm(x, axis=0) for x in (C, beside))
-            seen = left > 1e-9 * np.sqrt(len(C))
-            if np.any(left[seen] * largest[seen] > SURE):
-                shares.append(float(np.linalg.norm(left) / np.linalg.norm(size)))
+            projected = _without(self.Q, C)
+            size, remaining = (np.linalg.norm(x, axis=0) for x in (C, projected))
+            nonzero = remaining > 1e-9 * np.sqrt(len(C))
+            if np.any(remaining[nonzero] * largest[nonzero] > TOLD_APART_SE):
+                shares.append(float(np.linalg.norm(remaining) / np.linalg.norm(size)))
         return max(shares)
 
 
@@ -133,10 +135,10 @@ def _loaded(d: Diagnosis, e: State) -> State:
     if mechanism.closures:
         bare, e = e, e.transmitted(mechanism, names)
         now, then = (
-            max(np.linalg.norm(x.pinv[x.usable], axis=(1, 2)).max() for x in some)
-            for some in (d.fit.motion.experiments, [e])
+            max(np.linalg.norm(x.pinv[x.usable], axis=(1, 2)).max() for x in states)
+            for states in (d.fit.motion.experiments, [e])
         )
-        if left_out(bare, e) or then > WORSE * now:
+        if left_out(bare, e) or then > SINGULAR_RATIO * now:
             raise ValueError("near a singular position")
     needed = -unbalanced(Samples(mechanism, e, slice(None), d.fit.point).reduced(slice(None)))
     drives = [mechanism.joint_index[name] for name in mechanism.driven]
@@ -145,13 +147,13 @@ def _loaded(d: Diagnosis, e: State) -> State:
 
 def _noise(d: Diagnosis, table: Table) -> np.ndarray:
     """(d,) of the present log's rows, more where the trial's torque is larger [N m | N]."""
-    found = []
+    rms = []
     for u, name in enumerate(d.fit.motion.independent):
         torque = float(np.sqrt(np.mean(table.tau[:, u] ** 2)))
         error = d.fit.train[name]
         now = error.rms / error.relative if error.relative else torque
-        found.append(max(d.floor[name] * max(1.0, torque / max(now, 1e-300)), MATERIAL * torque))
-    return np.maximum(np.array(found), 1e-12)
+        rms.append(max(d.floor[name] * max(1.0, torque / max(now, 1e-300)), MATERIAL * torque))
+    return np.maximum(np.array(rms), 1e-12)
 
 
 def _length(motion: Motion) -> float:
@@ -170,9 +172,9 @@ def _length(motion: Motion) -> float:
 # First question: at which place, of effects of one kind. Second: of which kind.
 
 
-SOME = 1.0  # level: from which a longer log tells them apart
+APART_SE = 1.0  # level: from which a longer log tells them apart
 AMPLE = 10.0  # work: beyond which more is worth nothing
-RIVALS = 12  # work: that are looked at
+RIVALS_COMPARED = 12  # work: that are looked at
 FORMULAS = 3  # work: rivals of a law, the simplest first
 PLACES = ("same", "turn", "limits", "wider", "faster", "speeds", "alone", "strokes")
 KINDS = ("same", "faster", "speeds", "turn", "limits", "wider", "alone", "strokes")
@@ -198,11 +200,11 @@ class Attempt:
     """Separation of all pairs in one trial."""
 
     trial: Trial
-    found: dict[Pair, tuple[float, float]]  # standard errors, share that differs
+    separations: dict[Pair, tuple[float, float]]  # standard errors, share that differs
 
     def separation(self, pair: Pair) -> float:
         """Standard errors; none where the two are the same but for rounding."""
-        x, share = self.found[pair]
+        x, share = self.separations[pair]
         return x if share > MATERIAL else 0.0
 
     def worth(self, pairs: Sequence[Pair]) -> float:
@@ -214,9 +216,9 @@ def contenders(d: Diagnosis) -> list[Evidence]:
     """The best and its rivals, then laws that do as well; without a name the laws alone."""
     formulas = [*d.relatives[:FORMULAS]]
     if d.best is None and d.laws:
-        formulas = [d.laws[0].found.found, *d.laws[0].found.rivals[:FORMULAS]]
+        formulas = [d.laws[0].found.fitted, *d.laws[0].found.rivals[:FORMULAS]]
     none = np.zeros(0, int)
-    judged = [  # with a kind of its own for each
+    formula_evidence = [  # with a kind of its own for each
         Evidence(
             replace(e.formula, name=e.formula.text), e.shape, none, e.C, e.refit,
             np.nan, np.nan, np.nan, np.nan, True, True,
@@ -224,13 +226,13 @@ def contenders(d: Diagnosis) -> list[Evidence]:
         for e in formulas
     ]  # fmt: skip
     if d.best is None:
-        return judged
+        return formula_evidence
     best = d.candidates[0].evidence
-    known = [*d.selection.first.evidence, *(each.evidence for each in d.candidates)]
-    of = {each.effect.label: each for each in known}
+    known = [*d.selection.first.evidence, *(candidate.evidence for candidate in d.candidates)]
+    of = {evidence.effect.label: evidence for evidence in known}
     rest = [of[effect.label] for effect in d.rivals if effect.label in of]
-    rest.sort(key=lambda each: each.effect.kind != best.effect.kind)
-    return [best, *rest, *judged][:RIVALS]
+    rest.sort(key=lambda evidence: evidence.effect.kind != best.effect.kind)
+    return [best, *rest, *formula_evidence][:RIVALS_COMPARED]
 
 
 def questions(rivals: Sequence[Evidence]) -> list[list[Pair]]:
@@ -238,29 +240,29 @@ def questions(rivals: Sequence[Evidence]) -> list[list[Pair]]:
     pairs = list(combinations(rivals, 2))
     where = [(a, b) for a, b in pairs if a.effect.kind == b.effect.kind]
     what = [(a, b) for a, b in pairs if a.effect.kind != b.effect.kind]
-    return [each for each in (where, what) if each]
+    return [group for group in (where, what) if group]
 
 
 def attempts(d: Diagnosis, rivals: Sequence[Evidence]) -> list[Attempt]:
     """Tries motions out, the likeliest to help first, until one tells all apart with ease."""
     now = present(d.fit.mechanism, d.fit.motion)
     pairs = list(combinations(rivals, 2))
-    tried: list[Attempt] = []
+    attempts_made: list[Attempt] = []
     kinds = [rival.effect.kind for rival in rivals]
-    order = KINDS_SLOW if any(each.effect.slow for each in rivals) else KINDS
+    order = KINDS_SLOW if any(rival.effect.slow for rival in rivals) else KINDS
     if len(set(kinds)) < len(kinds):
         order = PLACES
     about = concerned(d, [rival.effect for rival in rivals])
-    mine = [trial for trial in trials(now, about) if trial.kind in order]
-    for trial in sorted(mine, key=lambda trial: order.index(trial.kind)):
+    trials_in_order = [trial for trial in trials(now, about) if trial.kind in order]
+    for trial in sorted(trials_in_order, key=lambda trial: order.index(trial.kind)):
         probe = Probe.of(d, trial)
         if probe is None:
             continue
-        tried.append(Attempt(trial, {(a, b): probe.separation(a, b) for a, b in pairs}))
-        ample = min(tried[-1].separation(pair) for pair in pairs) >= AMPLE
+        attempts_made.append(Attempt(trial, {(a, b): probe.separation(a, b) for a, b in pairs}))
+        ample = min(attempts_made[-1].separation(pair) for pair in pairs) >= AMPLE
         if ample and trial.kind != "same":
             break
-    return tried
+    return attempts_made
 
 
 def concerned(d: Diagnosis, effects: Sequence[Effect]) -> tuple[str, ...]:
@@ -272,22 +274,28 @@ def concerned(d: Diagnosis, effects: Sequence[Effect]) -> tuple[str, ...]:
     return tuple(name for name in independent if name in joints)
 
 
-def proposal(d: Diagnosis, tried: Sequence[Attempt], pairs: Sequence[Pair]) -> Proposal | None:
+def proposal(
+    d: Diagnosis, attempts_made: Sequence[Attempt], pairs: Sequence[Pair]
+) -> Proposal | None:
     """The simplest trial that answers a question about as well as the best; None if none does."""
-    worth = [(each.worth(pairs), each) for each in tried if each.trial.kind != "same"]
+    worth = [
+        (attempt.worth(pairs), attempt) for attempt in attempts_made if attempt.trial.kind != "same"
+    ]
     most = max((one for one, _ in worth), default=0.0)
-    best = next((each for one, each in worth if one >= (1 - PARSIMONY) * most), None)
-    if best is None or not (told := [p for p in pairs if best.separation(p) >= SOME]):
+    best = next((attempt for one, attempt in worth if one >= (1 - PARSIMONY) * most), None)
+    if best is None or not (pairs_apart := [p for p in pairs if best.separation(p) >= APART_SE]):
         return None
-    worst = min(told, key=best.separation)
+    worst = min(pairs_apart, key=best.separation)
     length = sum(float(e.t[-1] - e.t[0]) for e in d.fit.motion.experiments)
-    effects = {each.effect.label: each.effect for pair in told for each in pair}
+    effects = {rival.effect.label: rival.effect for pair in pairs_apart for rival in pair}
     return Proposal(
         trial=best.trial,
         separation=best.separation(worst),
         apart=tuple(effects.values()),
-        alike=tuple((a.effect, b.effect) for a, b in pairs if best.separation((a, b)) < SOME),
-        seconds=max(best.trial.seconds, length * max(1.0, (SURE / best.separation(worst)) ** 2)),
+        alike=tuple((a.effect, b.effect) for a, b in pairs if best.separation((a, b)) < APART_SE),
+        seconds=max(
+            best.trial.seconds, length * max(1.0, (TOLD_APART_SE / best.separation(worst)) ** 2)
+        ),
     )
 
 
@@ -299,8 +307,8 @@ def _without(Q: np.ndarray, X: np.ndarray) -> np.ndarray:
 def orthonormal(A: np.ndarray) -> np.ndarray:
     """A basis (M, rank) of the columns' span."""
     size = np.linalg.norm(A, axis=0)
-    some = size > 1e-12 * size.max(initial=0.0)
-    A = A[:, some] / size[some]
+    nonzero = size > 1e-12 * size.max(initial=0.0)
+    A = A[:, nonzero] / size[nonzero]
     if not A.size:
         return np.zeros((len(A), 0))
     Q, R = np.linalg.qr(A)

@@ -54,8 +54,8 @@ class FoundCurve:
     independent: tuple[str, ...]
 
     def __repr__(self) -> str:
-        left = f"{100 * self.ratio:.0f} % of the squared error of {self.joint} left"
-        return f"{self.effect.label}, {self.effect.pieces} pieces: {left}"
+        remaining = f"{100 * self.ratio:.0f} % of the squared error of {self.joint} left"
+        return f"{self.effect.label}, {self.effect.pieces} pieces: {remaining}"
 
     def full(self, signal: str) -> str:
         """Return a signal's name as a column of a log: `q` of the own joint is `q.elbow`."""
@@ -77,48 +77,52 @@ class FoundCurve:
 
 
 def curve_of(
-    contest: Contest, beside: PartialRegression, joint: str, limit: float, least: float
+    contest: Contest, regression: PartialRegression, joint: str, limit: float, least: float
 ) -> FoundCurve | None:
     """Find the curve that explains most in a joint beside a model; None where none does.
 
     Args:
-        contest: rows and all curves; beside: the model, without what has the wrong form.
+        contest: rows and all curves; regression: the model, without what has the wrong form.
         limit: share of the left-out squares that chance explains; least: that it must explain.
     """
-    mine = [
+    candidates = [
         e for e in contest.candidates if isinstance(e.effect, Curve) and e.effect.joints[0] == joint
     ]
-    if not mine:
+    if not candidates:
         return None
-    G = beside.shares([each.groups[0] for each in mine])
+    G = regression.shares([candidate.groups[0] for candidate in candidates])
     if G.max() <= least:
         return None
-    curves = [each.effect for each in mine if isinstance(each.effect, Curve)]
-    near = [i for i in range(len(mine)) if G[i] >= (1 - PARSIMONY) * G.max()]
+    curves = [candidate.effect for candidate in candidates if isinstance(candidate.effect, Curve)]
+    near = [i for i in range(len(candidates)) if G[i] >= (1 - PARSIMONY) * G.max()]
     curve = curves[min(near, key=lambda i: (len(curves[i].depends_on), -G[i]))]
-    contest = contest.beside(beside)
-    tried = []
+    contest = contest.with_model(regression)
+    trials = []
     for pieces in PIECES:
         effect = replace(curve, values={"pieces": float(pieces)})
         (shape,) = contest.table.starts(effect)
         C = contest.columns(effect, shape)
-        tried.append((beside.refit_with(C), effect, shape, C))
-    refit, effect, shape, C = min(tried, key=lambda each: float(each[0].loss.sum()))
-    S, g = normal_equations(beside, C)
+        trials.append((regression.refit_with(C), effect, shape, C))
+    refit, effect, shape, C = min(trials, key=lambda trial: float(trial[0].loss.sum()))
+    S, g = normal_equations(regression, C)
     inverse, theta = solved(S, np.eye(len(S))), solved(S, g)
-    own = sorted({p.coordinate for p, c in zip(beside.parts, C, strict=True) if c.any()})
-    noise = float(refit.loss[:, own].sum()) / max(float(beside.rows[own].sum()), 1.0)
+    coordinates = sorted(
+        {p.coordinate for p, c in zip(regression.parts, C, strict=True) if c.any()}
+    )
+    noise = float(refit.loss[:, coordinates].sum()) / max(
+        float(regression.rows[coordinates].sum()), 1.0
+    )
     x, B = _on_grid(effect, shape)
     torque = B @ theta
     half = BAND * np.sqrt(noise * np.einsum("nu,uv,nv->n", B, inverse, B))
-    weights = [beside.weight[part.coordinate] for part in beside.parts]
-    whole = sum(float(np.sum((c @ theta * w) ** 2)) for w, c in zip(weights, C, strict=True))
+    weights = [regression.weight[part.coordinate] for part in regression.parts]
+    squares = sum(float(np.sum((c @ theta * w) ** 2)) for w, c in zip(weights, C, strict=True))
     compare = LossComparison(refit.affected_coordinates, contest.decision.rival_se)
-    depends, independent = _signals(contest, C, mine, effect, limit)
+    depends, independent = _signals(contest, C, candidates, effect, limit)
     return FoundCurve(
         effect, joint, x, torque, torque - half, torque + half,
-        compare.ratio(refit.loss, beside.losses),
-        float(np.clip(1 - (theta @ S @ theta) / max(whole, 1e-300), 0.0, 1.0)),
+        compare.ratio(refit.loss, regression.losses),
+        float(np.clip(1 - (theta @ S @ theta) / max(squares, 1e-300), 0.0, 1.0)),
         depends, independent,
     )  # fmt: skip
 
@@ -150,11 +154,13 @@ def _signals(
     """Return the signals of which further curves lower the error beside a curve, and which not."""
     regression = contest.extended(C)[0].regression
     total = max(float(regression.loss.sum()), 1e-300)  # what no signal explains counts as well
-    G = regression.gains([each.groups[0] for each in curves]).G / total
-    names = [_names(each.effect) for each in curves]
+    G = regression.gains([candidate.groups[0] for candidate in curves]).G / total
+    names = [_names(candidate.effect) for candidate in curves]
     more = {*effect.depends_on, *(f"q.{name}" for name in effect.joints[1:])}
-    more |= {name for own, gain in zip(names, G, strict=True) if gain > limit for name in own}
-    every = dict.fromkeys(name for own in names for name in own)
+    more |= {
+        name for signals, gain in zip(names, G, strict=True) if gain > limit for name in signals
+    }
+    every = dict.fromkeys(name for signals in names for name in signals)
     return tuple(n for n in every if n in more), tuple(n for n in every if n not in more)
 
 
@@ -169,7 +175,7 @@ def found_curves(
 ) -> tuple[FoundCurve, ...]:
     """Find the curves of the joints that have a law, or where the model fails unexplained."""
     last, contest = selection.last, selection.contest
-    places = {law.joint: law.beside for law in laws}
+    places = {law.joint: law.regression for law in laws}
     if verdict == "unexplained" and not places:
         rest = last.regression.bare
         for member in selection.members:
@@ -177,20 +183,20 @@ def found_curves(
         curves = [curve for curve, _ in (*last.curves, *selection.first.curves)]
         curves += [m.curve for m in selection.members if m.curve is not None]
         places = {curve.joints[0]: rest for curve in curves[:1]}
-    found = []
-    for joint, beside in places.items():
+    curves_found = []
+    for joint, regression in places.items():
         limit = last.limit_at(joint)
-        found.append(curve_of(contest, beside, joint, limit, 0.0 if laws else limit))
+        curves_found.append(curve_of(contest, regression, joint, limit, 0.0 if laws else limit))
     used = {name for law in laws for name in law.formula.logged}
     errors = contest.fit.held_out or contest.fit.train
     return tuple(
-        replace(each, independent=tuple(n for n in each.independent if each.full(n) not in used))
-        for each in found
-        if each is not None
+        replace(curve, independent=tuple(n for n in curve.independent if curve.full(n) not in used))
+        for curve in curves_found
+        if curve is not None
         and (
-            each.joint not in errors  # in a loop it is felt elsewhere
+            curve.joint not in errors  # in a loop it is felt elsewhere
             or contest.decision.matters(
-                1.0, each.ratio, 1 / max(errors[each.joint].relative or 1.0, 1e-9) ** 2
+                1.0, curve.ratio, 1 / max(errors[curve.joint].relative or 1.0, 1e-9) ** 2
             )
         )
     )

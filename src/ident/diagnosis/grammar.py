@@ -142,7 +142,7 @@ VARYING: Table = (("1", ""), ("sign(v)", "running_in"), ("v", "running_in"), ("x
 TWO = (
     "v_o", "sign(v_o)", "q*v_o", "q*sign(v_o)", "v*v_o", "v_o*abs(v_o)", "q**2*q_o", "q**2*q_o**2",
 )  # fmt: skip
-ALIKE = ("sign(v - v_o)", "sign(v + v_o)", "(q - q_o)**3")  # of two joints of one type
+OF_ONE_TYPE = ("sign(v - v_o)", "sign(v + v_o)", "(q - q_o)**3")  # of two joints of one type
 BOTH_TURN = tuple(f"{f}(q)*sin(q_o); {f}(q)*cos(q_o)" for f in ("sin", "cos"))
 
 
@@ -159,14 +159,17 @@ def terms(
     """
     factors = (*FACTORS, *(TURNING if rotational else ()))
     if "q_o" in signals:
-        alike = rotational == second_rotational
+        same_type = rotational == second_rotational
         factors = (*FACTORS, *(TURNING if second_rotational else ()))
-        for x in ("q_o", *(("q + q_o", "q - q_o") if alike else ())):
+        for x in ("q_o", *(("q + q_o", "q - q_o") if same_type else ())):
             yield from (term(text, "cross_coupling", x) for text in factors)
         for text in factors:
             for other in ("q", "sign(v)", "v", "v_o"):
                 yield term(product(text, other), "cross_coupling", "q_o")
-        both = (*(ALIKE if alike else ()), *(BOTH_TURN if rotational and second_rotational else ()))
+        both = (
+            *(OF_ONE_TYPE if same_type else ()),
+            *(BOTH_TURN if rotational and second_rotational else ()),
+        )
         yield from (term(text, "cross_coupling") for text in (*TWO, *both))
         return
     for table in (POSITION, LEVERS if rotational else ()):
@@ -194,7 +197,7 @@ def product(a: str, b: str) -> str:
     """Return each column of the first text times the second."""
     if a == "1":
         return b
-    return "; ".join(f"{factor(each)}*{b}" for each in a.split("; "))
+    return "; ".join(f"{factor(column)}*{b}" for column in a.split("; "))
 
 
 def term(text: str, name: str, x: str = "q") -> Term:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, Decision, OnProgress, candidates_of, possible
-from ident.diagnosis.diagnosis import at_reversals, judged, seen_elsewhere, started
+from ident.diagnosis.diagnosis import at_reversals, conclude, seen_elsewhere, start_point
 from ident.diagnosis.effect_set import EffectSet, leader, on_rows_in_motion, reweighted
 from ident.diagnosis.null import with_noise
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
@@ -223,37 +223,37 @@ def grow(
     def reached(rungs: Collection[Step]) -> None:
         steps.extend(rungs)
         if step:
-            for each in rungs:
-                step(each)
+            for rung in rungs:
+                step(rung)
 
     saved.write()
     if step:
         step(steps[0])
     visited: set[frozenset[str]] = set()
     for done in saved.rounds:
-        rungs, fit = _again(done, fit, validate)
+        rungs, fit = _replay_round(done, fit, validate)
         visited |= set(map(frozenset, done["visited"]))
         reached(rungs)
-    here = rest = on_progress
+    search_progress = rest = on_progress
     for number in range(begun := len(saved.rounds), ROUNDS):
         done_before = 1 - 0.5 ** (number - begun)  # nobody knows how many rounds
         rest = part(on_progress, done_before, 1.0)
-        here = part(rest, 0.0, 0.5)
+        search_progress = part(rest, 0.0, 0.5)
         # curves judge what is left in the end, the search needs none
-        contest = contest_of(fit, part(here, 0.0, 0.4), curved=number > 0)
-        search = Search(contest, given, part(here, 0.4, 0.6), visited)
-        found = search.run()
-        here("refitting", 0.6)
-        grown, turning = refitted(fit, search, found, validate), None
-        if grown is None and (turning := contest.at_reversals(part(here, 0.6, 0.65))):
-            seen, turns = seen_elsewhere(search.first), part(here, 0.65, 0.9)
+        contest = contest_of(fit, part(search_progress, 0.0, 0.4), curved=number > 0)
+        search = Search(contest, given, part(search_progress, 0.4, 0.6), visited)
+        effect_set = search.run()
+        search_progress("refitting", 0.6)
+        grown, turning = refit_set(fit, search, effect_set, validate), None
+        if grown is None and (turning := contest.at_reversals(part(search_progress, 0.6, 0.65))):
+            elsewhere, turns = seen_elsewhere(search.first), part(search_progress, 0.65, 0.9)
             search = Search(with_noise(turning), given, turns)
-            led = led_at_reversals(search, search.run(), seen)
-            grown = None if led is None else refitted(fit, search, led, validate)
+            leading_set = led_at_reversals(search, search.run(), elsewhere)
+            grown = None if leading_set is None else refit_set(fit, search, leading_set, validate)
         if grown is None:
             break
-        found, removed, start, again = grown
-        rungs = ladder(search, found, removed, again)
+        effect_set, removed, start, again = grown
+        rungs = ladder(search, effect_set, removed, again)
         saved.add(rungs, start.values, visited)
         reached(rungs)
         fit = again
@@ -262,7 +262,7 @@ def grow(
     if number == 0 or contest.fit is not fit:
         turning = None
         contest = contest_of(fit, part(rest, 0.35, 0.4))
-    last = judged(select(contest, part(rest, 0.4, 0.6)), part(rest, 0.6, 0.8))
+    last = conclude(select(contest, part(rest, 0.4, 0.6)), part(rest, 0.6, 0.8))
     return History(tuple(steps), at_reversals(last, part(rest, 0.8, 1.0), turning))
 
 
@@ -270,59 +270,67 @@ Grown = tuple[EffectSet, tuple[Effect, ...], Point, Fit]
 """A set of effects, those that it no longer has, the start of its fit, and the fit."""
 
 
-def refitted(fit: Fit, search: Search, found: EffectSet, validate: Motion | None) -> Grown | None:
+def refit_set(
+    fit: Fit, search: Search, effect_set: EffectSet, validate: Motion | None
+) -> Grown | None:
     """Refit the set that a search found, without effects that the fit does not determine or that
     have values that cannot be; None where it is the set at the start, or predicts left-out rows no
     better.
     """
     model = fit.mechanism
-    without = search.start.labels - found.labels
+    without = search.start.labels - effect_set.labels
     removed = tuple(e for e in model.effects if e.label in without)
     for effect in removed:
         model = model.without(effect.label)
-    new = search.new(found)
+    new = search.new(effect_set)
     if not (new or removed):
         return None
-    start = started(fit, [each.evidence for each in new if each.evidence])
-    for each in new:
-        model = model + each.effect
+    start = start_point(fit, [member.evidence for member in new if member.evidence])
+    for member in new:
+        model = model + member.effect
 
     def fitted(start: Point) -> Fit:
         least = "least-squares"
         return identify(model, fit.motion, validate=validate, start=start, estimator=least)
 
     again = fitted(start)
-    while loose := undetermined(again, [each.effect for each in new]):
-        new = [each for each in new if each.label != loose]
-        found = found.minus(next(each for each in found.members if each.label == loose))
+    while loose := undetermined(again, [member.effect for member in new]):
+        new = [member for member in new if member.label != loose]
+        effect_set = effect_set.minus(
+            next(member for member in effect_set.members if member.label == loose)
+        )
         model = model.without(loose)
         again = fitted(again.point)
     if not (new or removed) or not better(errors_of(fit), errors_of(again)):
         return None
-    return found, removed, start, again
+    return effect_set, removed, start, again
 
 
-def led_at_reversals(search: Search, found: EffectSet, seen: Collection[str]) -> EffectSet | None:
+def led_at_reversals(
+    search: Search, effect_set: EffectSet, elsewhere: Collection[str]
+) -> EffectSet | None:
     """The set of effects that are `seen` on other rows too, or else of those that act at reversals,
     if one of them explains most of what is new; else None: rows at reversals are those at which
     friction is least exact, and name nothing else.
     """
-    new = search.new(found)
+    new = search.new(effect_set)
     first = max(new, key=lambda m: search.first.gains[m.label][0], default=None)
-    left = [m for m in new if m.label in seen]
-    if not left and first is not None and first.effect.at_reversals:
-        left = [m for m in new if m.effect.at_reversals]
-    required = {label for each in left for label in each.effect.required}
-    for each in new:
-        if each not in left and each.label not in required:
-            found = found.minus(each)
-    return found if left else None
+    staying = [m for m in new if m.label in elsewhere]
+    if not staying and first is not None and first.effect.at_reversals:
+        staying = [m for m in new if m.effect.at_reversals]
+    required = {label for member in staying for label in member.effect.required}
+    for member in new:
+        if member not in staying and member.label not in required:
+            effect_set = effect_set.minus(member)
+    return effect_set if staying else None
 
 
-def _again(saved: Mapping[str, Any], fit: Fit, validate: Motion | None) -> tuple[list[Step], Fit]:
+def _replay_round(
+    saved: Mapping[str, Any], fit: Fit, validate: Motion | None
+) -> tuple[list[Step], Fit]:
     """Return the rungs and the fit of a round that was saved."""
     model = fit.mechanism
-    known = {each.label: each for each in (*possible(model, fit.motion), *model.effects)}
+    known = {effect.label: effect for effect in (*possible(model, fit.motion), *model.effects)}
     rungs = []
     for rung in saved["rungs"]:
         added, removed, rivals = (tuple(known[label] for label in rung[n]) for n in CHANGES)
@@ -343,15 +351,15 @@ def undetermined(fit: Fit, new: Collection[Effect]) -> str:
     CERTAIN times these where it moves the machine's geometry or clock), or one of which cannot be:
     that with most parameters first, what every machine has last; "" if there is none.
     """
-    required = {label for each in fit.mechanism.effects for label in each.required}
-    labels = {each.label for each in new} - required
+    required = {label for effect in fit.mechanism.effects for label in effect.required}
+    labels = {effect.label for effect in new} - required
     loose = []
     for e in fit.effects:
-        own = e.parameters[: len(e.effect.unknowns) or None]
-        values = np.array([v.value for v in own])
-        errors = np.array([np.inf if v.stderr is None else v.stderr for v in own])
+        parameters = e.parameters[: len(e.effect.unknowns) or None]
+        values = np.array([v.value for v in parameters])
+        errors = np.array([np.inf if v.stderr is None else v.stderr for v in parameters])
         least = CERTAIN if e.effect.corrects else 1.0
-        small = all(abs(v.value) < least * (v.stderr or 0.0) for v in own)
+        small = all(abs(v.value) < least * (v.stderr or 0.0) for v in parameters)
         possible = can_be(fit.mechanism, e.effect, values, errors)
         if e.effect.label in labels and (small or not possible):
             loose.append(e.effect)
@@ -367,7 +375,9 @@ def better(before: Mapping[str, Error], after: Mapping[str, Error]) -> bool:
 # --- the ladder --------------------------------------------------------------------------------
 
 
-def ladder(search: Search, found: EffectSet, removed: tuple[Effect, ...], after: Fit) -> list[Step]:
+def ladder(
+    search: Search, effect_set: EffectSet, removed: tuple[Effect, ...], after: Fit
+) -> list[Step]:
     """A rung a kind of effect: what a diagnosis names, then what explains most of what is left.
 
     The last rung is fitted; errors before it are announced by the same regression, of all rows in
@@ -375,7 +385,7 @@ def ladder(search: Search, found: EffectSet, removed: tuple[Effect, ...], after:
     """
     contest, first = search.contest, search.first
     material = contest.decision.material
-    new = search.new(found)
+    new = search.new(effect_set)
     regression, columns = on_rows_in_motion(contest, new)
     given = regression.losses.sum(axis=0) / regression.weight**2
     errors, rungs = errors_of(contest.fit), list[Step]()
@@ -384,20 +394,20 @@ def ladder(search: Search, found: EffectSet, removed: tuple[Effect, ...], after:
         now = regression.losses.sum(axis=0) / regression.weight**2
         return announced_errors(errors, given, now)
 
-    last, gone = errors, {effect.label for effect in removed}
+    last, removed_labels = errors, {effect.label for effect in removed}
     if removed:
-        for each in search.start.members:
-            if each.label in gone:
-                regression = regression.without(each.columns)
+        for member in search.start.members:
+            if member.label in removed_labels:
+                regression = regression.without(member.columns)
         last = announced(regression)
         rungs.append(Step((), removed, (), None, last))
-    new.sort(key=lambda each: first.place(each.label))
+    new.sort(key=lambda member: first.place(member.label))
     lead = leader(new, first) if new else None
-    new.sort(key=lambda each: each is not lead)
-    kinds = dict.fromkeys(each.effect.kind for each in new)
-    groups = [[each for each in new if each.effect.kind == kind] for kind in kinds]
+    new.sort(key=lambda member: member is not lead)
+    kinds = dict.fromkeys(member.effect.kind for member in new)
+    groups = [[member for member in new if member.effect.kind == kind] for kind in kinds]
     while groups:
-        at = [np.concatenate([columns[each.label] for each in group]) for group in groups]
+        at = [np.concatenate([columns[member.label] for member in group]) for group in groups]
         order = [0] if len(groups) == len(kinds) else np.argsort(-regression.gains(at).G)
         steps = []
         for i in order:  # of all steps the largest that raises no error
@@ -408,9 +418,9 @@ def ladder(search: Search, found: EffectSet, removed: tuple[Effect, ...], after:
                 break
         _, i, regression, last = max(steps, key=lambda step: step[0])
         group = groups.pop(i)
-        equal = {rival.effect.label: rival.effect for each in group for rival in each.rivals}
-        rivals = tuple(rival for n, rival in equal.items() if n not in found.labels)
-        rungs.append(Step(tuple(each.effect for each in group), (), rivals, None, last))
+        equal = {rival.effect.label: rival.effect for member in group for rival in member.rivals}
+        rivals = tuple(rival for n, rival in equal.items() if n not in effect_set.labels)
+        rungs.append(Step(tuple(member.effect for member in group), (), rivals, None, last))
     rungs[-1] = replace(rungs[-1], fit=after, errors=errors_of(after))
     while len(rungs) > 1 and _contradicted(rungs[-2].errors, rungs[-1].errors, material):
         *rungs, one, two = rungs

@@ -28,9 +28,9 @@ from ident.information.hypotheses import Array, PartialRegression, Refit
 from ident.text import significant
 
 STEPS = 8  # work: of Gauss-Newton
-LONGEST = 0.3  # numerics: of a shape's range, the longest step
+LONGEST_STEP = 0.3  # numerics: of a shape's range, the longest step
 RISE = 1e-3  # numerics: of the error, that a further step must bring
-RANK = 1e-6  # numerics: of a unit column's square: less of it is new
+NEW_DIRECTION = 1e-6  # numerics: of a unit column's square: less of it is new
 SLOPE = 1e-4  # numerics: of a shape's range, for its slope
 
 
@@ -52,13 +52,13 @@ def refined(contest: Contest, effect: Effect, shape: Shape) -> tuple[Shape, list
         step = solved(*normal_equations(regression, both))[u:]
         before, at = now, np.array([shape[name] for name in free])
         for half in range(4):
-            most = LONGEST * (high - low)
+            most = LONGEST_STEP * (high - low)
             new = np.clip(at + 0.5**half * np.clip(step, -most, most), low, high)
-            tried = {**shape, **dict(zip(free, map(float, new), strict=True))}
-            trial = contest.columns(effect, tried)
+            trial_shape = {**shape, **dict(zip(free, map(float, new), strict=True))}
+            trial = contest.columns(effect, trial_shape)
             S_new, g_new = normal_equations(regression, trial)
             if fall(S_new, g_new) > now:
-                shape, C, S, g, now = tried, trial, S_new, g_new, fall(S_new, g_new)
+                shape, C, S, g, now = trial_shape, trial, S_new, g_new, fall(S_new, g_new)
                 break
         felt = (r[:, 0] for r, c in zip(regression.residual, C, strict=True) if c.any())
         if now - before < RISE * max(sum(float(r @ r) for r in felt) - now, 0.0):
@@ -97,8 +97,8 @@ def at_most(regression: PartialRegression, falls: Sequence[float] | Array) -> li
     """Return the largest shares that falls (n,) of one coordinate's squares each can explain."""
     r = np.concatenate([x[:, 0] for x in regression.residual])
     before = regression.by_coordinate(r**2).sum(axis=0)
-    each = np.minimum(np.reshape(falls, (-1, 1)), before)
-    shares = regression.explained(each[:, :, None] * np.eye(len(before)), before)
+    limited = np.minimum(np.reshape(falls, (-1, 1)), before)
+    shares = regression.explained(limited[:, :, None] * np.eye(len(before)), before)
     return shares.max(axis=1).tolist()
 
 
@@ -121,12 +121,12 @@ def normal_equations(
             g += c.T @ r[:, of]
             P += Q.T @ c
     rest = S - P.T @ P
-    new = np.diag(rest) > RANK * np.diag(S)
+    new = np.diag(rest) > NEW_DIRECTION * np.diag(S)
     return rest * np.outer(new, new), (g.T * new).T
 
 
 def own_shares(
-    regression: PartialRegression, C: Sequence[np.ndarray], own: Sequence[bool], groups: int,
+    regression: PartialRegression, C: Sequence[np.ndarray], acts: Sequence[bool], groups: int,
     draws: int,
 ) -> Array:  # fmt: skip
     """Return the shares (groups, 1 + draws), in sample, of the squares of the parts on which the
@@ -139,24 +139,24 @@ def own_shares(
     """
     S, g = normal_equations(regression, C, draws)
     u, of = len(g) // groups, slice(1 + draws)
-    mine = [
+    acting = [
         (Q, r[:, of], c * regression.weight[part.coordinate])
         for part, Q, r, c, its in zip(
-            regression.parts, regression.Q, regression.residual, C, own, strict=True
+            regression.parts, regression.Q, regression.residual, C, acts, strict=True
         )
         if its
     ]
-    K = sum(Q.T @ Q for Q, _, _ in mine)
-    t = sum(Q.T @ r for Q, r, _ in mine)
-    P = sum(Q.T @ c for Q, _, c in mine)
-    before = sum((r**2).sum(axis=0) for _, r, _ in mine)
-    found = []
+    K = sum(Q.T @ Q for Q, _, _ in acting)
+    t = sum(Q.T @ r for Q, r, _ in acting)
+    P = sum(Q.T @ c for Q, _, c in acting)
+    before = sum((r**2).sum(axis=0) for _, r, _ in acting)
+    shares = []
     for k in range(groups):
         at = slice(k * u, (k + 1) * u)
         x, p = solved(S[at, at], g[at]), P[:, at]
         S_o = S[at, at] - p.T @ p + p.T @ K @ p
-        found.append((2 * x * (g[at] - p.T @ t) - x * (S_o @ x)).sum(axis=0))
-    return np.array(found) / np.maximum(before, np.finfo(float).tiny)
+        shares.append((2 * x * (g[at] - p.T @ t) - x * (S_o @ x)).sum(axis=0))
+    return np.array(shares) / np.maximum(before, np.finfo(float).tiny)
 
 
 def fall(S: Array, g: Array) -> float:
@@ -168,11 +168,11 @@ def solved(S: Array, g: Array) -> Array:
     """S⁺ g in the directions that are new."""
     size = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1.0))
     values, V = np.linalg.eigh(S / size[:, None] / size)
-    good = values > RANK
+    good = values > NEW_DIRECTION
     return np.asarray(((V[:, good] / values[good]) @ (V[:, good].T @ (g.T / size).T)).T / size).T
 
 
-WIDE = 32  # work: terms whose constants are refined
+REFINED_TERMS = 32  # work: terms whose constants are refined
 WAVES = 4  # work: wave numbers of sines with which other functions of a wave are screened
 NUMBERS = 8  # work: of a formula: more is a curve, not a law
 BEAM = 2  # work: formulas to which a further term is added
@@ -209,7 +209,7 @@ class FittedFormula:
         count = len(self.formula.unknowns)
         large = (np.abs(self.refit.theta) > NEGATIVE * noise * self.refit.stderr)[:count]
         ends = np.cumsum([0, *(len(term.columns) for term in self.formula.terms)])
-        return least > RANK and all(large[a:b].any() for a, b in pairwise(ends))
+        return least > NEW_DIRECTION and all(large[a:b].any() for a, b in pairwise(ends))
 
 
 @dataclass(eq=False)
@@ -253,21 +253,21 @@ class LawSearch:
         """Constants at which each term is screened, and its columns (m, starts · u) there in each
         part; a wave beside other constants has the wave numbers of the best plain sines.
         """
-        found = []
+        screened_terms = []
         numbers: dict[str, list[float]] = {}
         for formula in self.terms:
             starts: Starts = self.contest.table.starts(formula)
-            wave = next((each.signal for each in formula.scales if each.name == "n"), "")
+            wave = next((entry.signal for entry in formula.scales if entry.name == "n"), "")
             if wave in numbers and len(formula.scales) > 1:
                 near = dict.fromkeys(n / k for n in numbers[wave] for k in (1, 2))
-                others = {tuple((k, x) for k, x in each.items() if k != "n") for each in starts}
-                starts = [{**dict(each), "n": n} for n in near for each in sorted(others)]
+                others = {tuple((k, x) for k, x in entry.items() if k != "n") for entry in starts}
+                starts = [{**dict(entry), "n": n} for n in near for entry in sorted(others)]
             columns = self.columns(formula, starts)
             if wave and wave not in numbers:  # the plain sines come first
                 falls = screened(self.regression, columns, len(starts))
                 numbers[wave] = [starts[int(k)]["n"] for k in np.argsort(-falls)[:WAVES]]
-            found.append((starts, columns))
-        return found
+            screened_terms.append((starts, columns))
+        return screened_terms
 
     def columns(self, formula: Formula, starts: Starts) -> list[np.ndarray]:
         """Columns (m, starts · u) of a term in each part; (0, starts · u) where they are zero."""
@@ -288,11 +288,11 @@ class LawSearch:
         """Whether the best term explains more of the residual than of random ones, at its start."""
         if self.drawn is None:
             return True
-        own = [len(c) > 0 for c in self.screened[0][1]]
+        acts = [len(c) > 0 for c in self.screened[0][1]]
         shares = np.zeros(1 + SURROGATES)
         for starts, columns in self.screened:
-            each = own_shares(self.drawn, columns, own, len(starts), SURROGATES).max(axis=0)
-            shares = np.maximum(shares, each)
+            term_shares = own_shares(self.drawn, columns, acts, len(starts), SURROGATES).max(axis=0)
+            shares = np.maximum(shares, term_shares)
         return float(shares[0]) > quantile(shares[1:], self.alpha)
 
     def probed(self, term: Term) -> float:
@@ -303,7 +303,7 @@ class LawSearch:
     def run(self, known: FittedFormula | None = None) -> list[FittedFormula]:
         """All formulas that were fitted, single terms first, better than one that is `known`."""
         beam: list[FittedFormula | None] = [None]
-        found: list[FittedFormula] = []
+        formulas: list[FittedFormula] = []
         if not self.beyond_chance:
             return []
         so_far = ""
@@ -315,27 +315,27 @@ class LawSearch:
                 self.on_progress(what, (number + i / len(beam)) / TERMS)
                 new += self.extended(before)
             new = [e for e in new if e.determined(self.regression) and self.inside(e)]
-            falls = [losses - each.refit.loss.sum(axis=0) for each in new]
+            falls = [losses - fitted.refit.loss.sum(axis=0) for fitted in new]
             shares = self.regression.explained(np.reshape(falls, (-1, len(losses))), losses)
-            new = [each for each, share in zip(new, shares, strict=True) if share > self.limit]
-            found += new
+            new = [fitted for fitted, share in zip(new, shares, strict=True) if share > self.limit]
+            formulas += new
             if not new:
                 break
-            new.sort(key=lambda each: float(each.loss.sum()))
+            new.sort(key=lambda fitted: float(fitted.loss.sum()))
             losses = new[0].refit.loss.sum(axis=0)
             so_far = f", so far {new[0].formula.text}"
             self.on_progress(f"law of {self.joint}{so_far}", (number + 1) / TERMS)
             if self.explained(new[0]):
                 break
             beam = list(new[:BEAM])
-        return found
+        return formulas
 
-    def inside(self, found: FittedFormula) -> bool:
+    def inside(self, fitted: FittedFormula) -> bool:
         """Whether no constant is at an end of its search, as tanh of a narrow range is a line."""
-        bounds = self.contest.table.bounds(found.formula)
-        for scale in found.formula.scales:
+        bounds = self.contest.table.bounds(fitted.formula)
+        for scale in fitted.formula.scales:
             low, high = bounds[scale.name]
-            margin, value = EDGE * (high - low), found.shape[scale.name]
+            margin, value = EDGE * (high - low), fitted.shape[scale.name]
             if scale.of not in ENDS and not low + margin < value < high - margin:
                 return False
         return True
@@ -357,18 +357,24 @@ class LawSearch:
         falls = []
         for i, one in enumerate(self.terms):
             if before is not None:  # a new term, of no third joint, and few numbers in all
-                own, numbers = before.formula, len(before.formula.parameters) + len(one.parameters)
-                other = own.joints[1:] in ((), one.joints[1:]) or not one.joints[1:]
+                known, numbers = (
+                    before.formula,
+                    len(before.formula.parameters) + len(one.parameters),
+                )
+                other = known.joints[1:] in ((), one.joints[1:]) or not one.joints[1:]
                 if one.terms[0] in terms or not other or numbers > NUMBERS:
                     continue
             starts, columns = self.screened[i]
-            each = screened(regression, columns, len(starts))
-            falls += [(float(each[k]), i, int(k)) for k in np.argsort(-each)[: 1 + len(one.scales)]]
+            term_falls = screened(regression, columns, len(starts))
+            falls += [
+                (float(term_falls[k]), i, int(k))
+                for k in np.argsort(-term_falls)[: 1 + len(one.scales)]
+            ]
         falls.sort(reverse=True)
-        most = at_most(regression, [each for each, *_ in falls])
-        wide = WIDE if before is None else WIDE // 4
+        most = at_most(regression, [term_falls for term_falls, *_ in falls])
+        wide = REFINED_TERMS if before is None else REFINED_TERMS // 4
         chosen = list(dict.fromkeys(i for _, i, _ in falls))[:wide]
-        found: dict[int, FittedFormula] = {}
+        fits: dict[int, FittedFormula] = {}
         for share, (_, i, start) in zip(most, falls, strict=True):
             if i not in chosen or share < self.limit:
                 continue
@@ -378,11 +384,11 @@ class LawSearch:
             every = [*values, *(self.screened[i][0][start][scale.name] for scale in one.scales)]
             names = (scale.name for scale in formula.scales)
             fitted = self.fitted(formula, dict(zip(names, every, strict=True)))
-            if i not in found or fitted.loss.sum() < found[i].loss.sum():
-                found[i] = fitted
-        return list(found.values())
+            if i not in fits or fitted.loss.sum() < fits[i].loss.sum():
+                fits[i] = fitted
+        return list(fits.values())
 
     def fitted(self, formula: Formula, shape: Mapping[str, float]) -> FittedFormula:
         """The formula with its constants refined from where they are."""
-        found, C, refit = refined(self.contest, formula, shape)
-        return FittedFormula(formula, found, tuple(C), refit)
+        refined_shape, C, refit = refined(self.contest, formula, shape)
+        return FittedFormula(formula, refined_shape, tuple(C), refit)

@@ -33,29 +33,31 @@ from ident.mechanism.parameters import Covariance
 from ident.motion import State
 from ident.motion.spline import WIDTH, Spline, evaluated
 
-VISIBLE = 1e-6  # numerics: norm of a column beside the model below which it is rounding
+NEW_COLUMN = 1e-6  # numerics: norm of a column beside the model below which it is rounding
 TRIALS = 25  # work: random series that show what share of its power a noise loses
 DRAWS = 24  # work: of noise
 CHUNK = 2048  # work: samples whose noise is in memory at once
-SAMPLES = 800  # work: of a log at which ∂r/∂motion is evaluated; between, it is interpolated
+GAIN_SAMPLES = 800  # work: of a log at which ∂r/∂motion is evaluated; between, it is interpolated
 
 
 def with_noise(contest: Contest) -> Contest:
     """Return the contest with draws of the sensors' noise in its rows."""
     table, random = contest.table, np.random.default_rng([contest.seed, 1])
-    found = []
+    filtered = []
     for number, scene in enumerate(table.scenes):
         r = _of_torques(table, scene.e, random)
         if scene.e.smooth is not None:
             _add_motion(r, table, number, random)
-        found.append(table.filtered(number, r))
-    rows = np.concatenate(found)
+        filtered.append(table.filtered(number, r))
+    rows = np.concatenate(filtered)
     if (errors := contest.fit.known_errors) is not None:
         rows = rows + _of_values(contest, errors, random)
     regression = contest.regression
-    judged = regression.with_targets([_rows(contest, part, rows) for part in regression.parts])
+    null_regression = regression.with_targets(
+        [_rows(contest, part, rows) for part in regression.parts]
+    )
     losses = np.zeros((DRAWS, regression.d))
-    for part, x in zip(regression.parts, judged.errors, strict=True):
+    for part, x in zip(regression.parts, null_regression.errors, strict=True):
         losses[:, part.coordinate] += (x**2).sum(axis=0)
     rms = np.sqrt(losses / np.maximum(regression.rows, 1)) / regression.weight
     draws = NoiseDraws(rows, np.median(rms, axis=0), rms.max(axis=0))
@@ -80,7 +82,7 @@ def _add_motion(out: np.ndarray, table: Table, number: int, random: np.random.Ge
     """Adds what the smooth motion's noise makes to draws (n, d, DRAWS), to first order."""
     e = table.scenes[number].e
     assert e.smooth is not None
-    chosen = np.unique(np.linspace(0, len(e) - 1, min(SAMPLES, len(e))).astype(int))
+    chosen = np.unique(np.linspace(0, len(e) - 1, min(GAIN_SAMPLES, len(e))).astype(int))
     G = gain(table.mechanism, e.at_samples(chosen), e.smooth.names, table.point,
              table.motion.band.cutoff)  # fmt: skip
     G = G.transpose(0, 1, 3, 2).reshape(*G.shape[:2], -1).astype(np.float32)
@@ -102,10 +104,10 @@ def _of_values(contest: Contest, errors: Covariance, random: np.random.Generator
     table = contest.table
     model = table.mechanism.freed(errors.names)
     columns = Columns.of(model)
-    mine = np.array([name in columns.index for name in errors.names], dtype=bool)
-    at = [columns.index[name] for name in np.array(errors.names)[mine]]
+    present = np.array([name in columns.index for name in errors.names], dtype=bool)
+    at = [columns.index[name] for name in np.array(errors.names)[present]]
     A = Table.of(model, columns, table.motion, table.point).A[:, :, at]
-    return np.asarray(A @ (errors.root[mine] @ random.standard_normal((len(mine), DRAWS))))
+    return np.asarray(A @ (errors.root[present] @ random.standard_normal((len(present), DRAWS))))
 
 
 def _coefficients(spline: Spline, random: np.random.Generator) -> Array:
@@ -138,9 +140,9 @@ def judging(contest: Contest) -> Contest:
     r = _series(contest, [y[:, :1] for y in regression.residual])[:, :, 0]
     tries = surrogates(r, steps, TRIALS, random, known=contest.use) * contest.use[:, :, None]
     parts = regression.parts
-    tried = regression.with_targets([_rows(contest, part, tries) for part in parts])
-    left = _series(contest, tried.residual)
-    remaining = [remaining_power(left[run], tries[run]) for run in steps]
+    trial_regression = regression.with_targets([_rows(contest, part, tries) for part in parts])
+    left_series = _series(contest, trial_regression.residual)
+    remaining = [remaining_power(left_series[run], tries[run]) for run in steps]
     drawn = surrogates(r, steps, SURROGATES, random, remaining, contest.use)
     Y = []
     for part in parts:
@@ -149,7 +151,7 @@ def judging(contest: Contest) -> Contest:
             x, rms = _rows(contest, part, contest.draws.rows), _rms(_rows(contest, part, r))
             more.append(x * rms / np.maximum(_rms(x), rms))
         Y.append(np.column_stack(more))
-    return contest.beside(regression.with_targets(Y))
+    return contest.with_model(regression.with_targets(Y))
 
 
 def path_shares(
@@ -167,22 +169,22 @@ def path_shares(
 
         Δ = t_gᵀ T_gg⁻¹ t_g        T = S − S_c S_cc⁻¹ S_cᵀ, t = s − S_c S_cc⁻¹ s_c        c: chosen
     """
-    groups = [group for each in effects for group in each]
-    owner = np.repeat(np.arange(len(effects)), [len(each) for each in effects])
+    groups = [group for starts in effects for group in starts]
+    owner = np.repeat(np.arange(len(effects)), [len(starts) for starts in effects])
     parts, weight = regression.parts, regression.weight
     X = [part.taken(np.concatenate(groups)) * weight[part.coordinate] for part in parts]
     P = sum(q.T @ x for q, x in zip(regression.Q, X, strict=True))
-    own = [i for i, part in enumerate(parts) if part.coordinate == u]
-    C = np.concatenate([X[i] - regression.Q[i] @ P for i in own])
-    r = np.concatenate([regression.residual[i] for i in own])[:, : 1 + draws]
+    local_parts = [i for i, part in enumerate(parts) if part.coordinate == u]
+    C = np.concatenate([X[i] - regression.Q[i] @ P for i in local_parts])
+    r = np.concatenate([regression.residual[i] for i in local_parts])[:, : 1 + draws]
     squares = np.maximum((r**2).sum(axis=0), 1e-300)
     squares[1 + SURROGATES :] = np.maximum(squares[1 + SURROGATES :], squares[0])
     size = np.sqrt((C**2).sum(axis=0))
-    C = C / np.where(size > VISIBLE, size, np.inf)
+    C = C / np.where(size > NEW_COLUMN, size, np.inf)
     S, s = C.T @ C, C.T @ r
     ends = np.cumsum([0, *map(len, groups)])
     of_size = [(n, np.flatnonzero(np.diff(ends) == n)) for n in np.unique(np.diff(ends))]
-    found = np.zeros((steps, r.shape[1]))
+    shares = np.zeros((steps, r.shape[1]))
     for draw in range(r.shape[1]):
         chosen, free = np.zeros(0, dtype=int), np.full(len(groups), True)
         for step in range(steps):
@@ -190,18 +192,22 @@ def path_shares(
             T, t = S - K @ S[chosen], s[:, draw] - K @ s[chosen, draw]
             best: tuple[float, Index, int] = 0.0, chosen[:0], -1
             for n, every in of_size:
-                some = every[free[every]]
-                if not len(some):
+                free_groups = every[free[every]]
+                if not len(free_groups):
                     continue
-                at = ends[some][:, None] + np.arange(n)
+                at = ends[free_groups][:, None] + np.arange(n)
                 inverse = linear.inverse(T[at[:, :, None], at[:, None, :]])
                 falls = np.einsum("gi,gij,gj->g", t[at], inverse, t[at])
                 if falls.max() > best[0]:
-                    best = float(falls.max()), at[falls.argmax()], int(owner[some[falls.argmax()]])
-            found[step, draw] = (found[step - 1, draw] if step else 0.0) + best[0] / squares[draw]
+                    best = (
+                        float(falls.max()),
+                        at[falls.argmax()],
+                        int(owner[free_groups[falls.argmax()]]),
+                    )
+            shares[step, draw] = (shares[step - 1, draw] if step else 0.0) + best[0] / squares[draw]
             chosen = np.append(chosen, best[1])
             free &= owner != best[2]
-    return found
+    return shares
 
 
 def _rows(contest: Contest, part: Part, x: Array) -> Array:
@@ -211,10 +217,10 @@ def _rows(contest: Contest, part: Part, x: Array) -> Array:
 
 def _series(contest: Contest, Y: Sequence[Array]) -> Array:
     """Return series (N, d, count) of weighted rows Y (m, count) of every part; zero elsewhere."""
-    found = np.zeros((*contest.table.b.shape, Y[0].shape[1]))
+    series = np.zeros((*contest.table.b.shape, Y[0].shape[1]))
     for u, y in zip([part.coordinate for part in contest.regression.parts], Y, strict=True):
-        found[contest.use[:, u], u] = y / contest.regression.weight[u]
-    return found
+        series[contest.use[:, u], u] = y / contest.regression.weight[u]
+    return series
 
 
 def _rms(x: Array) -> Array:
@@ -222,8 +228,8 @@ def _rms(x: Array) -> Array:
     return np.maximum(np.sqrt((x**2).sum(axis=0) / max(len(x), 1)), np.finfo(x.dtype).tiny)
 
 
-def null_shares(regression: PartialRegression, found: Gains) -> Array:
+def null_shares(regression: PartialRegression, gains: Gains) -> Array:
     """Return the shares (groups, draws) of surrogates, then of noise, that columns explain."""
     before = regression.null_losses.T.copy()  # (draws, d)
     before[SURROGATES:] = np.maximum(before[SURROGATES:], regression.losses.sum(axis=0))
-    return regression.explained(found.null.transpose(0, 2, 1), before)
+    return regression.explained(gains.null.transpose(0, 2, 1), before)

@@ -58,13 +58,15 @@ class Explanation:
 
     @classmethod
     def of(
-        cls, fit: Fit, found: Evidence, refit: Fit | None, after: dict[str, Error],
+        cls, fit: Fit, evidence: Evidence, refit: Fit | None, after: dict[str, Error],
         parameters: tuple[Value, ...], rivals: tuple[Effect, ...],
     ) -> Explanation:  # fmt: skip
         """Explain by a candidate, with the errors after it."""
-        joint, known = fit.motion.independent[found.coordinate], known_of(fit, found.effect)
+        joint, known = fit.motion.independent[evidence.coordinate], known_of(fit, evidence.effect)
         before = errors_of(fit)
-        return cls(found.effect, found, joint, refit, before, after, parameters, rivals, known)
+        return cls(
+            evidence.effect, evidence, joint, refit, before, after, parameters, rivals, known
+        )
 
     @property
     def error_before(self) -> float | None:
@@ -97,7 +99,7 @@ class Explanation:
             "quantile": e.limit,
             "visible": e.refit.visible,
             "credible": e.credible,
-            "rivals": [name_of(each) for each in self.rivals],
+            "rivals": [name_of(rival) for rival in self.rivals],
             "known": dict(self.known),
             "parameters": [{**_entry(v), "name": v.name} for v in self.parameters],
         }
@@ -147,8 +149,8 @@ class Law:
     @property
     def felt(self) -> str:
         """Joint whose error falls most with it; its own, where that is an independent one."""
-        left = {n: self.after[n].rms / max(e.rms, 1e-300) for n, e in self.before.items()}
-        return self.joint if self.joint in left else min(left, key=lambda name: left[name])
+        ratios = {n: self.after[n].rms / max(e.rms, 1e-300) for n, e in self.before.items()}
+        return self.joint if self.joint in ratios else min(ratios, key=lambda name: ratios[name])
 
     def matters(self, decision: Decision) -> bool:
         """Whether the error of its joint falls by what matters."""
@@ -164,7 +166,7 @@ class Law:
     @property
     def rivals(self) -> tuple[str, ...]:
         """Formulas that this motion cannot tell from it."""
-        return tuple(each.formula.text for each in self.found.rivals)
+        return tuple(formula.formula.text for formula in self.found.rivals)
 
     @property
     def determined(self) -> bool:
@@ -205,9 +207,9 @@ class Law:
     @property
     def code(self) -> str:
         """The content of its effect file."""
-        own = self.effect.source_file(self.fit.found[self.effect.label])
-        assert own is not None  # its constants are found
-        return own[1].decode()
+        source = self.effect.source_file(self.fit.found[self.effect.label])
+        assert source is not None  # its constants are found
+        return source[1].decode()
 
     def json(self) -> dict[str, Any]:
         """Return the entry of diagnosis.json."""
@@ -227,12 +229,12 @@ class Law:
             "nearest": self.nearest,
             "distance": law.distance,
             "effect": self.option,
-            "beside": [each.label for each in self.beside],
+            "beside": [effect.label for effect in self.beside],
             "code": self.code,
             "rivals": list(self.rivals),
             "replaced": list(law.replaced),
             "front": [
-                {"complexity": c, "left": left, "formula": text} for c, left, text in law.front
+                {"complexity": c, "left": share, "formula": text} for c, share, text in law.front
             ],
         }
 
@@ -316,8 +318,8 @@ class Diagnosis(Concluded):
 
     def of_same_form(self, law: Law) -> tuple[Law, ...]:
         """Laws of other joints that have a law's form, with constants of their own."""
-        others = (each for each in self.laws if each is not law)
-        return tuple(each for each in others if each.effect.terms == law.effect.terms)
+        others = (other for other in self.laws if other is not law)
+        return tuple(other for other in others if other.effect.terms == law.effect.terms)
 
     @property
     def together(self) -> tuple[Member, ...]:
@@ -339,20 +341,20 @@ class Diagnosis(Concluded):
         """
         if self.best is None:
             return ()
-        own = next(m for m in self.selection.members if m.label == self.best.label)
-        others = (m for m in self.selection.named if m is not own)
-        alike = leading([own, *others])
-        before, after = errors_of(self.fit), self._errors_with(alike)
+        first_member = next(m for m in self.selection.members if m.label == self.best.label)
+        others = (m for m in self.selection.named if m is not first_member)
+        leaders = leading([first_member, *others])
+        before, after = errors_of(self.fit), self._errors_with(leaders)
 
         def matters(m: Member) -> bool:
             assert m.evidence is not None
             joint = self.fit.motion.independent[m.evidence.coordinate]
-            rest = announced_with(self.selection, [each for each in alike if each is not m])
+            rest = announced_with(self.selection, [other for other in leaders if other is not m])
             e = before[joint]
             torque = (e.rms / e.relative) ** 2 if e.relative else 0.0
             return self.decision.matters(rest[joint].rms ** 2, after[joint].rms ** 2, torque)
 
-        return tuple(m.effect for m in alike if m is own or matters(m))
+        return tuple(m.effect for m in leaders if m is first_member or matters(m))
 
     def _errors_with(self, members: Sequence[Member]) -> dict[str, Error]:
         """Held-out errors with the best effect, refitted, or with several members, announced."""
@@ -375,10 +377,12 @@ class Diagnosis(Concluded):
     @cached_property
     def also(self) -> tuple[Member, ...]:
         """Further effects of the set, beside the group, with which an error falls as matters."""
-        mine = {effect.label for effect in self.group}
-        group = [m for m in self.selection.members if m.label in mine]
-        mine |= {effect.label for effect in self.rivals}  # which are for one of it, not beside it
-        rest = [m for m in self.together if m.label not in mine]
+        named_labels = {effect.label for effect in self.group}
+        group = [m for m in self.selection.members if m.label in named_labels]
+        named_labels |= {
+            effect.label for effect in self.rivals
+        }  # which are for one of it, not beside it
+        rest = [m for m in self.together if m.label not in named_labels]
         sizes = np.array([e.rms**2 / (e.relative or 1.0) ** 2 for e in self.after.values()])
 
         def squares(*more: Member) -> np.ndarray:
@@ -392,17 +396,17 @@ class Diagnosis(Concluded):
     def every(self) -> tuple[Explanation, ...]:
         """All candidates: `candidates`, then the others as announced, by what they explain."""
         first = self.selection.first
-        done = {each.effect.label for each in self.candidates}
-        rest = [each for each in first.every if each.effect.label not in done]
-        rest.sort(key=lambda each: -each.gain)
-        more = (announced(self.selection, each, ()) for each in rest)
+        done = {evidence.effect.label for evidence in self.candidates}
+        rest = [evidence for evidence in first.every if evidence.effect.label not in done]
+        rest.sort(key=lambda evidence: -evidence.gain)
+        more = (announced(self.selection, evidence, ()) for evidence in rest)
         return (*self.candidates, *more)
 
     @cached_property
     def advice(self) -> Advice:
         """Which motion would tell more, and which effects it tells apart."""
-        found: Advice = render(self, "experiment")
-        return found
+        advice: Advice = render(self, "experiment")
+        return advice
 
     @property
     def next_experiment(self) -> str:
@@ -432,28 +436,28 @@ def announced_with(selection: Selection, members: Sequence[Member]) -> dict[str,
     return announced_errors(errors_of(contest.fit), old, new)
 
 
-def announced(selection: Selection, found: Evidence, rivals: tuple[Effect, ...]) -> Explanation:
+def announced(selection: Selection, evidence: Evidence, rivals: tuple[Effect, ...]) -> Explanation:
     """Explain by a candidate as the rows that decide predict it, without a refit."""
-    fit, effect = selection.first.contest.fit, found.effect
+    fit, effect = selection.first.contest.fit, evidence.effect
     before, known = selection.first.regression.losses.sum(axis=0), known_of(fit, effect)
-    after = announced_errors(errors_of(fit), before, found.refit.loss.sum(axis=0))
-    linear = dict(zip((p.name for p in effect.unknowns), found.refit.theta, strict=False))
-    own = (p.name for p in (*effect.unknowns, *effect.searched))
-    errors = dict(zip(own, found.refit.stderr, strict=False))
+    after = announced_errors(errors_of(fit), before, evidence.refit.loss.sum(axis=0))
+    linear = dict(zip((p.name for p in effect.unknowns), evidence.refit.theta, strict=False))
+    names = (p.name for p in (*effect.unknowns, *effect.searched))
+    errors = dict(zip(names, evidence.refit.stderr, strict=False))
     values = tuple(
-        Value(full, float({**found.shape, **linear}.get(p.name, 0.0)) + known.get(full, 0.0),
+        Value(full, float({**evidence.shape, **linear}.get(p.name, 0.0)) + known.get(full, 0.0),
               float(errors[p.name]) if p.name in errors else None, unit, True, 0.0)
         for full, p, unit in zip(effect.names, effect.parameters, effect.units, strict=True)
     )  # fmt: skip
-    return Explanation.of(fit, found, None, after, values, rivals)
+    return Explanation.of(fit, evidence, None, after, values, rivals)
 
 
 def known_of(fit: Fit, effect: Effect) -> dict[str, float]:
     """Return the known values, by full name, of an effect of the model, or nothing."""
-    own = next((e for e in fit.mechanism.effects if e.label == effect.label), None)
-    if own is None:
+    known = next((e for e in fit.mechanism.effects if e.label == effect.label), None)
+    if known is None:
         return {}
-    return {full: own.values[name] for name, full in own.full.items()}
+    return {full: known.values[name] for name, full in known.full.items()}
 
 
 def errors_of(fit: Fit) -> dict[str, Error]:

@@ -19,18 +19,22 @@ from functools import cached_property, partial, reduce
 import numpy as np
 
 from ident.diagnosis.candidates import HIDDEN, SURROGATES, CandidateColumns, Contest, OnProgress
-from ident.diagnosis.effect_set import EffectSet, Member, in_order, judged_member, past_responses
+from ident.diagnosis.effect_set import EffectSet, Member, evaluate_member, in_order, past_responses
 from ident.diagnosis.null import judging, null_shares, path_shares
 from ident.diagnosis.selection import Ranking, behind, by_chance, rank, rivals, simplest
 from ident.information.chance import Chance, exceeding, quantile, zscore
 from ident.information.hypotheses import Index, PartialRegression
 
-MOST = 60  # work: moves of one search
-TOGETHER = 1.5  # tuned: times the largest gain, from which what every machine has enters at once
+MOST_MOVES = 60  # work: moves of one search
+COMMON_RATIO = (
+    1.5  # tuned: times the largest gain, from which what every machine has enters at once
+)
 NEAR = 0.8  # work: share of the largest gain below which a candidate is not looked at in detail
-PATH = 3  # work: effects of one joint that are looked at together
-ALONE = 0.1  # tuned: of the squares beyond noise, that one effect leaves where a path is credible
-TRIED = 3  # work: of the best candidates, until one makes a better set
+PATH_LENGTH = 3  # work: effects of one joint that are looked at together
+PATH_LEAVES = (
+    0.1  # tuned: of the squares beyond noise, that one effect leaves where a path is credible
+)
+BEST_TRIED = 3  # work: of the best candidates, until one makes a better set
 
 
 @dataclass(eq=False)
@@ -42,7 +46,9 @@ class Search:
     on_progress: OnProgress
     visited: set[frozenset[str]] = field(default_factory=set)  # sets that were searched before
     chance: Chance = field(init=False)
-    judged: PartialRegression = field(init=False)  # with the draws of the last null distribution
+    null_regression: PartialRegression = field(
+        init=False
+    )  # with the draws of the last null distribution
     first: Ranking = field(init=False)  # beside the start
     all_common: bool = field(default=False, init=False)  # what every machine has is in the set
 
@@ -51,9 +57,11 @@ class Search:
         """The fitted model; its effects that are not given may be eliminated."""
         fit, members = self.contest.fit, []
         for effect, places in fit.columns.effects:
-            mine = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
-            if effect.label not in self.given and len(mine):
-                members.append(Member(effect, mine))
+            columns = np.array(
+                [p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int
+            )
+            if effect.label not in self.given and len(columns):
+                members.append(Member(effect, columns))
         return EffectSet(self.contest, tuple(members))
 
     def run(self, first: Ranking | None = None) -> EffectSet:
@@ -62,18 +70,18 @@ class Search:
         self.visited.add(now.labels)
         if first is None:
             first = self.ranked(now)
-        self.chance, self.judged, self.first = first.chance, first.regression, first
-        now = self.grouped(self.joined(now, first))
-        for number in range(MOST):
-            self.on_progress(f"set of {len(now.members)} effects", number / MOST)
+        self.chance, self.null_regression, self.first = first.chance, first.regression, first
+        now = self.add_common(self.add_group(now, first))
+        for number in range(MOST_MOVES):
+            self.on_progress(f"set of {len(now.members)} effects", number / MOST_MOVES)
             ranking = first if now is self.start else self.ranked(now)
-            following = self.forward(now, ranking) or self.exchanged(now) or self.grouped(now)
+            following = self.forward(now, ranking) or self.exchanged(now) or self.add_common(now)
             if following is now and not self.new(now):
-                following = self.several(now) or now
+                following = self.add_pairs(now) or now
             if following is now:
                 break
             now = following
-        return replace(now, members=tuple(self.with_rivals(now, each) for each in now.members))
+        return replace(now, members=tuple(self.with_rivals(now, member) for member in now.members))
 
     def with_rivals(self, now: EffectSet, member: Member) -> Member:
         """The member; one that came with others with its rivals beside the rest of the set: of what
@@ -82,41 +90,47 @@ class Search:
         if not member.grouped:
             return member
         kind = member.effect.kind if now.contest.fit.mechanism.closures else None
-        beside = self.beside(now.minus(member), member, kind)
-        own = next((e for e in beside.evidence if e.effect.label == member.label), None)
-        if own is None:
+        ranking = self.replacements(now.minus(member), member, kind)
+        evidence = next((e for e in ranking.evidence if e.effect.label == member.label), None)
+        if evidence is None:
             return member
-        most = own.numbers if member.effect.common else np.inf
-        equal = (e for e in rivals(own, beside) if e.numbers <= most)
+        most = evidence.numbers if member.effect.common else np.inf
+        equal = (e for e in rivals(evidence, ranking) if e.numbers <= most)
         return replace(member, rivals=tuple(equal))
 
-    def beside(self, bare: EffectSet, member: Member, kind: str | None = None) -> Ranking:
+    def replacements(self, bare: EffectSet, member: Member, kind: str | None = None) -> Ranking:
         """Rank what could take the place of a member: effects of its joints, or of a kind."""
-        effects, joints = (each.effect for each in bare.contest.candidates), member.effect.joints
-        mine = {
-            each.label
-            for each in effects
-            if not each.joints or not joints or {*joints} & {*each.joints} or each.kind == kind
+        effects, joints = (
+            (candidate.effect for candidate in bare.contest.candidates),
+            member.effect.joints,
+        )
+        labels = {
+            effect.label
+            for effect in effects
+            if not effect.joints
+            or not joints
+            or {*joints} & {*effect.joints}
+            or effect.kind == kind
         }
-        return rank(bare.contest, bare.labels, False, self.chance, NEAR, mine)
+        return rank(bare.contest, bare.labels, False, self.chance, NEAR, labels)
 
     def ranked(self, now: EffectSet) -> Ranking:
         """All laws beside a set, with a null distribution of its residual."""
-        found = rank(now.contest, now.labels, curved=False, least=NEAR)
-        self.chance, self.judged = found.chance, found.regression
-        return found
+        ranking = rank(now.contest, now.labels, curved=False, least=NEAR)
+        self.chance, self.null_regression = ranking.chance, ranking.regression
+        return ranking
 
     def accepted(self, now: EffectSet, new: EffectSet) -> EffectSet | None:
         """The set without what it made superfluous, if it is a new one and a better one."""
         if new.density <= now.density:
             return None
-        new = self.lean(self.restored(new.reweighted()))
+        new = self.prune(self.readmit(new.reweighted()))
         if new.labels in self.visited:
             return None
         self.visited.add(new.labels)
         return new
 
-    def lean(self, now: EffectSet) -> EffectSet:
+    def prune(self, now: EffectSet) -> EffectSet:
         """The set without what brings no more than chance does, the least first."""
         while True:
             doubtful = [
@@ -130,9 +144,9 @@ class Search:
                     for other in now.members
                 )
             ]
-            for each in sorted(doubtful, key=lambda e: now.shares[e.label]):
-                bare = now.minus(each)
-                if now.shares[each.label] < 0 or self.superfluous(now, bare, each):
+            for member in sorted(doubtful, key=lambda e: now.shares[e.label]):
+                bare = now.minus(member)
+                if now.shares[member.label] < 0 or self.superfluous(now, bare, member):
                     now = bare
                     break
             else:
@@ -153,155 +167,166 @@ class Search:
             return zscore(D) < self.contest.decision.rival_se
         return now.rise(bare) < self.limit(now, member)
 
-    def joined(self, now: EffectSet, ranking: Ranking) -> EffectSet:
+    def add_group(self, now: EffectSet, ranking: Ranking) -> EffectSet:
         """The set with what all drives have in common, before what single joints may have; even
         where it is too small to be named, lest its part be taken for an effect of each joint.
         """
         known = {effect.label for effect in now.contest.fit.mechanism.effects}
-        for each in ranking.evidence:
-            seen = each.gain > each.limit and each.sensible and each.effect.label not in known
-            if each.effect.joined and (each.credible or seen):
-                new = now.plus(each, rivals(each, ranking))
+        for evidence in ranking.evidence:
+            significant = (
+                evidence.gain > evidence.limit
+                and evidence.sensible
+                and evidence.effect.label not in known
+            )
+            if evidence.effect.joined and (evidence.credible or significant):
+                new = now.plus(evidence, rivals(evidence, ranking))
                 return self.accepted(now, new) or now
         return now
 
-    def together(self, now: EffectSet) -> Iterator[EffectSet]:
+    def candidate_groups(self, now: EffectSet) -> Iterator[EffectSet]:
         """Yield the set with all effects that every machine has, then with its friction alone,
         where they explain more together: of few rows, chance explains much with many columns.
         """
         common = self.common(now, -np.inf)
-        friction = [each for each in common if each.effect.companions]
-        for some in (common, friction) if friction != common else (common,):
-            if len(some) < 2:
+        friction = [candidate for candidate in common if candidate.effect.companions]
+        for group in (common, friction) if friction != common else (common,):
+            if len(group) < 2:
                 continue
-            groups = [each.groups[0] for each in some]
+            groups = [candidate.groups[0] for candidate in group]
             g = now.regression.shares([np.concatenate(groups), *groups])
-            if g[0] >= TOGETHER * g[1:].max():
-                yield self.with_candidates(now, some)
+            if g[0] >= COMMON_RATIO * g[1:].max():
+                yield self.with_candidates(now, group)
 
     def common(self, now: EffectSet, least: float) -> list[CandidateColumns]:
         """What every machine has and a set has not, with gains of so many standard errors."""
         every = (e for e in self.contest.candidates if e.effect.common)
-        some = [each for each in every if each.effect.label not in now.labels]
-        found = now.regression.gains([each.groups[0] for each in some])
+        candidates = [candidate for candidate in every if candidate.effect.label not in now.labels]
+        gains = now.regression.gains([candidate.groups[0] for candidate in candidates])
         return [
-            each
-            for each, D, visible in zip(some, found.D, found.visible, strict=True)
+            candidate
+            for candidate, D, visible in zip(candidates, gains.D, gains.visible, strict=True)
             if visible > HIDDEN and zscore(D) > least
         ]
 
-    def restored(self, now: EffectSet) -> EffectSet:
+    def readmit(self, now: EffectSet) -> EffectSet:
         """The set with what every machine has, where another effect has made it visible."""
-        some = self.common(now, self.contest.decision.rival_se) if self.all_common else []
-        if not some:
+        common = self.common(now, self.contest.decision.rival_se) if self.all_common else []
+        if not common:
             return now
-        new = self.with_candidates(now, some)
+        new = self.with_candidates(now, common)
         return new if new.density > now.density else now
 
-    def grouped(self, now: EffectSet) -> EffectSet:
+    def add_common(self, now: EffectSet) -> EffectSet:
         """The set with what every machine has, without what of it is superfluous."""
-        for number, together in enumerate(self.together(now)):
-            if self.beyond_chance(now, together):
-                found = self.tried(now, together)
-                if found is not None:
+        for number, group in enumerate(self.candidate_groups(now)):
+            if self.beyond_chance(now, group):
+                accepted = self.accept_with_own_null(now, group)
+                if accepted is not None:
                     self.all_common |= number == 0
-                    return found
+                    return accepted
         return now
 
-    def tried(
+    def accept_with_own_null(
         self, now: EffectSet, new: EffectSet, stays: Callable[[EffectSet], bool] = lambda _: True
     ) -> EffectSet | None:
         """The set, if it is accepted by a null distribution of its own and stays."""
-        before = self.chance, self.judged
+        before = self.chance, self.null_regression
         self.ranked(new)
-        found = self.accepted(now, new)
-        if found is None or not stays(found):
-            self.chance, self.judged = before
+        accepted = self.accepted(now, new)
+        if accepted is None or not stays(accepted):
+            self.chance, self.null_regression = before
             return None
-        return found
+        return accepted
 
-    def beyond_chance(self, now: EffectSet, together: EffectSet) -> bool:
+    def beyond_chance(self, now: EffectSet, group: EffectSet) -> bool:
         """Return whether a set's new members explain more than of residuals without them."""
-        new = np.concatenate([e.columns for e in together.members if e.label not in now.labels])
-        judged = judging(now.contest).regression
-        found = judged.gains([new])
-        surrogates, draws = np.split(null_shares(judged, found)[0], [SURROGATES])
+        new = np.concatenate([e.columns for e in group.members if e.label not in now.labels])
+        null_regression = judging(now.contest).regression
+        gains = null_regression.gains([new])
+        surrogates, draws = np.split(null_shares(null_regression, gains)[0], [SURROGATES])
         limit = max(quantile(x, self.contest.decision.alpha) for x in (surrogates, draws))
-        return float(judged.explained(found.by)[0]) > limit
+        return float(null_regression.explained(gains.by)[0]) > limit
 
-    def several(self, now: EffectSet) -> EffectSet | None:
+    def add_pairs(self, now: EffectSet) -> EffectSet | None:
         """The set with effects of one joint that are credible together, and none of them alone."""
         laws = [e for e in now.contest.laws if e.effect.label not in now.labels]
-        place = [now.regression.place(each.groups[0]) for each in laws]
+        place = [now.regression.place(law.groups[0]) for law in laws]
         for u in (u for u in range(now.regression.d) if place.count(u) > 1):
-            mine = [each for each, v in zip(laws, place, strict=True) if v == u]
-            steps, p = self.beyond(self.judged, u, [each.groups for each in mine])
+            local_laws = [law for law, v in zip(laws, place, strict=True) if v == u]
+            steps, p = self.path_beyond_chance(
+                self.null_regression, u, [law.groups for law in local_laws]
+            )
             if not steps:
                 continue
-            new, labels = now, {each.effect.label for each in mine}
+            new, labels = now, {law.effect.label for law in local_laws}
             while len(new.members) < len(now.members) + steps:
                 rest = labels - new.labels
-                beside = rank(new.contest, (), False, self.none, NEAR, rest) if rest else None
-                best = simplest(beside) if beside else None
+                ranking = rank(new.contest, (), False, self.none, NEAR, rest) if rest else None
+                best = simplest(ranking) if ranking else None
                 if best is None:
                     break
                 new = new.plus(best)
-            found = self.tried(now, new, partial(self.explains, now, u))
-            if found is not None:
+            accepted = self.accept_with_own_null(now, new, partial(self.explains, now, u))
+            if accepted is not None:
                 path = (
                     m if m.label in now.labels else replace(m, grouped=True, path=p)
-                    for m in found.members
+                    for m in accepted.members
                 )
-                return replace(found, members=tuple(path))
+                return replace(accepted, members=tuple(path))
         return None
 
     def explains(self, now: EffectSet, u: int, path: EffectSet) -> bool:
         """Return whether two effects of a path stay, or one that leaves next to nothing."""
-        several = len(self.new(path)) > len(self.new(now)) + 1
-        return several or self.left(path, u) < ALONE * self.left(now, u)
+        two = len(self.new(path)) > len(self.new(now)) + 1
+        return two or self.remaining(path, u) < PATH_LEAVES * self.remaining(now, u)
 
-    def left(self, now: EffectSet, u: int) -> float:
+    def remaining(self, now: EffectSet, u: int) -> float:
         """Left-out squares of a coordinate beyond the sensors' noise [N²m² | N²]."""
         regression = now.regression
         floor = now.contest.draws.floor[u] if now.contest.draws is not None else 0.0
         squares = regression.losses.sum(axis=0)[u] / regression.weight[u] ** 2
         return max(float(squares - regression.rows[u] * floor**2), 0.0)
 
-    def beyond(
-        self, judged: PartialRegression, u: int, effects: Sequence[Sequence[Index]]
+    def path_beyond_chance(
+        self, null_regression: PartialRegression, u: int, effects: Sequence[Sequence[Index]]
     ) -> tuple[int, float]:
         """Return how many effects of a coordinate, given by their groups of columns, explain
         together more than chance does, and the chance of such a path in any coordinate: k of them
         must be as improbable as k that are credible each, alphaᵏ. First a few draws are looked at.
         """
-        alpha, looks = self.contest.decision.alpha, judged.d * (PATH - 1)
-        few, every = SURROGATES // 6, judged.residual[0].shape[1] - 1  # and draws of noise
-        for draws in (few, every):
+        alpha, looks = self.contest.decision.alpha, null_regression.d * (PATH_LENGTH - 1)
+        few_draws, every = (
+            SURROGATES // 6,
+            null_regression.residual[0].shape[1] - 1,
+        )  # and draws of noise
+        for draws in (few_draws, every):
             p = {}
-            for k, g in enumerate(path_shares(judged, u, effects, PATH, draws)[1:], 2):
+            for k, g in enumerate(
+                path_shares(null_regression, u, effects, PATH_LENGTH, draws)[1:], 2
+            ):
                 nulls = (x for x in (g[1 : 1 + SURROGATES], g[1 + SURROGATES :]) if len(x))
                 p[k] = looks * max(exceeding(float(g[0]), x) for x in nulls)
-            if draws == few and min(p.values()) > looks * alpha:
+            if draws == few_draws and min(p.values()) > looks * alpha:
                 return 0, 1.0
         good = [k for k, x in p.items() if x <= alpha**k]
         k = min(good, key=lambda k: p[k], default=0)
         return k, p.get(k, 1.0)
 
-    def led(self, first: Ranking) -> str:
+    def leader_first(self, first: Ranking) -> str:
         """Label of the effect that is named first, without a null distribution; "" if none is."""
         self.chance = first.chance
-        now = self.joined(self.start, first)
-        together = next(self.together(now), None)
-        if together is not None and together.density > now.density:
-            now = together
-            most = max(self.new(now), key=lambda each: first.gains[each.label][0])
+        now = self.add_group(self.start, first)
+        group = next(self.candidate_groups(now), None)
+        if group is not None and group.density > now.density:
+            now = group
+            most = max(self.new(now), key=lambda member: first.gains[member.label][0])
             if self.superfluous(now, now.minus(most), most):
-                now = self.lean(now)
-        alone = max((first.gains[each.label][0] for each in self.new(now)), default=0.0)
+                now = self.prune(now)
+        alone = max((first.gains[member.label][0] for member in self.new(now)), default=0.0)
         louder = {e.effect.label for e in first.credible if e.gain > alone} - now.labels
         if louder:  # and not explained by what every machine has
-            beside = rank(now.contest, curved=False, chance=self.chance, only=louder)
-            if (best := simplest(beside)) is not None:
+            ranking = rank(now.contest, curved=False, chance=self.chance, only=louder)
+            if (best := simplest(ranking)) is not None:
                 now = now.plus(best)
         return next((e.label for e in in_order(self.new(now), first)), "")
 
@@ -312,15 +337,15 @@ class Search:
 
     def new(self, now: EffectSet) -> list[Member]:
         """The members that are not of the fit."""
-        return [each for each in now.members if each.evidence is not None]
+        return [member for member in now.members if member.evidence is not None]
 
     def with_candidates(self, now: EffectSet, several: list[CandidateColumns]) -> EffectSet:
         """The set with several candidates, credible or not."""
-        columns = np.concatenate([each.groups[0] for each in several])
-        contest = now.contest.beside(now.regression.extended(columns))
-        labels = [each.effect.label for each in several]
+        columns = np.concatenate([candidate.groups[0] for candidate in several])
+        contest = now.contest.with_model(now.regression.extended(columns))
+        labels = [candidate.effect.label for candidate in several]
         ranking = rank(contest, curved=False, chance=self.none, only=labels)
-        evidence = {each.effect.label: each for each in ranking.evidence}
+        evidence = {candidate.effect.label: candidate for candidate in ranking.evidence}
         members = [
             Member(e.effect, e.groups[0], evidence[e.effect.label], grouped=True) for e in several
         ]
@@ -329,33 +354,35 @@ class Search:
     def forward(self, now: EffectSet, ranking: Ranking) -> EffectSet | None:
         """The set with the simplest of the best effects."""
         best = simplest(ranking)
-        rest = [each for each in ranking.credible if each is not best]
-        for each in [best, *rest][:TRIED] if best is not None else []:
-            new = now.plus(each, rivals(each, ranking))
-            if (found := self.accepted(now, new)) is not None:
-                return found
+        rest = [evidence for evidence in ranking.credible if evidence is not best]
+        for evidence in [best, *rest][:BEST_TRIED] if best is not None else []:
+            new = now.plus(evidence, rivals(evidence, ranking))
+            if (accepted := self.accepted(now, new)) is not None:
+                return accepted
         return None
 
     def exchanged(self, now: EffectSet) -> EffectSet | None:
         """The set with one effect exchanged for a better one of its joints, beyond chance."""
-        for each in now.members:
-            if each.evidence is None or each.label in now.required:
+        for member in now.members:
+            if member.evidence is None or member.label in now.required:
                 continue
-            bare = now.minus(each)
-            ranking = self.beside(bare, each)
-            own = next((e for e in ranking.evidence if e.effect.label == each.label), None)
-            for other in ranking.credible[:TRIED]:
-                if other is own or (own and behind(own, other) < self.contest.decision.rival_se):
+            bare = now.minus(member)
+            ranking = self.replacements(bare, member)
+            present = next((e for e in ranking.evidence if e.effect.label == member.label), None)
+            for other in ranking.credible[:BEST_TRIED]:
+                if other is present or (
+                    present and behind(present, other) < self.contest.decision.rival_se
+                ):
                     continue
                 if (
-                    own
-                    and other.numbers > own.numbers
-                    and by_chance(own, other, bare.regression.rows, other.limit)
+                    present
+                    and other.numbers > present.numbers
+                    and by_chance(present, other, bare.regression.rows, other.limit)
                 ):
                     continue  # more numbers must bring more than chance does
                 new = bare.plus(other, rivals(other, ranking))
-                if (found := self.accepted(now, new)) is not None:
-                    return found
+                if (accepted := self.accepted(now, new)) is not None:
+                    return accepted
         return None
 
 
@@ -385,15 +412,17 @@ def select(contest: Contest, on_progress: OnProgress) -> Selection:
     """Searches the set that explains most beside a fitted model, and judges its members."""
     first = rank(contest)
     given = [effect.label for effect in contest.fit.mechanism.effects]
-    found = Search(contest, given, on_progress).run(first)
-    if not found.members:
+    effect_set = Search(contest, given, on_progress).run(first)
+    if not effect_set.members:
         return Selection(first, (), first)
-    found = found.polished()
-    last = rank(found.contest, found.labels)
+    effect_set = effect_set.polished()
+    last = rank(effect_set.contest, effect_set.labels)
     past = past_responses(last)
-    judged = [judged_member(each, found, last, past) for each in found.members]
+    evaluated = [evaluate_member(member, effect_set, last, past) for member in effect_set.members]
     # of what came together only what is more than chance beside the others is a name
-    members = [m for m in judged if m.path is not None or m.evidence is None or m.evidence.credible]
+    members = [
+        m for m in evaluated if m.path is not None or m.evidence is None or m.evidence.credible
+    ]
     if any(m.effect.loaded_link and not m.rejected for m in members):
         # what depends on the load is judged once the body that is added is in the model, and so is
         # all that is found beside it where an effect of the model depends on the load
@@ -403,15 +432,15 @@ def select(contest: Contest, on_progress: OnProgress) -> Selection:
             for m in members
             if m.evidence is None or m.effect.loaded_link or not (loaded or m.effect.implicit)
         ]
-    left = {m.label for m in members}
-    weak = [m for m in found.members if m.label not in left and m.label in given]
+    labels = {m.label for m in members}
+    weak = [m for m in effect_set.members if m.label not in labels and m.label in given]
     if weak:
-        bare = reduce(EffectSet.minus, weak, found)
-        members = [m for m in members if _stands(m, bare, first)]
+        bare = reduce(EffectSet.minus, weak, effect_set)
+        members = [m for m in members if _credible_without(m, bare, first)]
     return Selection(first, tuple(in_order(members, first)), last)
 
 
-def _stands(member: Member, bare: EffectSet, first: Ranking) -> bool:
+def _credible_without(member: Member, bare: EffectSet, first: Ranking) -> bool:
     """Whether a member is credible alone, or beside the set without other values of known effects
     that are too little to be named: these may together make up for a misfit that is everywhere.
     """
@@ -420,5 +449,5 @@ def _stands(member: Member, bare: EffectSet, first: Ranking) -> bool:
     others = bare.minus(next(m for m in bare.members if m.label == member.label))
     if not others.members:
         return False
-    beside = rank(others.contest, others.labels, curved=False, least=NEAR)
-    return any(e.effect.label == member.label for e in beside.credible)
+    ranking = rank(others.contest, others.labels, curved=False, least=NEAR)
+    return any(e.effect.label == member.label for e in ranking.credible)

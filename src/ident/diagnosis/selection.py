@@ -31,8 +31,10 @@ from ident.information.chance import NEGATIVE, PARSIMONY, Chance, paired, zscore
 from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
 from ident.mechanism.mechanism import Mechanism
 
-MOST = 0.5  # level: of a joint's squares: what explains less of them is not its main cause
-ALIKE = 0.7  # level: cosine of what two candidates explain: half of the squares are the same part
+MAIN_CAUSE = 0.5  # level: of a joint's squares: what explains less of them is not its main cause
+SAME_PART = (
+    0.7  # level: cosine of what two candidates explain: half of the squares are the same part
+)
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 STARTS = 4  # work: of a searched shape, from which it is refined
@@ -112,21 +114,21 @@ class Ranking:
 
     def limit_at(self, joint: str) -> float:
         """What the gain of a curve or law of a joint is held against, as a share."""
-        mine = (e.groups[0] for e in self.contest.candidates if e.effect.joints == (joint,))
-        place = min(map(self.regression.place, mine), default=self.regression.d)
+        groups = (e.groups[0] for e in self.contest.candidates if e.effect.joints == (joint,))
+        place = min(map(self.regression.place, groups), default=self.regression.d)
         return max(self.chance.limit(place), self.with_curves.limit(place))
 
     def place(self, label: str) -> tuple[bool, float]:
         """Sort key of an effect: first what is credible alone, by what it explains alone."""
-        alone = {each.effect.label for each in self.credible}
+        alone = {evidence.effect.label for evidence in self.credible}
         return label not in alone, -self.gains.get(label, (0.0,))[0]
 
     @property
     def every(self) -> list[Evidence]:
         """The evidence for all laws, those that were not looked at in detail last."""
-        done = {each.effect.label for each in self.evidence}
+        done = {candidate.effect.label for candidate in self.evidence}
         laws = [e for e in self.contest.laws if e.effect.label in {*self.gains} - done]
-        starts = [[self.gains[each.effect.label][2]] for each in laws]
+        starts = [[self.gains[candidate.effect.label][2]] for candidate in laws]
         return [*self.evidence, *self.looked_at(laws, starts)]
 
     def looked_at(
@@ -134,14 +136,14 @@ class Ranking:
     ) -> list[Evidence]:
         """The evidence for some laws, each from its starts, the best of them first."""
         refits = self.regression.refits(
-            [law.groups[own[0]] for law, own in zip(laws, starts, strict=True)]
+            [law.groups[law_starts[0]] for law, law_starts in zip(laws, starts, strict=True)]
         )
-        return [weigh(self, *each) for each in zip(laws, starts, refits, strict=True)]
+        return [weigh(self, *arguments) for arguments in zip(laws, starts, refits, strict=True)]
 
     @property
     def credible(self) -> tuple[Evidence, ...]:
         """The credible ones."""
-        return tuple(each for each in self.evidence if each.credible)
+        return tuple(evidence for evidence in self.evidence if evidence.credible)
 
 
 def rank(
@@ -153,68 +155,80 @@ def rank(
     With the limits of a `chance` no null distribution is made. Candidates below the share `least`
     of the largest gain are not looked at in detail; `only`: these are weighed, by their labels.
     """
-    mine = [
-        each
-        for each in contest.candidates
-        if each.effect.label not in without
-        and (curved or not each.curve)
-        and (only is None or each.effect.label in only)
+    candidates = [
+        candidate
+        for candidate in contest.candidates
+        if candidate.effect.label not in without
+        and (curved or not candidate.curve)
+        and (only is None or candidate.effect.label in only)
     ]
-    contest = judging(contest) if chance is None and mine else contest
+    contest = judging(contest) if chance is None and candidates else contest
     regression = contest.regression
-    found = regression.gains([group for each in mine for group in each.groups])
-    shares, ends = regression.explained(found.by), np.cumsum([0, *(len(e.groups) for e in mine)])
+    regression_gains = regression.gains(
+        [group for candidate in candidates for group in candidate.groups]
+    )
+    shares, ends = (
+        regression.explained(regression_gains.by),
+        np.cumsum([0, *(len(e.groups) for e in candidates)]),
+    )
     starts = [np.argsort(-shares[a:b], kind="stable")[:STARTS].tolist() for a, b in pairwise(ends)]
-    gain = [float(shares[a + own[0]]) for a, own in zip(ends, starts, strict=False)]
-    visible = [float(found.visible[a:b].max()) for a, b in pairwise(ends)]
-    labels, first = [each.effect.label for each in mine], [own[0] for own in starts]
+    gain = [float(shares[a + best_starts[0]]) for a, best_starts in zip(ends, starts, strict=False)]
+    visible = [float(regression_gains.visible[a:b].max()) for a, b in pairwise(ends)]
+    labels, first = (
+        [candidate.effect.label for candidate in candidates],
+        [best_starts[0] for best_starts in starts],
+    )
     gains = dict(zip(labels, zip(gain, visible, first, strict=True), strict=True))
-    limits = (chance, chance, ()) if chance else _limits(contest, found, mine, gain)
+    limits = (
+        (chance, chance, ()) if chance else _limits(contest, regression_gains, candidates, gain)
+    )
     ranking = Ranking(contest, (), gains, (), *limits)
     order = np.argsort(-np.array(gain)).tolist()
-    good = {i for i in order if gain[i] > ranking.limit_of(mine[i])}
-    curves = tuple((mine[i].effect, gain[i]) for i in order if mine[i].curve and i in good)
-    laws = [i for i in order if not mine[i].curve]
+    good = {i for i in order if gain[i] > ranking.limit_of(candidates[i])}
+    curves = tuple(
+        (candidates[i].effect, gain[i]) for i in order if candidates[i].curve and i in good
+    )
+    laws = [i for i in order if not candidates[i].curve]
     wanted = [i for k, i in enumerate(laws) if i in good or k < CLOSEST]
     evidence = list[Evidence]()
     most = 0.0  # gain of the first candidate that is credible
     while wanted and gain[wanted[0]] >= least * most:
-        some = wanted if most or not least else wanted[:1]
-        wanted = wanted[len(some) :]
-        some = [i for i in some if gain[i] >= least * most]
-        evidence += ranking.looked_at([mine[i] for i in some], [starts[i] for i in some])
-        most = max((each.gain for each in evidence if each.credible), default=0.0)
-    evidence.sort(key=lambda each: -each.gain)
+        batch = wanted if most or not least else wanted[:1]
+        wanted = wanted[len(batch) :]
+        batch = [i for i in batch if gain[i] >= least * most]
+        evidence += ranking.looked_at([candidates[i] for i in batch], [starts[i] for i in batch])
+        most = max((candidate.gain for candidate in evidence if candidate.credible), default=0.0)
+    evidence.sort(key=lambda candidate: -candidate.gain)
     return replace(ranking, evidence=tuple(evidence), curves=curves)
 
 
 def _limits(
-    contest: Contest, found: Gains, mine: Sequence[CandidateColumns], gain: Sequence[float]
+    contest: Contest, gains: Gains, candidates: Sequence[CandidateColumns], gain: Sequence[float]
 ) -> tuple[Chance, Chance, tuple[Hint, ...]]:
     """Return what chance gives laws, and candidates with curves, and the hints of a ranking."""
     alpha, regression = contest.decision.alpha, contest.regression
-    null = null_shares(regression, found)
-    place = np.array([regression.place(each.groups[0]) for each in mine], dtype=int)
-    of = np.repeat(np.arange(len(mine)), [len(each.groups) for each in mine])
+    null = null_shares(regression, gains)
+    place = np.array([regression.place(candidate.groups[0]) for candidate in candidates], dtype=int)
+    of = np.repeat(np.arange(len(candidates)), [len(candidate.groups) for candidate in candidates])
 
-    def largest(some: Collection[int]) -> Chance:
+    def largest(chosen: Collection[int]) -> Chance:
         """The largest shares of random residuals that some candidates explain, by place."""
-        at = np.isin(of, [*some])
+        at = np.isin(of, [*chosen])
         most = {int(u): null[at & (place[of] == u)].max(axis=0) for u in {*place[of[at]]}}
         residual = {u: x[:SURROGATES] for u, x in most.items()}
         return Chance(residual, {u: x[SURROGATES:] for u, x in most.items()}, alpha)
 
-    laws = largest([i for i, each in enumerate(mine) if not each.curve])
+    laws = largest([i for i, candidate in enumerate(candidates) if not candidate.curve])
     by_joint: dict[str, list[int]] = {}
     hints = list[Hint]()
-    for i, each in enumerate(mine):
-        if each.curve:
-            by_joint.setdefault(each.effect.joints[0], []).append(i)
-    for own in by_joint.values():
-        best = max(own, key=gain.__getitem__)
-        limit = max(largest(own).limit(int(place[best])), 0.0)
-        hints += [(mine[best].effect, gain[best], limit)] if gain[best] > limit else []
-    return laws, largest(range(len(mine))), tuple(hints)
+    for i, candidate in enumerate(candidates):
+        if candidate.curve:
+            by_joint.setdefault(candidate.effect.joints[0], []).append(i)
+    for indices in by_joint.values():
+        best = max(indices, key=gain.__getitem__)
+        limit = max(largest(indices).limit(int(place[best])), 0.0)
+        hints += [(candidates[best].effect, gain[best], limit)] if gain[best] > limit else []
+    return laws, largest(range(len(candidates))), tuple(hints)
 
 
 def weigh(
@@ -233,38 +247,42 @@ def weigh(
     columns, C = candidate.groups[starts[0]], list[Array]()
     if effect.corrects:
         bounds = contest.table.bounds(effect)
-        for each, value in zip(effect.searched, refit.theta, strict=True):
-            shape[each.name] = float(np.clip(shape[each.name] + value, *bounds[each.name]))
-    elif passed and any(not each.discrete for each in effect.searched):
+        for parameter, value in zip(effect.searched, refit.theta, strict=True):
+            shape[parameter.name] = float(
+                np.clip(shape[parameter.name] + value, *bounds[parameter.name])
+            )
+    elif passed and any(not parameter.discrete for parameter in effect.searched):
         ends = [refined(contest, effect, candidate.shapes[i]) for i in starts]
-        found, C, refit = max(ends, key=lambda end: regression.gain(end[2]))
-        shape, columns = dict(found), columns[:0]
+        refined_shape, C, refit = max(ends, key=lambda end: regression.gain(end[2]))
+        shape, columns = dict(refined_shape), columns[:0]
     torque = np.where(contest.torque > 0, contest.torque, np.inf)
     size = float(
         np.sqrt(np.maximum(refit.by, 0.0) / torque)[refit.affected_coordinates].max(initial=0.0)
     )
-    left = refit.loss.sum() / max(regression.loss.sum(), 1e-300)
-    stderr = refit.stderr * np.sqrt(left)
+    remaining = refit.loss.sum() / max(regression.loss.sum(), 1e-300)
+    stderr = refit.stderr * np.sqrt(remaining)
     plausible = contest.possible(effect, shape)
     plausible &= sensible(contest, effect, refit.theta, stderr)
     massive = not effect.loaded_link or bool(abs(refit.theta[0]) > NEGATIVE * stderr[0])
-    seen = not effect.waves or contest.passed(effect.joints[0], shape[effect.waves]) > STANDS_FOR
-    credible = passed and plausible and massive and seen and size > contest.decision.material
+    resolved = (
+        not effect.waves or contest.passed(effect.joints[0], shape[effect.waves]) > STANDS_FOR
+    )
+    credible = passed and plausible and massive and resolved and size > contest.decision.material
     credible = credible and differs(contest, effect, refit.theta, stderr)
-    own, p = regression.gain(refit), ranking.chance.p(gain, place)
+    own_gain, p = regression.gain(refit), ranking.chance.p(gain, place)
     return Evidence(
-        effect, shape, columns, tuple(C), refit, own, limit, p, size, plausible, credible
+        effect, shape, columns, tuple(C), refit, own_gain, limit, p, size, plausible, credible
     )
 
 
 def sensible(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> bool:
     """Return whether an effect can have its values (u,), with those known already added."""
     names = effect.unknowns or effect.searched
-    own = next((e.values for e in contest.fit.mechanism.effects if e.label == effect.label), {})
-    values = theta[: len(names)] + [own.get(each.name, 0.0) for each in names]
+    known = next((e.values for e in contest.fit.mechanism.effects if e.label == effect.label), {})
+    values = theta[: len(names)] + [known.get(parameter.name, 0.0) for parameter in names]
     if effect.corrects:
         bounds = contest.table.bounds(effect)
-        ends = (widened(*bounds[each.name]) for each in names)
+        ends = (widened(*bounds[parameter.name]) for parameter in names)
         if not all(a <= x <= b for x, (a, b) in zip(values, ends, strict=True)):
             return False
     return can_be(contest.fit.mechanism, effect, values, stderr)
@@ -277,9 +295,9 @@ def can_be(mechanism: Mechanism, effect: Effect, values: Array, stderr: Array) -
     if effect.sits == "place" and effect.joints:
         length = abs(mechanism.lengths.get(effect.joints[0], np.inf))
     return not any(
-        abs(value) > min(each.largest, THIRD * length)
-        or (each.nonnegative and value < -max(NEGATIVE * error, rounding))
-        for each, value, error in zip(
+        abs(value) > min(parameter.largest, THIRD * length)
+        or (parameter.nonnegative and value < -max(NEGATIVE * error, rounding))
+        for parameter, value, error in zip(
             effect.unknowns or effect.searched, values, stderr, strict=False
         )
     )
@@ -298,9 +316,9 @@ def differs(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> bo
 # --- names and sets ----------------------------------------------------------------------------
 
 
-def alike(a: Evidence, b: Evidence) -> bool:
+def same_part(a: Evidence, b: Evidence) -> bool:
     """Return whether two candidates explain the same part."""
-    return float(a.refit.direction @ b.refit.direction) > ALIKE
+    return float(a.refit.direction @ b.refit.direction) > SAME_PART
 
 
 def behind(a: Evidence, b: Evidence) -> float:
@@ -314,7 +332,7 @@ def by_chance(a: Evidence, b: Evidence, rows: Array, limit: float) -> bool:
     The fall is the geometric mean over all rows (d,) of the coordinates, each weighted by its own
     error, so that joints in which neither explains anything do not dilute it; chance is `limit`.
     """
-    one, other = (np.maximum(each.refit.loss.sum(axis=0), 1e-300) for each in (a, b))
+    one, other = (np.maximum(evidence.refit.loss.sum(axis=0), 1e-300) for evidence in (a, b))
     return 1 - float(np.exp(rows @ np.log(other / one) / rows.sum())) < limit
 
 
@@ -322,22 +340,27 @@ def as_good(best: Evidence, every: Sequence[Evidence], contest: Contest) -> list
     """Return the candidates that explain the same part as well as the best."""
     rival_se, rows = contest.decision.rival_se, contest.regression.rows
     return [
-        each
-        for each in every
-        if each is best
+        candidate
+        for candidate in every
+        if candidate is best
         or (
-            alike(each, best)
-            and each.gain >= (1 - PARSIMONY) * best.gain
-            and (behind(each, best) < rival_se or by_chance(each, best, rows, best.limit))
+            same_part(candidate, best)
+            and candidate.gain >= (1 - PARSIMONY) * best.gain
+            and (behind(candidate, best) < rival_se or by_chance(candidate, best, rows, best.limit))
         )
     ]
 
 
-def simplicity(each: Evidence) -> tuple[bool, bool, int, float]:
+def simplicity(evidence: Evidence) -> tuple[bool, bool, int, float]:
     """Return the sort key of candidates that explain as much: a cause before a description, what
     many machines have before what few have, then by the number of parameters.
     """
-    return each.effect.descriptive, each.effect.rare, each.numbers, -round(each.gain, EQUAL)
+    return (
+        evidence.effect.descriptive,
+        evidence.effect.rare,
+        evidence.numbers,
+        -round(evidence.gain, EQUAL),
+    )
 
 
 def simplest(ranking: Ranking) -> Evidence | None:
@@ -345,15 +368,18 @@ def simplest(ranking: Ranking) -> Evidence | None:
     the same columns in a loop that of a drive, whose gears and bearings carry more.
     """
     credible = [
-        each
-        for each in ranking.credible
-        if each.determined or not any(_nested(small, each) for small in ranking.credible)
+        candidate
+        for candidate in ranking.credible
+        if candidate.determined or not any(_nested(small, candidate) for small in ranking.credible)
     ]
     if not credible:
         return None
     equal = as_good(credible[0], credible, ranking.contest)
     driven = {*ranking.contest.fit.mechanism.driven}
-    return min(equal, key=lambda each: (*simplicity(each), not driven & {*each.effect.joints}))
+    return min(
+        equal,
+        key=lambda candidate: (*simplicity(candidate), not driven & {*candidate.effect.joints}),
+    )
 
 
 def rivals(best: Evidence, ranking: Ranking) -> tuple[Evidence, ...]:
@@ -363,15 +389,15 @@ def rivals(best: Evidence, ranking: Ranking) -> tuple[Evidence, ...]:
     rival however much better the curve is.
     """
     return tuple(
-        each
-        for each in ranking.credible
-        if each is not best
-        and alike(each, best)
+        candidate
+        for candidate in ranking.credible
+        if candidate is not best
+        and same_part(candidate, best)
         and (
-            behind(each, best) < ranking.contest.decision.rival_se
-            or (best.effect.descriptive and _nested(each, best))
+            behind(candidate, best) < ranking.contest.decision.rival_se
+            or (best.effect.descriptive and _nested(candidate, best))
         )
-        and not (_nested(best, each) and behind(best, each) < 1.0)
+        and not (_nested(best, candidate) and behind(best, candidate) < 1.0)
     )
 
 

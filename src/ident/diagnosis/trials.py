@@ -53,17 +53,17 @@ def strokes(low: float, high: float, speed: float, t: np.ndarray, pitch: float =
 # --- trials --------------------------------------------------------------------------------------
 
 
-SAMPLES = 600  # work: a log, or a third of that where a trial has several
+LOG_SAMPLES = 600  # work: a log, or a third of that where a trial has several
 APART = 0.137  # range: by which the frequencies of one joint differ from the next one's
 SWINGS = 4  # range: of the slowest joint
 CYCLES = 3  # range: there and back, in a log worth the name
-MOST = 14  # range: of the fastest
-LONGEST = 0.2  # range: s a sample
+MOST_CYCLES = 14  # range: of the fastest
+LONGEST_STEP_OF_TIME = 0.2  # range: s a sample
 SPEEDS = (0.05, 0.15, 0.5)  # range: of strokes, as shares of the top speed
-KEPT = 0.95  # range: of a limit of speed, above which no motion is proposed
+SPEED_SHARE = 0.95  # range: of a limit of speed, above which no motion is proposed
 MARGIN = 0.05  # range: of the way between two limits that is kept free
 AWAKE = {True: (0.5, 1.0), False: (0.05, 0.1)}  # rotational: half range, speed of a joint at rest
-WIDER = 1.2  # range: times the present range or speed, from which a motion is another one
+ANOTHER_MOTION = 1.2  # range: times the present range or speed, from which a motion is another one
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Trial:
     @property
     def logs(self) -> list[Log]:
         """q, v and a of the independent joints, one log a speed."""
-        n = SAMPLES if len(self.shares) == 1 else SAMPLES // 2
+        n = LOG_SAMPLES if len(self.shares) == 1 else LOG_SAMPLES // 2
         return [_log(self, share, n, f"trial {i}") for i, share in enumerate(self.shares)]
 
     @property
@@ -116,39 +116,39 @@ class Trial:
 
 def present(mechanism: Mechanism, motion: Motion) -> tuple[Move, ...]:
     """Return the motion of each independent joint, no faster than the URDF allows."""
-    found = []
+    moves = []
     for name in motion.independent:
         at = mechanism.joint_index[name]
         y = np.concatenate([e.y[e.usable, at] for e in motion.experiments])
         top = max(np.quantile(np.abs(e.yd[e.usable, at]), 0.99) for e in motion.experiments)
         still = max(e.still[at] for e in motion.experiments)
         joint = mechanism.joint(name)
-        speed = min(float(top), KEPT * (joint.velocity or np.inf)) if top > still else 0.0
-        found.append(Move(joint, float(y.min()), float(y.max()), speed))
-    return tuple(found)
+        speed = min(float(top), SPEED_SHARE * (joint.velocity or np.inf)) if top > still else 0.0
+        moves.append(Move(joint, float(y.min()), float(y.max()), speed))
+    return tuple(moves)
 
 
 def trials(now: tuple[Move, ...], about: Sequence[str]) -> Iterator[Trial]:
     """The simplest first; `about` are the joints that are to move otherwise."""
     moving = tuple(move for move in now if move.speed > 0)
-    mine = tuple(m.joint.name for m in moving if m.joint.name in about) or tuple(
+    names = tuple(m.joint.name for m in moving if m.joint.name in about) or tuple(
         m.joint.name for m in moving
     )
-    yield Trial("same", now, mine)
+    yield Trial("same", now, names)
     factor = min([2.0, *(0.9 * m.joint.velocity / m.speed for m in moving)])
     quick = tuple(replace(m, speed=factor * m.speed) for m in now)
-    if factor > WIDER:
-        yield Trial("faster", quick, mine)
-        yield Trial("speeds", quick, mine, (0.25, 1.0))
-    for moves in (now, quick) if factor > WIDER else (now,):
+    if factor > ANOTHER_MOTION:
+        yield Trial("faster", quick, names)
+        yield Trial("speeds", quick, names, (0.25, 1.0))
+    for moves in (now, quick) if factor > ANOTHER_MOTION else (now,):
         for kind in ("turn", "limits", "wider"):
-            other = tuple(_wider(m, kind) if m.joint.name in mine else m for m in moves)
+            other = tuple(_wider(m, kind) if m.joint.name in names else m for m in moves)
             changed = tuple(m.joint.name for m, o in zip(now, other, strict=True) if m.low != o.low)
             if changed:
                 yield Trial(kind, other, changed)
-    yield Trial("strokes", now, mine, SPEEDS)
+    yield Trial("strokes", now, names, SPEEDS)
     if len(moving) > 1:
-        for name in mine:
+        for name in names:
             alone = tuple(m if m.joint.name == name else replace(m, speed=0.0) for m in now)
             yield Trial("alone", alone, (name,))
     asleep = tuple(m.joint.name for m in now if not m.speed)
@@ -173,7 +173,11 @@ def _wider(m: Move, kind: str) -> Move:
         low, high = m.low - m.half, m.high + m.half
         if np.isfinite(margin):
             low, high = max(low, lower + margin), min(high, upper - margin)
-    return replace(m, low=low, high=high) if able and high - low > WIDER * (m.high - m.low) else m
+    return (
+        replace(m, low=low, high=high)
+        if able and high - low > ANOTHER_MOTION * (m.high - m.low)
+        else m
+    )
 
 
 def _awake(m: Move) -> Move:
@@ -191,15 +195,15 @@ def _log(trial: Trial, share: float, n: int, name: str) -> Log:
     moving = [m for m in trial.moves if m.speed > 0 and m.half > 0]
     pace = [share * m.speed / m.half for m in moving]  # [1/s] at which the phases run
     swings = SWINGS / 2 if curve is strokes else SWINGS
-    T = min(2 * np.pi * swings / min(pace), 2 * np.pi * MOST / max(pace)) if pace else 1.0
-    T = min(T, LONGEST * n)
+    T = min(2 * np.pi * swings / min(pace), 2 * np.pi * MOST_CYCLES / max(pace)) if pace else 1.0
+    T = min(T, LONGEST_STEP_OF_TIME * n)
     t = np.linspace(0.0, T, n)
     columns = {}
     for i, m in enumerate(trial.moves):
-        found: Series = np.full(n, 0.5 * (m.low + m.high)), np.zeros(n), np.zeros(n)
+        series: Series = np.full(n, 0.5 * (m.low + m.high)), np.zeros(n), np.zeros(n)
         if m in moving:
-            found = curve(m.low, m.high, share * m.speed, t, 1 + APART * i)
-        for channel, x in zip("qva", found, strict=True):
+            series = curve(m.low, m.high, share * m.speed, t, 1 + APART * i)
+        for channel, x in zip("qva", series, strict=True):
             columns[f"{channel}.{m.joint.name}"] = x
     return Log.from_arrays(name, t, columns)
 

@@ -21,7 +21,9 @@ from ident.information.hypotheses import Array, PartialRegression
 
 SHARE = 0.05  # shown: of a column, from which an unknown is named as one that carries it
 NAMED = 4  # shown: unknowns that are named
-STILL = 1e-9  # numerics: of other effects' columns: below, the motion does not feel this one at all
+UNFELT = (
+    1e-9  # numerics: of other effects' columns: below, the motion does not feel this one at all
+)
 
 
 def name_of(effect: Effect) -> dict[str, Any]:
@@ -56,20 +58,20 @@ class Unsupported(Invisible):
 def invisible(first: Ranking) -> tuple[Invisible, ...]:
     """Candidates of which the model as it is leaves nothing to see, or that could not be judged."""
     contest, regression, fit = first.contest, first.contest.regression, first.contest.fit
-    found: list[Invisible] = []
+    hidden: list[Invisible] = []
     squares = regression.squares @ regression.weight**2
-    still = STILL**2 * max(regression.rank, 1)
-    shown = {each.effect.label for each in first.credible}  # the little of it that is visible does
-    for each in contest.laws:
-        if each.effect.label in shown:
+    still = UNFELT**2 * max(regression.rank, 1)
+    shown = {law.effect.label for law in first.credible}  # the little of it that is visible does
+    for law in contest.laws:
+        if law.effect.label in shown:
             continue
-        if all(squares[group].sum() <= still for group in each.groups):
-            found.append(Invisible(each.effect, _motionless(fit, each.effect)))
-        elif first.gains[each.effect.label][1] < HIDDEN:
-            found.append(Invisible(each.effect, _why(fit, regression, each.groups[0])))
-    found += [Invisible(e, f"could not be judged: {why}") for e, why in contest.failed]
+        if all(squares[group].sum() <= still for group in law.groups):
+            hidden.append(Invisible(law.effect, _motionless(fit, law.effect)))
+        elif first.gains[law.effect.label][1] < HIDDEN:
+            hidden.append(Invisible(law.effect, _why(fit, regression, law.groups[0])))
+    hidden += [Invisible(e, f"could not be judged: {why}") for e, why in contest.failed]
     every = ((e, absorbed(fit.mechanism, e)) for e in possible(fit.mechanism, fit.motion))
-    return (*found, *(Invisible(effect, why) for effect, why in every if why))
+    return (*hidden, *(Invisible(effect, why) for effect, why in every if why))
 
 
 def _motionless(fit: Fit, effect: Effect) -> str:
@@ -84,12 +86,12 @@ def _motionless(fit: Fit, effect: Effect) -> str:
 
 def _why(fit: Fit, regression: PartialRegression, group: np.ndarray) -> str:
     """Name the unknowns that absorb the columns of an effect most: C ≈ A_I K."""
-    own = fit.estimate.base.independent
+    independent = fit.estimate.base.independent
     A, C = (
         np.concatenate([
             part.taken(columns) * regression.weight[part.coordinate] for part in regression.parts
         ])
-        for columns in (own, group)
+        for columns in (independent, group)
     )  # fmt: skip
     norms = np.linalg.norm(A, axis=0)
     A = A / np.where(norms > 0, norms, 1.0)
@@ -97,7 +99,7 @@ def _why(fit: Fit, regression: PartialRegression, group: np.ndarray) -> str:
     for c in C.T:
         K = linear.lstsq(A, c, rcond=1e-10)[0] / max(float(np.linalg.norm(c)), 1e-300)
         for i in np.flatnonzero(np.abs(K) > SHARE):
-            name = fit.columns.names[own[i]]
+            name = fit.columns.names[independent[i]]
             carriers[name] = max(carriers.get(name, 0.0), abs(float(K[i])))
     names = sorted(carriers, key=lambda name: -carriers[name])
     if not names:
@@ -111,18 +113,18 @@ def _why(fit: Fit, regression: PartialRegression, group: np.ndarray) -> str:
 def unsupported(first: Ranking) -> tuple[Unsupported, ...]:
     """Effects of the model that lower the left-out error no more than chance, and absurd ones."""
     contest, regression = first.contest, first.regression.bare
-    found, fit, decision = list[Unsupported](), contest.fit, contest.decision
+    doubtful, fit, decision = list[Unsupported](), contest.fit, contest.decision
     torque = max(float(contest.torque.sum()), 1e-300)
     for effect, places in fit.columns.effects:
-        mine = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
+        columns = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
         absurd, why = _absurd(fit, effect), ""
         if absurd:
             why = (
                 f"{', '.join(absurd)} is negative beyond its error, which no such effect can be: "
                 "something else is missing, or a sign is wrong"
             )
-        elif len(mine):
-            D = (regression.without(mine).losses - regression.losses).sum(axis=1)
+        elif len(columns):
+            D = (regression.without(columns).losses - regression.losses).sum(axis=1)
             size, z = float(np.sqrt(max(D.sum(), 0.0) / torque)), zscore(D)
             if D.sum() <= 0:
                 why = "without it the held-out error of all joints together is no larger"
@@ -131,16 +133,18 @@ def unsupported(first: Ranking) -> tuple[Unsupported, ...]:
                 why += f"(z = {z:.1f})"
             elif size < decision.material / 10:
                 why = f"it explains {100 * size:.2g} % of the torque only"
-        found += [Unsupported(effect, why, bool(absurd))] if why else []
-    return tuple(found)
+        doubtful += [Unsupported(effect, why, bool(absurd))] if why else []
+    return tuple(doubtful)
 
 
 def _absurd(fit: Fit, effect: Effect) -> list[str]:
     """Name the parameters of an effect that are negative beyond their error, and must not be."""
     pairs = zip(effect.names, effect.parameters, strict=True)
-    if not any(each.nonnegative and fit.point.values.get(name, 0.0) < 0 for name, each in pairs):
+    if not any(
+        parameter.nonnegative and fit.point.values.get(name, 0.0) < 0 for name, parameter in pairs
+    ):
         return []  # errors take time
-    values = next(each.parameters for each in fit.effects if each.effect.label == effect.label)
+    values = next(entry.parameters for entry in fit.effects if entry.effect.label == effect.label)
     return [
         v.name
         for v, parameter in zip(values, effect.parameters, strict=True)
@@ -148,7 +152,9 @@ def _absurd(fit: Fit, effect: Effect) -> list[str]:
     ]
 
 
-WIDER = 2.0  # range: times the travelled range, over which laws that do as well are compared
+EXTRAPOLATION = (
+    2.0  # range: times the travelled range, over which laws that do as well are compared
+)
 DIFFERENT = 0.2  # tuned: of a torque (rms) there, from which two are two laws
 
 
@@ -161,27 +167,27 @@ def relatives_of(selection: Selection, on_progress: OnProgress) -> tuple[FittedF
     if best is None or not best.effect.of_position or best.stands_in:
         return ()  # where it stands for another effect, its columns are of that one
     last, joint = selection.last, best.effect.joints[0]
-    whole = last.regression.bare
-    bare = whole.without(best.columns)
-    contest, none = selection.contest.beside(bare), np.zeros(len(bare.rows))
+    regression = last.regression.bare
+    bare = regression.without(best.columns)
+    contest, none = selection.contest.with_model(bare), np.zeros(len(bare.rows))
     limit, rival_se = last.limit_at(joint), contest.decision.rival_se
     search = LawSearch(contest, joint, "", limit, none, on_progress, of_position=True)
-    found = sorted(search.extended(None), key=lambda each: float(each.loss.sum()))
+    formulas = sorted(search.extended(None), key=lambda fitted: float(fitted.loss.sum()))
     equal: dict[str, FittedFormula] = {}
-    for each in found:
-        name = each.formula.terms[0].known_as
-        compare = LossComparison(each.refit.affected_coordinates, rival_se)
-        as_good = compare.better(each.refit.loss, whole.losses) < rival_se
-        if name and name not in KINDS and as_good and each.determined(bare):
-            equal.setdefault(name, each)
-    theta, _ = whole.solved
-    order = np.argsort(whole.model)
-    own = theta[order[np.searchsorted(whole.model, best.columns, sorter=order)]]
+    for fitted in formulas:
+        name = fitted.formula.terms[0].known_as
+        compare = LossComparison(fitted.refit.affected_coordinates, rival_se)
+        as_good = compare.better(fitted.refit.loss, regression.losses) < rival_se
+        if name and name not in KINDS and as_good and fitted.determined(bare):
+            equal.setdefault(name, fitted)
+    theta, _ = regression.solved
+    order = np.argsort(regression.model)
+    coefficients = theta[order[np.searchsorted(regression.model, best.columns, sorter=order)]]
     shape = best.evidence.shape if best.evidence is not None else {}
     index = contest.table.mechanism.joint_index[joint]
     q = np.concatenate([scene.e.y[scene.e.usable, index] for scene in contest.table.scenes])
-    x = np.mean(q) + WIDER * (np.linspace(q.min(), q.max(), 101) - np.mean(q))
-    known = _beyond(best.effect, shape, own, x)
+    x = np.mean(q) + EXTRAPOLATION * (np.linspace(q.min(), q.max(), 101) - np.mean(q))
+    known = _beyond(best.effect, shape, coefficients, x)
     others = ((e, _beyond(e.formula, e.shape, e.refit.theta, x)) for e in equal.values())
     apart = np.linalg.norm
     return tuple(e for e, f in others if apart(f - known) > DIFFERENT * apart(known))

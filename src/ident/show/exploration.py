@@ -131,7 +131,7 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
             )
         )  # fmt: skip
     given = [effect.label for effect in fit.mechanism.effects]
-    lead = Search(contest, given, no_progress).led(first)
+    lead = Search(contest, given, no_progress).leader_first(first)
     open_.sort(key=lambda each: each.label != lead)
     shut = [PredictedGain(e, why=hidden[e.label]) for e in every if e.label in hidden]
     doubts = {x.effect.label: x.why for x in unsupported(first)}
