@@ -52,7 +52,7 @@ def test_diagnose_names_what_is_missing_and_writes_it(arm_folder, tmp_path, done
     outcome = done("diagnose", arm_folder, arm_folder / "run.csv", *given(*LACKING), "--out", out)
     assert snapshot(arm_folder) == before
     assert ": missing: " in outcome.out.splitlines()[0]
-    assert "█ stays" in outcome.out
+    assert "○ before" in outcome.out
     assert "ident add " in outcome.out
     data = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
     assert data["verdict"] == "missing"

@@ -97,7 +97,7 @@ def test_good_enough_names_the_log_it_was_validated_on(tmp_path, spoken):
     (elbow,) = (
         line for line in text.splitlines() if line.startswith("  elbow") and "noise" in line
     )
-    assert "→ on other.csv: █" in " ".join(text.split())
+    assert "→ on other.csv: ○" in " ".join(text.split())
     assert "(larger)" in elbow  # the bars are of that log
     assert " of other.csv above --good-enough 2 %" in err
     locked = ("--lock", "wrist", "--good-enough", 1000)

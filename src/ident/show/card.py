@@ -21,17 +21,17 @@ from ident.information.chance import LEAVES
 from ident.information.estimate import MATERIAL
 from ident.mechanism.load import has_identified
 from ident.mechanism.mechanism import Mechanism
+from ident.show.error_axis import KEY_BEFORE, KEY_NOISE, KEY_NOW, ErrorAxis
 from ident.text import percent, places, rounded, significant, some, two_digits, width, wrapped
 
 # options of the model
 PAIRS, FLAGS = ("--with", "--lock", "--unmeasured"), ("--absolute", "--allow-code")
-STRIP = 32  # characters of the longest bar in a terminal that has room for it
+STRIP = 34  # shown: characters of the axis of errors in a terminal that has room for it
 BARS = 8  # joints that a terminal shows at most
 NOISY = 1.5  # times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
 CLEAR = 1000.0  # times the noise of the sensors, beyond which the number says no more
 SAME = 0.005  # of an error: a change below is none, since both are printed with three digits
 BODIES = 0.3  # difference of logarithms that the masses of a URDF make
-LONG, ROOM = 8.0, 4.0  # times what stays or noise: a longer bar is cut, at this length
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,17 @@ class Bar:
         torque = after.rms / after.relative if after.relative else before.rms / before.relative
         share = after.rms / torque if after.relative is None else after.relative
         return before.relative, share, self.noise / torque if self.noise else None
+
+    @property
+    def relative(self) -> bool:
+        """Whether the error is known as a share of the torque, so that it can be drawn."""
+        return bool(self.before.relative is not None and self.before.rms)
+
+    @property
+    def marks(self) -> tuple[float | None, float, float | None]:
+        """What is drawn as before, now and noise; before only where there is a change."""
+        before, now, noise = self.sizes
+        return before if self.after else None, now, noise
 
     @property
     def rises(self) -> bool:
@@ -233,59 +244,37 @@ class Card:
         return [bar for bar in self.bars if bar in chosen]
 
     @property
-    def room(self) -> float:
-        """The error as long as the column: the longest, or less to show what stays."""
-        sizes = [bar.sizes for bar in self.bars]
-        longest = max((max(before, after, noise or 0.0) for before, after, noise in sizes))
-        stays = max(max(min(before, after), noise or 0.0) for before, after, noise in sizes)
-        return ROOM * stays if longest > LONG * stays > 0 else longest or 1.0
+    def axis(self) -> ErrorAxis:
+        """The axis on which the errors of all joints are drawn."""
+        return ErrorAxis.of(size for bar in self.bars for size in bar.sizes)
 
-    def cut(self, bar: Bar) -> bool:
-        """Whether a bar is longer than the room for it."""
-        return max(bar.sizes[:2]) > self.room
-
-    def shares(self, bar: Bar) -> tuple[float, float, float | None]:
-        """Return before, after and noise of a bar over the room for it, at most 1."""
-        before, after, noise = (
-            None if size is None else min(size / self.room, 1.0) for size in bar.sizes
-        )
-        return before or 0.0, after or 0.0, noise
-
-    def key(self, bars: Sequence[Bar], *words: str) -> str:
-        """Return the words for what bars have: no change, a change, a rise, noise, a cut."""
-        changes, rises = any(bar.after for bar in bars), any(bar.rises for bar in bars)
-        noise = any(bar.sizes[2] is not None for bar in bars)
-        has = (not changes, changes, rises, noise, any(map(self.cut, bars)))
-        return ": " + ", ".join(text for text, there in zip(words, has, strict=True) if there)
+    def key(self, bars: Sequence[Bar]) -> str:
+        """Return what the marks of some bars mean: before and now, or now alone, and noise."""
+        changes, noise = any(bar.after for bar in bars), any(bar.sizes[2] for bar in bars)
+        marks = [KEY_BEFORE] * changes + [KEY_NOW] + [KEY_NOISE] * noise
+        return ", ".join(marks)
 
     def text(self) -> list[str]:
         """Return the lines for a terminal."""
         lines = [*wrapped(self.line, "  "), *wrapped(self.sure, "  ")]
         if bars := self.shown:
-            marks = "█_as it is", "█_stays, ░_goes", "▒_comes", "|_noise", "//_cut"
-            key = self.key(bars, *(mark.replace("_", "\u00a0") for mark in marks))
-            legend = wrapped(f"error {self.change}".rstrip() + key, "  ")
+            key = self.key(bars).replace(" ", "\u00a0").replace(",\u00a0", ", ")
+            legend = wrapped(f"error {self.change}".rstrip() + f": {key}", "  ")
             lines += ["", *(line.replace("\u00a0", " ") for line in legend)]
             wide = max(len(bar.joint) for bar in bars)
-            left = width() - wide - max(len(bar.words) for bar in bars) - 7
-            strip = max(STRIP // 8, min(STRIP, left))
-            lines += [f"  {x.joint:<{wide}}  {self._strip(x, strip)}  {x.words}" for x in bars]
+            rest = width() - wide - max(len(bar.words) for bar in bars) - 6
+            cells, axis = max(STRIP // 4, min(STRIP, rest)), self.axis
+            if any(bar.relative for bar in bars):
+                lines.append(" " * (wide + 4) + axis.ruler(cells))
+            for bar in bars:
+                strip = axis.strip(cells, *bar.marks) if bar.relative else " " * cells
+                lines.append(f"  {bar.joint:<{wide}}  {strip}  {bar.words}")
         if (more := len(self.bars) - self.most) > 0:
             risen = [bar.joint for bar in self.bars if bar.rises and bar not in bars]
             larger = f", larger in {places(risen)}" * bool(risen)
             lines.append(f"  and {more} joint{'s' * (more > 1)} more{larger}")
         lines += ["", f"  {self.command}"] if self.command else []
         return [*lines, *([""] if self.then else []), *wrapped(self.then, "  ")]
-
-    def _strip(self, bar: Bar, size: int) -> str:
-        before, after, noise = self.shares(bar)
-        cells = "█" * round(size * min(before, after))
-        change = round(size * max(before, after)), "▒" if bar.rises else "░"
-        cells = cells.ljust(*change).ljust(size + 1)
-        if self.cut(bar):
-            cells = f"{cells[:-5]}//{cells[-3:]}"
-        at = size + 1 if noise is None else round(size * noise)
-        return f"{cells[:at]}|{cells[at + 1 :]}" if at <= size else cells
 
 
 def place_of(mechanism: Mechanism) -> str:
