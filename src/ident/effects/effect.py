@@ -160,6 +160,7 @@ class Correction:
     tilt: tuple[float, float] = (0.0, 0.0)  # rotation of the base about x and y [rad]
     displaced: Mapping[str, float] = field(default_factory=dict)  # by place, displacement [m]
     gap: Mapping[str, float] = field(default_factory=dict)  # by closure, C in Φ = C λ [m/N]
+    torque: Mapping[str, np.ndarray] = field(default_factory=dict)  # by joint, of its drive (n,)
 
 
 NOWHERE = "nowhere"  # `Effect.tried` of a kind that a diagnosis does not try by itself
@@ -209,6 +210,8 @@ class Effect(ABC):
     smooth: ClassVar[bool] = False  # its columns are as smooth as the motion: few samples do
     fades: ClassVar[bool] = False  # its memory of the distant past fades: portions can start anew
     corrects: ClassVar[bool] = False  # it has a correction instead of columns
+    supplies_torque: ClassVar[bool] = False  # it is a drive: the log has no torque of its joint
+    scale: ClassVar[str] = ""  # the shape that multiplies the torque which it supplies
     margin: ClassVar[float] = 0.0  # [s] at both ends of a log that its correction cannot use
     whole_log: ClassVar[bool] = False  # its correction depends on statistics of the whole log
     asks: ClassVar[tuple[str, ...]] = ()  # of `a`, `torque`, `load`: predictions in its columns

@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from ident.effects import drive, joint
+from ident.effects import drive, joint, servo
 from ident.effects.curve import Curve, OnFirst
 from ident.effects.effect import Effect, Shape, Signals, Unknown
 from ident.errors import MechanismError, line_of, one_of
@@ -37,7 +37,7 @@ KINDS: Mapping[str, type[Effect]] = {
         drive.RotorInertia, drive.Coupling, joint.Ripple, drive.TorqueOffset, drive.TorqueGain,
         drive.Delay, drive.EncoderOffset, drive.GravityTilt, joint.Payload, drive.Elasticity,
         drive.Backlash, drive.Geometry, drive.ClosureCompliance, joint.TemperatureFriction,
-        drive.Drift, Curve,
+        drive.Drift, servo.CommandDelay, servo.Servo, servo.MotorCurrent, Curve,
     )
 }  # fmt: skip
 

@@ -19,7 +19,7 @@ Or the paper's stack [Γ E | JᵀB] (eq. 7-8): all rows, multipliers expanded in
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -74,6 +74,10 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             tau[:, channel] = late(e.t, e.tau[:, channel], -d)  # read at t + d, without the ends
             inside = (e.t >= e.t[0] + effect.margin) & (e.t <= e.t[-1] - effect.margin)
             e = replace(e, tau=tau, usable=e.usable & inside)
+        for name, torque in what.torque.items():
+            tau = e.tau.copy()
+            tau[:, mechanism.driven.index(name)] = torque
+            e = replace(e, tau=tau)
         if what.dq:
             known = e.known(mechanism)
             for name, dq in what.dq.items():
@@ -147,6 +151,8 @@ class Scene:
     # for every unknown shape of a correcting effect: its place in x, its value s, h, and the
     # state at s + h
     perturbed: tuple[tuple[int, float, float, Samples], ...] = ()
+    # for every unknown scale of a drive: its place in x, and the drive with its shapes
+    scales: tuple[tuple[int, Effect, Mapping[str, float]], ...] = ()
 
     @classmethod
     def of(
@@ -164,9 +170,17 @@ class Scene:
             (int(place), bare.point.of(effect)[1].get(parameter.name, 0.0),
              *perturbed(bare, effect, parameter.name, cutoff))
             for effect, places in columns.effects if effect.corrects
-            for parameter, place in zip(effect.shapes, places, strict=True) if place >= 0
+            for parameter, place in zip(effect.shapes, places, strict=True)
+            if place >= 0 and parameter.name != effect.scale
         ]  # fmt: skip
-        return cls(corrected(bare, cutoff), columns, tuple(shifted))
+        scales = [
+            (int(place), effect, bare.point.of(effect)[1])
+            for effect, places in columns.effects
+            if effect.scale
+            for parameter, place in zip(effect.shapes, places, strict=True)
+            if place >= 0 and parameter.name == effect.scale
+        ]
+        return cls(corrected(bare, cutoff), columns, tuple(shifted), tuple(scales))
 
     @property
     def mechanism(self) -> Mechanism:
@@ -197,6 +211,12 @@ class Scene:
             S = (r - unbalanced(shifted)) / h
             terms.A[:, :, place - before] = S
             terms.b[:] += S * value
+        for place, drive, shape in self.scales:
+            S, names = terms.A[:, :, place - before], drive.joints
+            signals = replace(s.signals(names), shape=shape)
+            torque = drive.scale_column(signals, s.predicted(names)[0][:, 0])
+            s.add_torque(S, names[0], -torque)
+            terms.b[:] += S * shape[drive.scale]
         return terms
 
     def terms(self, part: slice | np.ndarray, *, full: bool = False) -> Terms:

@@ -53,11 +53,16 @@ def working_point(
         check_needs(mechanism, e.name, e.extra)
     if start is not None:
         point = Point(start.pi, {**start.values, **point.values})
-    fewer = replace(mechanism, effects=tuple(e for e in mechanism.effects if e.linear))
-    columns = Columns.of(fewer)
+    for effect in mechanism.effects:
+        if effect.supplies_torque:  # before all that is fitted to what it supplies
+            point = _started(mechanism, motion, point, effect)
+    supplied = point.values
+    linear_ones = (e for e in mechanism.effects if e.linear or e.supplies_torque)
+    fewer = replace(mechanism, effects=tuple(linear_ones))
+    columns = Columns.of(fewer).with_known_shapes
     if len(columns):
-        estimate = Problem.reduced(fewer, motion, point).estimate()
-        point = point.at(fewer, columns, estimate.x)
+        estimate = Problem.reduced(fewer, motion, point, columns).estimate()
+        point = point.at(fewer, columns, estimate.x).with_values(supplied)
         if start is not None:
             point = Point(point.pi, {**start.values, **point.values})
     for effect in mechanism.effects:
@@ -86,7 +91,9 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     u = len(effect.unknowns)
     full = effect.full
     if effect.corrects:
-        return point.with_values({full[s.name]: shape.get(s.name, 0.0) for s in effect.shapes})
+        whole = Samples(mechanism, motion.experiments[0], slice(None), point)
+        start = {**effect.starts(whole.signals(effect.joints))[0], **shape}
+        return point.with_values({full[s.name]: start[s.name] for s in effect.shapes})
     others = tuple(
         e for e in mechanism.effects
         if e.label != effect.label and len(point.of(e)[1]) == len(e.shapes)
@@ -118,13 +125,15 @@ def variable_projection(
     start = Problem.reduced(mechanism, motion, point)
     columns, bounds = start.columns, shape_bounds(start)
     shapes = np.isin(np.arange(len(columns)), columns.shapes)
+    scales = drive_scales(mechanism, motion, point)
     passes = PASSES if any(effect.implicit for effect in mechanism.effects) else 1
 
     def solved(
         point: Point, first: Estimate, held: np.ndarray, columns: Columns = columns
     ) -> Estimate:
         problem = Problem.reduced(mechanism, motion, point, columns)
-        return problem.estimate(sigma=first.sigma, held=held)
+        sigma = first.sigma * drive_scales(mechanism, motion, point) / scales
+        return problem.estimate(sigma=sigma, held=held)
 
     def trial(point: Point, first: Estimate) -> tuple[Point, float]:
         """Return the point of least error with the shapes where they are, and that error."""
@@ -164,6 +173,16 @@ def variable_projection(
         if (np.abs(x - before) <= OF_VALUE * np.abs(x) + OF_ERROR * stderr).all():
             break
     return point
+
+
+def drive_scales(mechanism: Mechanism, motion: Motion, point: Point) -> np.ndarray:
+    """Return (d,) scales of the torques that drives supply, by coordinate; 1 where a sensor does.
+
+    A drive's error is one of its command: its rows are weighed by its scale, or a small scale would
+    make every error small.
+    """
+    scales = {name: point.of(drive)[1].get(drive.scale, 1.0) for name, drive in mechanism.drives.items()}
+    return np.array([scales.get(name, 1.0) for name in motion.independent])
 
 
 def beyond_bounds(problem: Problem, estimate: Estimate) -> np.ndarray:

@@ -124,7 +124,19 @@ class Mechanism(Displayed):
     @property
     def measured(self) -> tuple[str, ...]:
         """Driven joints whose torque is measured."""
-        return tuple(name for name in self.driven if name not in self.unmeasured)
+        return tuple(
+            name for name in self.driven if name not in self.unmeasured and name not in self.drives
+        )
+
+    @property
+    def drives(self) -> Mapping[str, Effect]:
+        """Effects that supply a joint's torque in place of a sensor, by joint."""
+        return {
+            name: effect
+            for effect in self.effects
+            if effect.supplies_torque
+            for name in effect.joints
+        }
 
     @cached_property
     def unmeasured_rows(self) -> list[int]:

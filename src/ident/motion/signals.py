@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ident.effects import Effect, Signals
 from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
@@ -191,6 +192,11 @@ def measure(
             f"{listed(still)}: always 0 while the joint moves: no measurement; derived from the "
             "positions"
         )
+    columns |= {
+        f"tau.{name}": _supplied(drive, log, columns)
+        for name, drive in mechanism.drives.items()
+        if f"q.{name}" in columns and {*drive.reads()} <= {*columns}
+    }
     limits = torque_limits(columns) if limits is None else limits
     notes += _without_limits(columns, limits)
     log = replace(log, columns=columns)
@@ -272,6 +278,18 @@ def measure(
     for joint in mechanism.joints if clock is None else ():
         check_units(log.name, columns, signals.dt, joint)
     return signals
+
+
+def _supplied(drive: Effect, log: Log, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the torque (n,) that a drive makes by the logged position, before the motion is known.
+
+    Its scale is 1 where none is given.
+    """
+    q = columns[f"q.{drive.joints[0]}"][:, None]
+    shape = {**dict.fromkeys((parameter.name for parameter in drive.shapes), 0.0), drive.scale: 1.0}
+    v = np.gradient(q, log.t, axis=0)
+    s = Signals(log.t, q, v, 0 * q, np.zeros(1), columns, {**shape, **drive.values})
+    return drive.correction(s).torque[drive.joints[0]]
 
 
 def _rates_of_nothing(columns: dict[str, np.ndarray]) -> list[str]:

@@ -1,0 +1,191 @@
+"""Drives without a torque sensor: the torque of a joint from the command that its drive follows.
+
+    servo          τ = kp (ref(t − delay) − q) + kd (dref − q̇) + feedforward,      |τ| ≤ limit
+    motor_current  τ = kt · current(t − delay)
+    motor_voltage  τ = gain · voltage(t − delay) − kb q̇                            back-EMF
+
+A drive corrects the torque channel of its joint, as `delay` corrects its time: residuals, held-out
+errors, a diagnosis and a monitor see a torque like any other. Its scale (kp, kt, gain) enters the
+equations by what the model predicts for the drive, never by the noisy column ref − q: an error in
+the column would shrink the scale. Source of the argument: W. Fuller, Measurement Error Models,
+1987, sect. 1.1. A drive that is off (`on.<joint>` is 0) has no torque, which is known exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ident.effects.drive import KHALIL
+from ident.effects.effect import NOWHERE, Bounds, Correcting, Correction, Shape, Signals, Unknown
+
+LATEST_COMMAND = 0.05  # range: [s] by which a drive may follow its command late
+SCALE_RANGE = 30.0  # range: times above and below its start that a drive's scale is searched
+
+
+PREFIX = "command_delay."
+
+
+class CommandDelay(Correcting):
+    """A time by which drives follow their commands late, the same for all on one bus."""
+
+    kind = "command_delay"
+    plain = "late command"
+    shared = True
+    sits = "driven"
+    tried = NOWHERE
+    margin = LATEST_COMMAND
+    shapes = (
+        Unknown(
+            "d", ("s", "s"), "by which drives follow late", True, range=(0.0, LATEST_COMMAND)
+        ),
+    )  # fmt: skip
+    equation = "τ = kp (ref(t − d) − q) + …"
+    signature = "the residual follows the rate of the command"
+    confused_with = ("viscous", "kd of a servo")
+    remedy = "log a faster command, or with the drive off for a second"
+    source = "Björklund, Ljung, IEEE CDC 2003"
+
+
+@dataclass(frozen=True)
+class Drive(Correcting):
+    """A drive whose torque is computed from its command: scale · error + offset, within limits."""
+
+    sits = "driven"
+    tried = NOWHERE
+    implicit = True
+    supplies_torque: ClassVar[bool] = True
+    commands: ClassVar[tuple[str, ...]] = ()  # columns of the joint that it must have
+    settings: ClassVar[Mapping[str, float]] = {"limit": np.inf, "delay": 0.0}
+
+    def reads(self) -> tuple[str, ...]:
+        return tuple(f"{command}.{self.joints[0]}" for command in self.commands)
+
+    def command(self, s: Signals, name: str) -> np.ndarray | None:
+        """A command (n,) of the joint as its drive has it: held between samples, late by `delay`.
+
+        A command that is held from one sample to the next is on average half a sample late.
+        """
+        x = s.extra.get(f"{name}.{self.joints[0]}")
+        if x is None or len(s.t) < 2:
+            return x
+        step = float(s.t[1] - s.t[0])
+        return np.interp(s.t - self.delay(s) - 0.5 * step, s.t, x)
+
+    def delay(self, s: Signals) -> float:
+        """The time [s] by which the drive follows late: its own, and that common to its bus."""
+        common = (
+            value
+            for name, value in s.present.items()
+            if name.startswith(PREFIX)
+            and self.joints[0] in name.removeprefix(PREFIX).removesuffix(".d").split(",")
+        )
+        return self.setting("delay") + sum(common)
+
+    def error(self, s: Signals) -> np.ndarray:
+        """What the scale multiplies (n,)."""
+        raise NotImplementedError
+
+    def offset(self, s: Signals) -> np.ndarray:
+        """The torque (n,) that does not depend on the scale [N m | N]."""
+        raise NotImplementedError
+
+    def gain(self, s: Signals) -> np.ndarray:
+        """The gain (n,) of the firmware in each sample, 1 where the log has none."""
+        return s.extra.get(f"{self.scale}.{self.joints[0]}", np.ones(len(s.t)))
+
+    def torque(self, s: Signals) -> np.ndarray:
+        """The torque (n,) [N m | N] of the drive at the shape `s.shape`."""
+        limit = self.setting("limit")
+        torque = s.shape[self.scale] * self.gain(s) * self.error(s) + self.offset(s)
+        torque = np.clip(torque, -limit, limit)
+        on = s.extra.get(f"on.{self.joints[0]}")
+        return torque if on is None else np.where(on > 0.5, torque, 0.0)
+
+    def correction(self, s: Signals) -> Correction:
+        return Correction(torque={self.joints[0]: self.torque(s)})
+
+    def scale_column(self, s: Signals, predicted: np.ndarray) -> np.ndarray:
+        """∂τ/∂scale (n,) where the model predicts the drive's torque (n,) [N m | N]."""
+        inside = np.abs(self.torque(s)) < self.setting("limit")
+        on = s.extra.get(f"on.{self.joints[0]}")
+        inside = inside if on is None else inside & (on > 0.5)
+        return np.where(inside, (predicted - self.offset(s)) / s.shape[self.scale], 0.0)
+
+    def _start(self, s: Signals) -> float:
+        """The scale with which the drive makes what the present model predicts, by least squares.
+
+        The predicted torque is the regressor: it has less noise than the command's error.
+        """
+        shape = {**dict.fromkeys((each.name for each in self.shapes), 0.0), **self.values}
+        with_known = Signals(s.t, s.q, s.v, s.a, s.still, s.extra, shape, s.present, s.predicted)
+        needed = s.torque[:, 0] - self.offset(with_known)
+        error = self.gain(s) * self.error(with_known)
+        product, size = float(error @ needed), float(error @ error)
+        return product / size if product > 0 and size > 0 else 1.0
+
+    def starts(self, s: Signals) -> list[Shape]:
+        start = {each.name: 0.0 for each in self.shapes}
+        return [{**start, self.scale: self._start(s)}]
+
+    def bounds(self, s: Signals) -> Bounds:
+        now = s.shape.get(self.scale) or self._start(s)
+        ranges = {each.name: each.range or (0.0, np.inf) for each in self.shapes}
+        return {**ranges, self.scale: (now / SCALE_RANGE, now * SCALE_RANGE)}
+
+
+class Servo(Drive):
+    """A position or velocity servo: its torque from the command that it follows and the motion."""
+
+    kind = "servo"
+    plain = "servo drive"
+    commands = ("ref",)
+    scale = "kp"
+    settings: ClassVar = {"limit": np.inf, "delay": 0.0, "follows_velocity": 0.0}
+    shapes = (
+        Unknown("kp", ("N m/rad", "N/m"), "stiffness of the servo", True),
+        Unknown("kd", ("N m s/rad", "N s/m"), "its damping, on q̇", True, range=(0.0, np.inf)),
+    )
+    equation = "τ = kp (ref(t − delay) − q) + kd (dref − q̇) + feedforward, |τ| ≤ limit"
+    signature = "the log has commands ref.<joint> and no torques"
+    confused_with = ("viscous: kd and viscous friction are one column where the drive is not off",)
+    remedy = "log once more with a known mass, or with the drive off for a second"
+    source = KHALIL
+
+    def error(self, s: Signals) -> np.ndarray:
+        ref = self.command(s, "ref")
+        assert ref is not None
+        return ref - s.q[:, 0]
+
+    def offset(self, s: Signals) -> np.ndarray:
+        wanted = self.command(s, "dref")
+        follows = self.setting("follows_velocity") > 0.5 and wanted is not None
+        feedforward = self.command(s, "feedforward")
+        rate = (wanted if follows else 0.0) - s.v[:, 0]
+        damping = s.extra.get(f"kd.{self.joints[0]}", np.ones(len(s.t)))
+        torque = s.shape["kd"] * damping * rate
+        return torque if feedforward is None else torque + feedforward
+
+
+class MotorCurrent(Drive):
+    """A motor whose current is logged: its torque is the current times the motor's constant."""
+
+    kind = "motor_current"
+    plain = "motor constant"
+    commands = ("current",)
+    scale = "kt"
+    shapes = (Unknown("kt", ("N m/A", "N/A"), "torque constant at the joint", True),)
+    equation = "τ = kt current"
+    signature = "the log has currents and no torques"
+    confused_with = ("all inertias and frictions at once, where no body is known",)
+    remedy = "log once more with a known mass"
+    source = KHALIL
+
+    def error(self, s: Signals) -> np.ndarray:
+        return s.extra[f"current.{self.joints[0]}"]
+
+    def offset(self, s: Signals) -> np.ndarray:
+        return np.zeros(len(s.t))
