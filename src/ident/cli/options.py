@@ -79,6 +79,15 @@ With = Annotated[
     ),
 ]
 Lock = Annotated[Texts, option("Hold a joint at rad or m, or at its start.", "JOINT[=VALUE]")]
+DriveTexts = Annotated[
+    Texts,
+    option(
+        "Compute a joint's torque from its command, as elbow:kp=20,kd=1.5, kp=20 for all joints, "
+        "or servo.",
+        "JOINT:KEY=VALUE",
+        "--drive",
+    ),
+]
 Unmeasured = Annotated[Texts, option("Leave out the equation of a joint without sensor.", "JOINT")]
 MeshPath = Annotated[Paths, option("Packages of package://, as ROS_PACKAGE_PATH.", "DIR")]
 AllowCode = Annotated[
@@ -120,6 +129,7 @@ class MechanismOptions:
     mechanism: MechanismPath
     lock: Lock = None
     unmeasured: Unmeasured = None
+    drive: DriveTexts = None
     mesh_path: MeshPath = None
     allow_code: AllowCode = False
 
@@ -158,10 +168,10 @@ class MechanismOptions:
         read = partial(
             load, self.mechanism, allow_code=self.allow_code, unmeasured=self.unmeasured or ()
         )
-        mechanism = read(locked=locked)
+        mechanism = read(locked=locked).with_drives(*(self.drive or ()))
         if hands := _unlogged_hands(mechanism, like or logs):
             locked |= dict.fromkeys(hands)
-            mechanism = read(locked=locked)
+            mechanism = read(locked=locked).with_drives(*(self.drive or ()))
             notes_later([f"{', '.join(hands)}: not logged, and parts of a hand; held at the start"])
         return mechanism
 

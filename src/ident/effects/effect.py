@@ -430,6 +430,10 @@ class Effect(ABC):
         """The corrections at the shape `s.shape`; none for an effect that is a torque."""
         return Correction()
 
+    def scale_column(self, s: Signals, predicted: np.ndarray) -> np.ndarray:
+        """∂τ/∂scale (n,) of a drive, where the model predicts its torque (n,) [N m | N]."""
+        return np.zeros(len(s.t))
+
     def state_rate(self, z: np.ndarray, v: np.ndarray, shape: Shape) -> np.ndarray:
         """ż of the state z that multiplies unknowns that act by `state`, of rates v and a shape."""
         raise MechanismError(

@@ -37,7 +37,7 @@ KINDS: Mapping[str, type[Effect]] = {
         drive.RotorInertia, drive.Coupling, joint.Ripple, drive.TorqueOffset, drive.TorqueGain,
         drive.Delay, drive.EncoderOffset, drive.GravityTilt, joint.Payload, drive.Elasticity,
         drive.Backlash, drive.Geometry, drive.ClosureCompliance, joint.TemperatureFriction,
-        drive.Drift, servo.CommandDelay, servo.Servo, servo.MotorCurrent, Curve,
+        drive.Drift, servo.CommandDelay, servo.Servo, servo.MotorCurrent, servo.MotorVoltage, Curve,
     )
 }  # fmt: skip
 

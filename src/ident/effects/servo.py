@@ -132,8 +132,11 @@ class Drive(Correcting):
         return [{**start, self.scale: self._start(s)}]
 
     def bounds(self, s: Signals) -> Bounds:
+        # another shape is a damping: as much as makes the drive's largest torque at its speed
         now = s.shape.get(self.scale) or self._start(s)
-        ranges = {each.name: each.range or (0.0, np.inf) for each in self.shapes}
+        speed = float(np.sqrt(np.mean(s.v**2))) or 1.0
+        largest = float(np.sqrt(np.mean((self.gain(s) * self.error(s)) ** 2))) * now or 1.0
+        ranges = {each.name: (0.0, SCALE_RANGE * largest / speed) for each in self.shapes}
         return {**ranges, self.scale: (now / SCALE_RANGE, now * SCALE_RANGE)}
 
 
@@ -147,7 +150,7 @@ class Servo(Drive):
     settings: ClassVar = {"limit": np.inf, "delay": 0.0, "follows_velocity": 0.0}
     shapes = (
         Unknown("kp", ("N m/rad", "N/m"), "stiffness of the servo", True),
-        Unknown("kd", ("N m s/rad", "N s/m"), "its damping, on q̇", True, range=(0.0, np.inf)),
+        Unknown("kd", ("N m s/rad", "N s/m"), "its damping, on q̇", True),
     )
     equation = "τ = kp (ref(t − delay) − q) + kd (dref − q̇) + feedforward, |τ| ≤ limit"
     signature = "the log has commands ref.<joint> and no torques"
@@ -189,3 +192,29 @@ class MotorCurrent(Drive):
 
     def offset(self, s: Signals) -> np.ndarray:
         return np.zeros(len(s.t))
+
+
+class MotorVoltage(Drive):
+    """A motor that is driven by volts, or by a duty cycle of its supply, against its back-EMF."""
+
+    kind = "motor_voltage"
+    plain = "motor driven by volts"
+    commands = ("voltage",)
+    scale = "gain"
+    shapes = (
+        Unknown("gain", ("N m/V", "N/V"), "torque a volt, at standstill", True),
+        Unknown("kb", ("N m s/rad", "N s/m"), "torque that the back-EMF takes, a speed", True),
+    )
+    equation = "τ = gain voltage(t − delay) − kb q̇"
+    signature = "the log has voltages and no torques"
+    confused_with = ("viscous: kb and viscous friction are one column",)
+    remedy = "log once more with a known mass, or with the drive off for a second"
+    source = KHALIL
+
+    def error(self, s: Signals) -> np.ndarray:
+        volts = self.command(s, "voltage")
+        assert volts is not None
+        return volts
+
+    def offset(self, s: Signals) -> np.ndarray:
+        return -s.shape["kb"] * s.v[:, 0]

@@ -22,10 +22,12 @@ from ident.equations.rows import check_needs
 from ident.equations.table import Table
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
+from ident.errors import FitError
 from ident.information import linear
 from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
+from ident.text import listed
 
 STEPS = 15  # work
 HALVES = 5  # work
@@ -145,6 +147,7 @@ def variable_projection(
 
     point, _ = trial(point, start.estimate())  # a shape without size has no slope
     first = Problem.reduced(mechanism, motion, point).estimate()
+    check_scales(columns, first)
     same = SAME * float(np.sum((first.triangle.column_norms() * first.x) ** 2))
     loss = np.inf
     for number in range(STEPS):
@@ -175,13 +178,39 @@ def variable_projection(
     return point
 
 
+def check_scales(columns: Columns, first: Estimate) -> None:
+    """Refuse drives whose torques could all be larger by one factor, with the model as good.
+
+    Raises:
+        FitError: with the drives, and what would give them a scale.
+    """
+    unsupported = [
+        effect
+        for effect, places in columns.effects
+        for shape, place in zip(effect.shapes, places[len(effect.unknowns) :], strict=True)
+        if place >= 0 and shape.name == effect.scale and place not in first.base.independent
+    ]
+    if not unsupported:
+        return
+    one, names = unsupported[0], listed([effect.joints[0] for effect in unsupported])
+    key = f"{one.joints[0]}:{one.scale}"
+    raise FitError(
+        f"{one.kind}: nothing gives the torques of {names} a scale: all unknown bodies, frictions "
+        f"and gains could be larger by one factor. Give one gain (--drive {key}=…), a known body "
+        "that these drives carry ([parameters] unknown without its link), or log once more with a "
+        f"known payload; --drive {key}=1 gives everything as a ratio to that gain"
+    )
+
+
 def drive_scales(mechanism: Mechanism, motion: Motion, point: Point) -> np.ndarray:
     """Return (d,) scales of the torques that drives supply, by coordinate; 1 where a sensor does.
 
     A drive's error is one of its command: its rows are weighed by its scale, or a small scale would
     make every error small.
     """
-    scales = {name: point.of(drive)[1].get(drive.scale, 1.0) for name, drive in mechanism.drives.items()}
+    scales = {
+        name: point.of(drive)[1].get(drive.scale, 1.0) for name, drive in mechanism.drives.items()
+    }
     return np.array([scales.get(name, 1.0) for name in motion.independent])
 
 

@@ -39,11 +39,22 @@ from ident.mechanism.description import (
     parse_urdf,
     read_description,
 )
+from ident.mechanism.drives import read_drives
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency, read_covariance
 from ident.text import listed
 
-TOP = ("urdf", "gravity", "joints", "closure", "parameters", "multipliers", "log", "effect")
+TOP = (
+    "urdf",
+    "gravity",
+    "joints",
+    "closure",
+    "parameters",
+    "multipliers",
+    "log",
+    "effect",
+    "drives",
+)
 GRAVITY = (0.0, 0.0, -9.81)  # range: [m/s²]
 LIMITLESS = 1e8  # range: from which a limit of a URDF is none
 CHANNELS = ("q", "v", "a", "tau")
@@ -165,6 +176,9 @@ def load(
         if prefix in CHANNELS and joint not in {*mechanism.joint_index, *locks}:
             valid = one_of(joint, mechanism.joint_index)
             raise top.error(f"[log] \"{column}\": no joint '{joint}'; {valid}")
+    if "drives" in top:
+        for drive in read_drives(top.table("drives"), mechanism.driven):
+            mechanism = mechanism + drive
     still: list[str] = []
     for table in effects:
         kind, joints = table.text("kind"), table.data.get("joint", "")

@@ -19,6 +19,7 @@ from ident.errors import MechanismError, one_of
 from ident.information import linear
 from ident.log import Column
 from ident.mechanism.closures import Closure, shifted
+from ident.mechanism.drives import parse_drives
 from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.parameters import Bodies, Consistency, Covariance
 
@@ -355,6 +356,18 @@ class Mechanism(Displayed):
                 f"known value is to become unknown: {kind}:NAME"
             )
         return reduce(add, new, self)
+
+    def with_drives(self, *texts: str) -> Mechanism:
+        """This mechanism with drives in place of torque sensors, as `--drive` names them.
+
+        Args:
+            texts: `elbow:kp=20,kd=1.5` for one joint, `kp=20` for all driven joints, `servo` alone
+                for servos of which nothing is known.
+
+        Raises:
+            MechanismError: for a joint that is not driven, an unknown key or an impossible value.
+        """
+        return reduce(add, parse_drives(texts, self.driven), self)
 
     def check_required(self) -> None:
         """Refuse an effect without the other effect that it changes.

@@ -103,7 +103,8 @@ def folder_files(
         if "file" in closure and mechanism.toml is not None:
             file = mechanism.toml.parent / str(closure["file"])
             closure["file"] = _copied(files, file.name, file.read_bytes(), str(closure["name"]))
-    document.pop("effect", None)
+    for key in ("effect", "drives"):  # all effects are written, drives among them
+        document.pop(key, None)
     tables = []
     for effect, values in effects:
         definition = definition_file(effect, estimates.get(effect.label, {}))
