@@ -65,7 +65,7 @@ class Drive(Correcting):
         return tuple(f"{command}.{self.joints[0]}" for command in self.commands)
 
     def command(self, s: Signals, name: str) -> np.ndarray | None:
-        """A command (n,) of the joint as its drive has it: held between samples, late by `delay`.
+        """Return a command (n,) of the joint as its drive has it: late, and held between samples.
 
         A command that is held from one sample to the next is on average half a sample late.
         """
@@ -76,7 +76,7 @@ class Drive(Correcting):
         return np.interp(s.t - self.delay(s) - 0.5 * step, s.t, x)
 
     def delay(self, s: Signals) -> float:
-        """The time [s] by which the drive follows late: its own, and that common to its bus."""
+        """Return the time [s] by which the drive is late: its own, and that of its bus."""
         common = (
             value
             for name, value in s.present.items()
@@ -86,19 +86,19 @@ class Drive(Correcting):
         return self.setting("delay") + sum(common)
 
     def error(self, s: Signals) -> np.ndarray:
-        """What the scale multiplies (n,)."""
+        """Return what the scale multiplies (n,)."""
         raise NotImplementedError
 
     def offset(self, s: Signals) -> np.ndarray:
-        """The torque (n,) that does not depend on the scale [N m | N]."""
+        """Return the torque (n,) that does not depend on the scale [N m | N]."""
         raise NotImplementedError
 
     def gain(self, s: Signals) -> np.ndarray:
-        """The gain (n,) of the firmware in each sample, 1 where the log has none."""
+        """Return the gain (n,) of the firmware in each sample, 1 where the log has none."""
         return s.extra.get(f"{self.scale}.{self.joints[0]}", np.ones(len(s.t)))
 
     def torque(self, s: Signals) -> np.ndarray:
-        """The torque (n,) [N m | N] of the drive at the shape `s.shape`."""
+        """Return the torque (n,) [N m | N] of the drive at the shape `s.shape`."""
         limit = self.setting("limit")
         torque = s.shape[self.scale] * self.gain(s) * self.error(s) + self.offset(s)
         torque = np.clip(torque, -limit, limit)
@@ -109,34 +109,44 @@ class Drive(Correcting):
         return Correction(torque={self.joints[0]: self.torque(s)})
 
     def scale_column(self, s: Signals, predicted: np.ndarray) -> np.ndarray:
-        """∂τ/∂scale (n,) where the model predicts the drive's torque (n,) [N m | N]."""
-        inside = np.abs(self.torque(s)) < self.setting("limit")
-        on = s.extra.get(f"on.{self.joints[0]}")
-        inside = inside if on is None else inside & (on > 0.5)
-        return np.where(inside, (predicted - self.offset(s)) / s.shape[self.scale], 0.0)
+        free = np.where(self._unlimited(s), predicted - self.offset(s), 0.0)
+        return free / s.shape[self.scale]
+
+    def _commanded(self, s: Signals) -> bool:
+        return s.extra.keys() >= {*self.reads()}
+
+    def _unlimited(self, s: Signals) -> np.ndarray:
+        """Where (n,) the torque follows the scale: the drive is on, and not at its limit."""
+        if not self._commanded(s):
+            return np.ones(len(s.t), dtype=bool)
+        on = s.extra.get(f"on.{self.joints[0]}", np.ones(len(s.t)))
+        return (on > 0.5) & (np.abs(self.torque(s)) < self.setting("limit"))
 
     def _start(self, s: Signals) -> float:
-        """The scale with which the drive makes what the present model predicts, by least squares.
+        """Return the scale with which the drive makes what the present model predicts.
 
         The predicted torque is the regressor: it has less noise than the command's error.
         """
-        shape = {**dict.fromkeys((each.name for each in self.shapes), 0.0), **self.values}
-        with_known = Signals(s.t, s.q, s.v, s.a, s.still, s.extra, shape, s.present, s.predicted)
+        if not self._commanded(s):  # a motion that was made up
+            return 1.0
+        known = {**{shape.name: 0.0 for shape in self.shapes}, **self.values}
+        with_known = Signals(s.t, s.q, s.v, s.a, s.still, s.extra, known, s.present, s.predicted)
         needed = s.torque[:, 0] - self.offset(with_known)
         error = self.gain(s) * self.error(with_known)
         product, size = float(error @ needed), float(error @ error)
         return product / size if product > 0 and size > 0 else 1.0
 
     def starts(self, s: Signals) -> list[Shape]:
-        start = {each.name: 0.0 for each in self.shapes}
+        start = {shape.name: 0.0 for shape in self.shapes}
         return [{**start, self.scale: self._start(s)}]
 
     def bounds(self, s: Signals) -> Bounds:
         # another shape is a damping: as much as makes the drive's largest torque at its speed
         now = s.shape.get(self.scale) or self._start(s)
         speed = float(np.sqrt(np.mean(s.v**2))) or 1.0
-        largest = float(np.sqrt(np.mean((self.gain(s) * self.error(s)) ** 2))) * now or 1.0
-        ranges = {each.name: (0.0, SCALE_RANGE * largest / speed) for each in self.shapes}
+        error = self.gain(s) * self.error(s) if self._commanded(s) else np.ones(1)
+        largest = float(np.sqrt(np.mean(error**2))) * now or 1.0
+        ranges = {shape.name: (0.0, SCALE_RANGE * largest / speed) for shape in self.shapes}
         return {**ranges, self.scale: (now / SCALE_RANGE, now * SCALE_RANGE)}
 
 

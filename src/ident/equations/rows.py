@@ -61,6 +61,8 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         if not effect.corrects or (only and effect.label != only.label):
             continue
         _, shape = base.point.of(effect)
+        if effect.supplies_torque and not e.extra.keys() >= {*effect.reads()}:
+            continue  # a motion that was made up has no commands
         if len(shape) < len(effect.shapes):
             continue
         if not any(shape.values()) and not effect.margin:
@@ -232,7 +234,8 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
     """Refuse an effect without the other effect, or the column of the log, that it needs."""
     mechanism.check_required()
     for effect in mechanism.effects:
-        for name in effect.reads():
+        # what a drive reads was asked for with the log; a motion that was made up has none
+        for name in () if effect.supplies_torque else effect.reads():
             if name not in columns:
                 raise MotionError(
                     f"{log}: has no column '{name}', which effect '{effect.label}' needs; log "

@@ -24,7 +24,7 @@ from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError
 from ident.information import linear
-from ident.information.estimate import Estimate
+from ident.information.estimate import Estimate, rank_revealing
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.text import listed
@@ -184,12 +184,17 @@ def check_scales(columns: Columns, first: Estimate) -> None:
     Raises:
         FitError: with the drives, and what would give them a scale.
     """
-    unsupported = [
-        effect
+    scales = [
+        (effect, place)
         for effect, places in columns.effects
         for shape, place in zip(effect.shapes, places[len(effect.unknowns) :], strict=True)
-        if place >= 0 and shape.name == effect.scale and place not in first.base.independent
+        if place >= 0 and shape.name == effect.scale
     ]
+    if not scales:
+        return
+    base = rank_revealing(first.triangle)
+    alone = base.independent[~base.K.any(axis=1)]  # no other column is made from it
+    unsupported = [effect for effect, place in scales if place not in alone]
     if not unsupported:
         return
     one, names = unsupported[0], listed([effect.joints[0] for effect in unsupported])

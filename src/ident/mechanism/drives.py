@@ -8,8 +8,8 @@
     delay = 0.004            # s
     limit = 23.7             # N m
 
-A drive is an effect that supplies the torque of its joint (`ident.effects.servo`): a position servo,
-a motor whose current is logged (`kt`), or one that is driven by volts or duty (`gain`, `kb`).
+A drive is an effect that supplies the torque of its joint (`ident.effects.servo`): a position
+servo, a motor whose current is logged (`kt`), or one that is driven by volts (`gain`, `kb`).
 Drives whose delay is not given have one unknown delay in common, that of their bus.
 """
 

@@ -36,6 +36,7 @@ from ident.motion.spline import Smoothed, grain, noise_level
 from ident.motion.state import State, wrenches
 from ident.text import some
 
+COMMANDS = {"ref": "servo", "current": "current", "voltage": "voltage"}  # and drives of them
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # numerics: share of its motion below which a logged joint differs by rounding only
 MOSTLY = 0.5  # level: of a residual's squares that steps make, from which it is theirs
@@ -281,6 +282,14 @@ def _entries(mechanism: Mechanism, columns: Collection[str]) -> str:
 def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) -> list[str]:
     columns, log = signals.columns, signals.log.name
     missing = [name for name in mechanism.measured if f"tau.{name}" not in columns]
+    for drive in mechanism.drives.values() if needed else ():
+        if silent := [name for name in drive.reads() if name not in columns]:
+            entry = f'[log] "{silent[0]}" = "…"'
+            raise MotionError(
+                f"{log}: {drive.label} computes a torque from '{silent[0]}', and there is no such "
+                f"column ({one_of(silent[0], _unused(mechanism, columns))}); log it, or map it in "
+                f"mechanism.toml: {entry}"
+            )
     has_positions = any(f"q.{joint.name}" in columns for joint in mechanism.joints)
     if (
         missing and needed and has_positions
@@ -297,6 +306,11 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
             f"--lock {name}, in Python load(…, locked={{'{name}': None}})"
             + f"; without a sensor, leave out its equation: --unmeasured {name}"
             * (not mechanism.closures)
+            + "".join(
+                f"; or compute it from {command}.{name}: --drive {word}"
+                for command, word in COMMANDS.items()
+                if f"{command}.{name}" in columns
+            )
         )
     shown = ", ".join(f"tau.{name}" for name in missing)
     return [f"{log}: has no {shown}: a motion, no experiment"] if missing else []
