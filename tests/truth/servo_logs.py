@@ -24,7 +24,7 @@ class Servos:
     delay: float = 0.008  # [s]
 
 
-def servo_log(truth=Servos(), seed=0, seconds=20.0, rate=200.0, bits=14, off=None):  # noqa: B008
+def servo_log(truth=Servos(), seed=0, seconds=20.0, rate=200.0, bits=14, off=None):
     """Columns of a log; `off`: a stretch of time [s] in which the drives have no torque."""
     random, spec = np.random.default_rng(seed), mujoco.MjSpec.from_file(str(URDF))
     spec.option.timestep, spec.option.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST

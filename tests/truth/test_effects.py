@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from helpers import J, tree_urdf, write_mechanism
-from ident.effects import KINDS, Correcting, Signals, Sites, create, parse
+from ident.effects import KINDS, Correcting, Correction, Signals, Sites, create, parse
 from ident.errors import MechanismError
 from ident.mechanism import load
 
@@ -40,7 +40,10 @@ def signals(effect, n=60, seed=0):
         v=v,
         a=a,
         still=np.full(joints, 0.02),
-        extra={f"temperature.{k}": 20 + rng.normal(size=n) for k in "ab"},
+        extra={
+            **{f"temperature.{k}": 20 + rng.normal(size=n) for k in "ab"},
+            **{f"{x}.{k}": rng.normal(size=n) for k in "ab" for x in ("ref", "current", "voltage")},
+        },
         shape=shape_of(effect),
         present={"viscous.a.Fv": 0.4},
         predicted=lambda: (torque, load),
@@ -163,7 +166,7 @@ def test_a_correction_of_nothing_is_nothing(kind):
     effect = made(kind)
     s = signals(effect)
     zero = effect.correction(replace(s, shape=dict.fromkeys(s.shape, 0.0)))
-    for each in (zero.dq, zero.delay, zero.displaced, zero.gap):
+    for each in (zero.dq, zero.delay, zero.displaced, zero.gap, zero.torque):
         assert not any(np.any(x) for x in each.values())
     assert zero.tilt == (0.0, 0.0)
 
@@ -276,7 +279,21 @@ CORRECTIONS = {  # what s = 0.01 corrects
     ),
     "geometry": lambda s, c: c.displaced == {"a.x": 0.01},
     "closure_compliance": lambda s, c: c.gap == {"pin": 0.01},
+    "command_delay": lambda s, c: c == Correction(),  # drives read it
+    "servo": lambda s, c: np.allclose(
+        c.torque["a"], 0.01 * (half_late(s, "ref") - s.q[:, 0] - s.v[:, 0])
+    ),
+    "motor_current": lambda s, c: np.allclose(c.torque["a"], 0.01 * s.extra["current.a"]),
+    "motor_voltage": lambda s, c: np.allclose(
+        c.torque["a"], 0.01 * (half_late(s, "voltage") - s.v[:, 0])
+    ),
 }
+
+
+def half_late(s, command):
+    """A command that is held from sample to sample is half a sample late on average."""
+    x = s.extra[f"{command}.a"]
+    return 0.5 * (x + np.concatenate([x[:1], x[:-1]]))
 
 
 def test_every_correcting_kind_has_its_correction_here():

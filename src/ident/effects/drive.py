@@ -97,6 +97,7 @@ class TorqueGain(Effect):
     noun = "wrong scale of the torque"
     watched = "always"
     sits = "driven"
+    candidate_sites = "sensed"
     unknowns = (Unknown("g", ("1", "1"), "share of the torque", largest=0.5),)
     equation = "g τ, with the torque τ that the model predicts"
     signature = "the residual against the joint's own torque is a straight line"
@@ -141,6 +142,7 @@ class Delay(Correcting):
     fault = "delay"
     margin = LATEST
     sits = "driven"
+    candidate_sites = "sensed"
     shapes = (
         Unknown(
             "d", ("s", "s"), "by which the torque is late", range=(-LATEST, LATEST),

@@ -142,6 +142,7 @@ class Sites:
     joint: tuple[str, ...] = ()  # all coordinates, closures' own as well
     driven: tuple[str, ...] = ()  # joints with a drive
     geared: tuple[tuple[str, str], ...] = ()  # pairs whose motors may have a common shaft
+    sensed: tuple[str, ...] = ()  # joints whose torque a sensor measures
     loaded: tuple[str, ...] = ()  # whose load the model predicts, closures' own among them
     logged: tuple[str, ...] = ()  # joints whose position is logged
     link: tuple[str, ...] = ()  # moving links

@@ -33,10 +33,10 @@ class CommandDelay(Correcting):
     """A time by which drives follow their commands late, the same for all on one bus."""
 
     kind = "command_delay"
-    plain = "late command"
+    noun = "late command"
     shared = True
     sits = "driven"
-    tried = NOWHERE
+    candidate_sites = NOWHERE
     margin = LATEST_COMMAND
     shapes = (
         Unknown(
@@ -55,7 +55,7 @@ class Drive(Correcting):
     """A drive whose torque is computed from its command: scale · error + offset, within limits."""
 
     sits = "driven"
-    tried = NOWHERE
+    candidate_sites = NOWHERE
     implicit = True
     supplies_torque: ClassVar[bool] = True
     commands: ClassVar[tuple[str, ...]] = ()  # columns of the joint that it must have
@@ -142,19 +142,23 @@ class Drive(Correcting):
 
     def bounds(self, s: Signals) -> Bounds:
         # another shape is a damping: as much as makes the drive's largest torque at its speed
-        now = s.shape.get(self.scale) or self._start(s)
+        start = self._start(s)
+        now = s.shape.get(self.scale) or start
         speed = float(np.sqrt(np.mean(s.v**2))) or 1.0
         error = self.gain(s) * self.error(s) if self._commanded(s) else np.ones(1)
         largest = float(np.sqrt(np.mean(error**2))) * now or 1.0
         ranges = {shape.name: (0.0, SCALE_RANGE * largest / speed) for shape in self.shapes}
-        return {**ranges, self.scale: (now / SCALE_RANGE, now * SCALE_RANGE)}
+        return {
+            **ranges,
+            self.scale: (min(start, now) / SCALE_RANGE, max(start, now) * SCALE_RANGE),
+        }
 
 
 class Servo(Drive):
     """A position or velocity servo: its torque from the command that it follows and the motion."""
 
     kind = "servo"
-    plain = "servo drive"
+    noun = "servo drive"
     commands = ("ref",)
     scale = "kp"
     settings: ClassVar = {"limit": np.inf, "delay": 0.0, "follows_velocity": 0.0}
@@ -187,7 +191,7 @@ class MotorCurrent(Drive):
     """A motor whose current is logged: its torque is the current times the motor's constant."""
 
     kind = "motor_current"
-    plain = "motor constant"
+    noun = "motor constant"
     commands = ("current",)
     scale = "kt"
     shapes = (Unknown("kt", ("N m/A", "N/A"), "torque constant at the joint", True),)
@@ -208,7 +212,7 @@ class MotorVoltage(Drive):
     """A motor that is driven by volts, or by a duty cycle of its supply, against its back-EMF."""
 
     kind = "motor_voltage"
-    plain = "motor driven by volts"
+    noun = "motor driven by volts"
     commands = ("voltage",)
     scale = "gain"
     shapes = (

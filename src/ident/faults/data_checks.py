@@ -162,6 +162,8 @@ class DataChecks(FaultSearch):
         """Report a delay of some milliseconds that all torques have in common, unless the effects
         that a diagnosis found explain more, or another cause leaves most of the error of a bad fit.
         """
+        if self.mechanism.drives:  # torques that drives supply have a delay of their own
+            return
         good = max(self.errors.values(), default=0.0) < DOUBT
         if good and not small_errors.delay_shows(self.estimate, self.table, self.use):
             return

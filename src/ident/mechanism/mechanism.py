@@ -228,7 +228,7 @@ class Mechanism(Displayed):
         names = tuple(self.joint_index)
         closure_joints = tuple(joint.name for joint in self.joints if not joint.in_tree)
         return Sites(
-            joint=names, driven=self.driven, geared=self._geared,
+            joint=names, driven=self.driven, sensed=self.measured, geared=self._geared,
             loaded=(*self.driven, *closure_joints), logged=names,
             link=self.bodies.links, place=tuple(self.lengths),
             closure=tuple(closure.name for closure in self.closures),

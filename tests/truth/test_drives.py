@@ -1,0 +1,116 @@
+"""Drives without a torque sensor, against planted values of MuJoCo's servos."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ident
+from helpers import ROBOTS
+from ident.errors import FitError, MechanismError, MotionError
+
+pytest.importorskip("mujoco")
+pl = pytest.importorskip("polars")
+
+from servo_logs import Servos, servo_log  # noqa: E402
+
+JOINTS = ("yaw", "shoulder", "elbow")
+ARM = ROBOTS / "servo_arm"
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    mechanism = ident.load(ARM)
+    return ident.identify(mechanism, ident.complete(mechanism, ARM / "run.csv"))
+
+
+def errors(fit, stem, name, truth):
+    """Relative error and error over standard error (3,)."""
+    values = {p.name: p for effect in fit.effects for p in effect.parameters}
+    rows = [values[f"{stem}.{joint}.{name}"] for joint in JOINTS]
+    off = np.array([row.value for row in rows]) - truth
+    return off / truth, off / np.array([row.stderr for row in rows])
+
+
+def test_servo_gains_friction_and_rotors_of_the_shipped_log(shipped):
+    truth = Servos()
+    damping = np.array(truth.kd) + truth.Fv  # one column: what the log determines is the sum
+    for stem, name, planted, most in (
+        ("servo", "kp", truth.kp, 0.01), ("servo", "kd", damping, 0.04),
+        ("coulomb", "Fc", truth.Fc, 0.02), ("rotor_inertia", "Ia", truth.Ia, 0.03),
+    ):  # fmt: skip
+        relative, standard = errors(shipped, stem, name, np.array(planted))
+        assert np.abs(relative).max() < most, (name, relative)
+        assert np.abs(standard).max() < 3.5, (name, standard)
+    assert shipped.point.values["command_delay.yaw,shoulder,elbow.d"] == pytest.approx(
+        truth.delay, abs=1e-3
+    )
+    assert max(shipped.relative.values()) < 0.02
+
+
+def test_one_known_gain_gives_the_scale_of_all():
+    mechanism = ident.load(ARM)
+    bodies = mechanism.bodies.select(["turret", "upper_arm", "forearm"], "test")
+    unknown = replace(mechanism, unknown=bodies)
+    motion = ident.complete(unknown, ARM / "run.csv")
+    with pytest.raises(FitError, match="scale"):
+        ident.identify(unknown, motion)
+    effects = [e for e in unknown.effects if e.label != "servo:elbow"]
+    known = replace(unknown, effects=tuple(effects)).with_effect("servo:elbow", {"kp": 14.0})
+    fit = ident.identify(known, motion)
+    values = {p.name: p for effect in fit.effects for p in effect.parameters}
+    shoulder = values["servo.shoulder.kp"]
+    assert abs(shoulder.value - 25.0) < 3 * shoulder.stderr < 5.0
+
+
+def test_a_drive_that_is_off_has_no_torque():
+    truth = Servos()
+    log = pl.DataFrame(servo_log(truth, seed=3, seconds=12.0, off=(5.0, 6.0)))
+    mechanism = ident.load(ARM).with_effect("viscous")
+    fit = ident.identify(mechanism, ident.complete(mechanism, log))
+    values = {p.name: p for effect in fit.effects for p in effect.parameters}
+    # with the drive off its damping and the friction of the joint are two things
+    for joint, kd, Fv in zip(JOINTS, truth.kd, truth.Fv, strict=True):
+        a, b = values[f"servo.{joint}.kd"], values[f"viscous.{joint}.Fv"]
+        assert a.identifiable is not False or b.identifiable is not False
+        assert a.value + b.value == pytest.approx(kd + Fv, rel=0.1)
+
+
+def test_files_and_options_say_the_same(tmp_path):
+    shutil.copy(ARM / "servo_arm.urdf", tmp_path)
+    (tmp_path / "mechanism.toml").write_text(
+        'urdf = "servo_arm.urdf"\n[drives]\nkp = 20.0\n[drives.elbow]\nkp = 14.0\ndelay = 0.008\n'
+        "limit = 3.0\n"
+    )
+    labels = {effect.label: effect for effect in ident.load(tmp_path).effects}
+    assert labels["servo:yaw"].values == {"kp": 20.0}
+    assert labels["servo:elbow"].values == {"kp": 14.0, "delay": 0.008, "limit": 3.0}
+    assert labels["command_delay:yaw,shoulder"].joints == ("yaw", "shoulder")
+    bare = ident.load(tmp_path / "servo_arm.urdf")
+    option = bare.with_drives("kp=20", "elbow:kp=14,delay=0.008,limit=3")
+    assert [e.label for e in option.effects] == [*labels]
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("elbo:kp=1", "elbow"), ("elbow:kp=0", "above 0"), ("elbow:kp=-3", "above 0"),
+        ("elbow:delay=-0.1", "0 or more"), ("elbow:stiffness=3", "kp"), ("elbow:kp=soft", "number"),
+        ("elbow:follows=both", "velocity"),
+    ],
+)  # fmt: skip
+def test_bad_drives_are_refused_with_what_is_valid(text, word):
+    with pytest.raises(MechanismError, match=word):
+        ident.load(ARM / "servo_arm.urdf").with_drives(text)
+
+
+def test_a_log_without_the_command_names_the_column():
+    log = pl.read_csv(ARM / "run.csv").rename({"ref.elbow": "elbow_command"})
+    with pytest.raises(MotionError, match=r"ref\.elbow"):
+        ident.complete(ident.load(ARM), log)
+
+
+def test_a_log_without_torques_is_told_of_drives():
+    with pytest.raises(MotionError, match="--drive servo"):
+        ident.complete(ident.load(ARM / "servo_arm.urdf"), ARM / "run.csv")
