@@ -419,8 +419,8 @@ def test_joints_share_a_delay():
     assert delay.names == ("delay.a,b.d",)
     s = signals(delay)
     assert delay.correction(replace(s, shape={"d": 0.01})).delay == {"a": 0.01, "b": 0.01}
-    drives = KINDS["delay"].candidates(Sites(driven=("a", "b", "c")))
+    drives = KINDS["delay"].candidates(Sites(driven=("a", "b", "c", "d"), sensed=("a", "b", "c")))
     assert drives == [("a", "b", "c"), ("a",), ("b",), ("c",)]
-    assert KINDS["delay"].candidates(Sites(driven=("a",))) == [("a",)]
+    assert KINDS["delay"].candidates(Sites(sensed=("a",))) == [("a",)]
     with pytest.raises(MechanismError, match="acts on 1 joint"):
         create("viscous", "a, b")
