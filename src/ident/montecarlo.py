@@ -85,16 +85,24 @@ ESTIMATORS: Mapping[str, Estimator] = {"paper": paper()} | {
 def estimators_of(given: Sequence[str | Estimator | Estimate]) -> tuple[Estimator, ...]:
     """Return estimators given by name, as they are, or as functions; refuse all else."""
     estimators: dict[str, Estimator] = {}
-    for each in [given] if isinstance(given, str | Estimator) or callable(given) else given:
-        if callable(each):
-            words = (each.__doc__ or "").strip().partition("\n")[0]
-            each = Estimator(getattr(each, "__name__", type(each).__name__), each, words)
-        each = ESTIMATORS.get(each, each) if isinstance(each, str) else each
-        if not isinstance(each, Estimator):
-            raise FitError(f"estimator {each!r}: cannot be called; {one_of(str(each), ESTIMATORS)}")
-        if each.name in estimators:
-            raise FitError(f"estimator '{each.name}' is given twice; give each a name of its own")
-        estimators[each.name] = each
+    for estimator in [given] if isinstance(given, str | Estimator) or callable(given) else given:
+        if callable(estimator):
+            words = (estimator.__doc__ or "").strip().partition("\n")[0]
+            estimator = Estimator(
+                getattr(estimator, "__name__", type(estimator).__name__), estimator, words
+            )
+        estimator = (
+            ESTIMATORS.get(estimator, estimator) if isinstance(estimator, str) else estimator
+        )
+        if not isinstance(estimator, Estimator):
+            raise FitError(
+                f"estimator {estimator!r}: cannot be called; {one_of(str(estimator), ESTIMATORS)}"
+            )
+        if estimator.name in estimators:
+            raise FitError(
+                f"estimator '{estimator.name}' is given twice; give each a name of its own"
+            )
+        estimators[estimator.name] = estimator
     if not estimators:
         raise FitError(f"no estimator given; valid: {', '.join(ESTIMATORS)}, or one of your own")
     return tuple(estimators.values())
@@ -160,14 +168,14 @@ def truth_of(
             raise FitError(f"truth of '{name}' {value!r}; valid: a number, finite")
         values[name] = float(value)
     names, kinds = mechanism.kinematics.multipliers, mechanism.kinematics.units
-    own = f"{log.name} as it is" + (", with free multipliers" if names else "")
-    words = [f"parameters: of {own}" + (f"; as given: {', '.join(given)}" if given else "")]
+    label = f"{log.name} as it is" + (", with free multipliers" if names else "")
+    words = [f"parameters: of {label}" + (f"; as given: {', '.join(given)}" if given else "")]
     t, true = fit.multipliers[0]
     if reactions is not None:
         compared = fit.compare_multipliers(reactions)
         t, true = compared.t, compared.known
     if names:
-        words.append(f"multipliers: of {own if reactions is None else reactions.name}")
+        words.append(f"multipliers: of {label if reactions is None else reactions.name}")
     return Truth(values, units, names, kinds, t, true, tuple(words))
 
 
@@ -211,7 +219,7 @@ class TrialPlan:
                 continue
             samples += values
             every = [*zip(truth.multipliers, rms, truth.multiplier_units, strict=True)]
-            errors += [(*key, *each) for each in every]
+            errors += [(*key, *error) for error in every]
             for name, unit in SUMS.items():
                 same = [x for _, x, its in every if its == unit and np.isfinite(x)]
                 errors += [(*key, name, float(np.linalg.norm(same)), unit)] if same else []
@@ -277,9 +285,9 @@ class MonteCarlo(Displayed, Written):
         Columns: `runs`, `mean` and `std` of the rms errors, `size` (rms of the true one), `unit`.
         """
         truth, rms = self.plan.truth, pl.col("rms")
-        each, units = rms_of(truth.reactions), np.array(truth.multiplier_units)
-        sizes = dict(zip(truth.multipliers, each, strict=True))
-        sizes |= {s: float(np.sqrt(np.nansum(each[units == u] ** 2))) for s, u in SUMS.items()}
+        rms_true, units = rms_of(truth.reactions), np.array(truth.multiplier_units)
+        sizes = dict(zip(truth.multipliers, rms_true, strict=True))
+        sizes |= {s: float(np.sqrt(np.nansum(rms_true[units == u] ** 2))) for s, u in SUMS.items()}
         size = pl.col("multiplier").replace_strict(sizes, return_dtype=pl.Float64)
         return (
             self.errors.group_by("estimator", "snr", "multiplier", maintain_order=True)
@@ -296,7 +304,7 @@ class MonteCarlo(Displayed, Written):
     @property
     def estimators(self) -> tuple[str, ...]:
         """Names."""
-        return tuple(each.name for each in self.plan.estimators)
+        return tuple(estimator.name for estimator in self.plan.estimators)
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -394,11 +402,11 @@ def monte_carlo(
     rows: TrialRows = ([], [], [])
     count = 0
     try:
-        for name, (task, each) in zip(names, done, strict=True):
-            if each is None:  # the process died
-                each = [], [], [(one.name, *task, workers.broken[name]) for one in applied]
-            for mine, new in zip(rows, each, strict=True):
-                mine += new
+        for name, (task, results) in zip(names, done, strict=True):
+            if results is None:  # the process died
+                results = [], [], [(one.name, *task, workers.broken[name]) for one in applied]
+            for collected, new in zip(rows, results, strict=True):
+                collected += new
             count += 1
     except KeyboardInterrupt:  # what is done at every ratio
         runs = count // len(ratios)

@@ -271,7 +271,7 @@ def test_slopes_are_those_of_differences(name, effect):
 
 def test_motions_before_the_end_keep_the_limits_too(monkeypatch):
     """All are handed out; each is better than the one before."""
-    monkeypatch.setattr(search, "KEPT", 0.0)
+    monkeypatch.setattr(search, "HAND_OUT_INTERVAL", 0.0)
     seen: list[Excitation] = []
     x = ident.excite(ident.load(ROBOTS / "arm"), better=seen.append, **SHORT)
     assert x.finished

@@ -164,6 +164,6 @@ def test_memory_does_not_grow(monitor):
     motion = run(17, 30.0)
     for _ in range(5):
         own.watch(motion)
-    assert len(own._held) <= own._held.maxlen == 240
+    assert len(own._recent) <= own._recent.maxlen == 240
     assert len(own._cutter.waiting) <= 2
     assert np.isfinite(own.evidence)

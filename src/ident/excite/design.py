@@ -35,7 +35,7 @@ FINE = 10  # work: times these samples at which the result is checked
 MARGIN = 0.97  # range: share of the limits that follow from the drives' motion, at the samples
 PILOTS = 12, 40  # work: random motions whose rows give base and scale; draws at most
 SHRINK, SHRINKS = 0.99, 20  # numerics: of a motion that breaks a limit between the samples
-AWAY = 0.05  # range: of its range, the distance of home from a joint's limits
+HOME_MARGIN = 0.05  # range: of its range, the distance of home from a joint's limits
 SOFT = 0.02  # range: share of the top speed within which the step of dry friction is smooth
 NOISE = 0.01  # range: of the limit of torque: the noise expected of a torque signal
 
@@ -89,8 +89,8 @@ class DesignProblem:
         motion = Motion((rest,), names, Band(0.0, 0.0, None), 0.0)
         point = initial(mechanism, motion).with_values(values or {})
         bodies, given = mechanism.bodies, dict(values or {})
-        own = {name: x for name, x in given.items() if name.rpartition(".")[0] in bodies.links}
-        point = replace(point, pi=bodies.with_values(point.pi, own))
+        fixed = {name: x for name, x in given.items() if name.rpartition(".")[0] in bodies.links}
+        point = replace(point, pi=bodies.with_values(point.pi, fixed))
         family = Family(mechanism, columns, point, series, rest, series.basis(t))
         z = exact.z(family.rows(rest.at_samples(slice(0, 1))).e)
         if (at := exact.broken(z)) is not None:
@@ -111,7 +111,7 @@ class DesignProblem:
         self.pinv = size  # ‖K⁺‖ at home, 1 in a tree
         random = np.random.default_rng([seed, 1])
         drawn = (family.draw(box, random) for _ in range(PILOTS[1]))
-        pilots = [found[1] for found in islice(filter(None, drawn), PILOTS[0])]
+        pilots = [pilot[1] for pilot in islice(filter(None, drawn), PILOTS[0])]
         if not pilots:
             raise MotionError(
                 f"{mechanism.name}: none of {PILOTS[1]} random motions from home keeps the limits; "
@@ -132,14 +132,16 @@ class DesignProblem:
             return Criterion.of_all(self.base.rank, balance)
         columns, independent = self.family.columns, list(self.base.independent)
         both = [determined_places(columns, label, independent) for label in separate]
-        for label, own in zip(separate, both, strict=True):
-            if lost := [columns.names[i] for i in own if i not in independent]:
+        for label, effect_columns in zip(separate, both, strict=True):
+            if lost := [columns.names[i] for i in effect_columns if i not in independent]:
                 raise MotionError(
                     f"{self.family.mechanism.name}: no motion separates {label} from everything "
                     f"else: the column of {lost[0]} is made by the others in all motions that were "
                     "tried; open the loop, change the load or the base, or measure more torques"
                 )
-        return Criterion.of_pair(self.base.rank, *([*map(independent.index, own)] for own in both))
+        return Criterion.of_pair(
+            self.base.rank, *([*map(independent.index, effect_columns)] for effect_columns in both)
+        )
 
     def W(self, rows: MotionRows) -> np.ndarray:
         """Return the rows (n d, r) of the base parameters, over the noise and the usual size."""
@@ -152,8 +154,8 @@ class DesignProblem:
 
     def draw(self, random: np.random.Generator, criterion: Criterion) -> ExcitingMotion | None:
         """Return a random motion inside the limits; None if it is home alone or not informative."""
-        found = self.family.draw(self.box, random)
-        return None if found is None else self.candidate(*found, criterion)
+        drawn = self.family.draw(self.box, random)
+        return None if drawn is None else self.candidate(*drawn, criterion)
 
     def candidate(
         self, x: np.ndarray, rows: MotionRows, criterion: Criterion
@@ -169,13 +171,13 @@ class DesignProblem:
         slope = criterion.slope(self.W(c.rows)).reshape(n, -1, len(self.size))
         G[:, :, self.base.independent] = slope / self.size / self.sigma[:, None]
         changes = []
-        for m, rows in self.family.beside(c.rows.e):
-            found = np.zeros((m, n, 1 + c.z.shape[1]))
+        for m, rows in self.family.perturbed(c.rows.e):
+            change = np.zeros((m, n, 1 + c.z.shape[1]))
             if rows is not None:
                 A = rows.A.reshape(m, *c.rows.A.shape)
-                found[:, :, 0] = np.einsum("mndk,ndk->mn", A - c.rows.A, G)
-                found[:, :, 1:] = self.z(rows).reshape(m, *c.z.shape) - c.z
-            changes.append(found)
+                change[:, :, 0] = np.einsum("mndk,ndk->mn", A - c.rows.A, G)
+                change[:, :, 1:] = self.z(rows).reshape(m, *c.z.shape) - c.z
+            changes.append(change)
         by_x = self.family.by_x(np.concatenate(changes))
         return by_x[:, 0].sum(axis=0), by_x[:, 1:].reshape(-1, by_x.shape[2])
 
@@ -256,9 +258,9 @@ def _home(
     that are geared to it, wherever it stands, and those of its loop.
     """
     geared = [n for c in mechanism.closures if isinstance(c, LinearClosure) for n in c.joints]
-    moved = leverage[[name not in geared for name in mechanism.joint_index]] != 0
-    alone = moved.sum(axis=0) <= [name not in geared for name in names]
-    margin = AWAY * (high - low)
+    leveraged = leverage[[name not in geared for name in mechanism.joint_index]] != 0
+    alone = leveraged.sum(axis=0) <= [name not in geared for name in names]
+    margin = HOME_MARGIN * (high - low)
     home = np.where(alone, np.clip(start, low + margin, high - margin), start)
     for i in np.flatnonzero((start < low) | (start > high)):
         unit = mechanism.joint(names[i]).unit

@@ -172,7 +172,7 @@ class Excitation(Plotted):
 
     def use(self, joint: str, kind: str) -> LimitUse:
         """Return the use of one limit: of `joint`, its `kind` (position, speed, …)."""
-        return next(each for each in self.uses if (each.joint, each.kind) == (joint, kind))
+        return next(use for use in self.uses if (use.joint, use.kind) == (joint, kind))
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the log to `path`, a .csv, .parquet or .npz, whole or not at all."""
@@ -202,9 +202,9 @@ class Determined:
     @property
     def without_effect(self) -> tuple[str, ...]:
         """Return names of effects' parameters that change no torque."""
-        some = self.W.any(axis=0)
+        effective = self.W.any(axis=0)
         rigid = len(self.columns.rigid)
-        return tuple(x for i, x in enumerate(self.columns.names) if i >= rigid and not some[i])
+        return tuple(x for i, x in enumerate(self.columns.names) if i >= rigid and not effective[i])
 
     def expected(self, point: Point) -> tuple[ExpectedValue, ...]:
         """Return prior and standard error of every base parameter."""
@@ -212,13 +212,22 @@ class Determined:
         # largest plausible size (k,) of every unknown, infinite where none is known
         most = np.array([HALF_TURN if unit == "rad" else np.inf for unit in columns.units])
         for effect, places in columns.effects:
-            for own, i in zip(effect.parameters, places, strict=True):
-                if i >= 0 and np.isfinite(own.largest):
-                    most[i] = own.largest
+            for parameter, i in zip(effect.parameters, places, strict=True):
+                if i >= 0 and np.isfinite(parameter.largest):
+                    most[i] = parameter.largest
         prior = base.combined(point.unknowns(columns)).tolist()
         units = [columns.units[i] for i in base.independent]
-        each = base_names(columns, base), prior, self.stderr.tolist(), units, most[base.independent]
-        return tuple(ExpectedValue(*own[:-1], float(own[-1])) for own in zip(*each, strict=True))
+        series = (
+            base_names(columns, base),
+            prior,
+            self.stderr.tolist(),
+            units,
+            most[base.independent],
+        )
+        return tuple(
+            ExpectedValue(*parameter[:-1], float(parameter[-1]))
+            for parameter in zip(*series, strict=True)
+        )
 
     def separation(self, pair: tuple[str, str]) -> Separation:
         """Return how well two effects are distinguished: by the canonical correlation of their
@@ -226,7 +235,7 @@ class Determined:
         """
         columns, place = self.columns, {i: k for k, i in enumerate(self.base.independent.tolist())}
         places = [determined_places(columns, label, place) for label in pair]
-        a, b = ([place[i] for i in own if i in place] for own in places)
+        a, b = ([place[i] for i in columns_of_one if i in place] for columns_of_one in places)
         e, f = (float(self.stderr[place[i]]) if i in place else np.inf for i, *_ in places)
         cosine = 1.0
         if np.isfinite(e + f):

@@ -122,17 +122,17 @@ class LimitBox:
             acceleration = _limit(limits.acceleration, j.name, driven, np.inf)
             torque = _limit(limits.torque, j.name, driven, j.effort or np.inf)
             torque *= 1 - limits.reserve
-            moved = j.name in start
-            if moved and j.rotational and high - low > TURN:
+            in_motion = j.name in start
+            if in_motion and j.rotational and high - low > TURN:
                 low, high = start[j.name] - np.pi, start[j.name] + np.pi
                 notes.append(f"{j.name} may turn on and on: moved by up to half a turn either way")
-            if moved and not 0 < high - low < np.inf:
+            if in_motion and not 0 < high - low < np.inf:
                 what = "slides without limits"
                 if not high > low:
                     what = f"has both limits at {low:g} {j.unit} in its <limit>"
                 how = f"--range {j.name}=LOWER:UPPER"
                 raise MechanismError(f"joint '{j.name}' {what}; say how far it may move: {how}")
-            if moved and not np.isfinite(speed):
+            if in_motion and not np.isfinite(speed):
                 speed = (high - low) / CROSSING
                 notes.append(f"{j.name} has no limit of speed: {speed:.3g} {j.unit}/s is taken")
             rows[j.name, "position", j.unit] = low, high
@@ -144,11 +144,13 @@ class LimitBox:
             rows["", "singularity", "1"] = -np.inf, limits.singular * size
         order = [*dict.fromkeys(kind for _, kind, _ in rows)]
         quantities = sorted(rows, key=lambda q: order.index(q[1]))
-        return cls(tuple(quantities), *np.array([rows[each] for each in quantities]).T), notes
+        return cls(
+            tuple(quantities), *np.array([rows[quantity] for quantity in quantities]).T
+        ), notes
 
     def of_joints(self, kind: str, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Return both limits (d,) of one kind of some joints."""
-        known = [each[:2] for each in self.quantities]
+        known = [quantity[:2] for quantity in self.quantities]
         at = [known.index((name, kind)) for name in names]
         return self.low[at], self.high[at]
 
@@ -173,15 +175,15 @@ class LimitBox:
         width = np.where(np.isfinite(self.low), 0.5 * (self.high - self.low), self.high)
         return np.where(np.isfinite(width), np.maximum(np.abs(width), 1e-300), 1.0)
 
-    def tightened(self, moved: tuple[str, ...], between: float, margin: float) -> LimitBox:
+    def tightened(self, moving_joints: tuple[str, ...], between: float, margin: float) -> LimitBox:
         """Return a smaller box for samples.
 
         The share `between` applies to the positions and rates of the joints that are moved, whose
         series is bounded between samples too, `margin` to everything that follows from them.
         """
         kinds = ("position", "speed", "acceleration")
-        own = [joint in moved and kind in kinds for joint, kind, _ in self.quantities]
-        share = np.where(own, between, margin)
+        applies = [joint in moving_joints and kind in kinds for joint, kind, _ in self.quantities]
+        share = np.where(applies, between, margin)
         low, high = (self.middle + share * (x - self.middle) for x in (self.low, self.high))
         return replace(self, low=low, high=high)
 
@@ -191,8 +193,8 @@ class LimitBox:
 
     def broken(self, z: np.ndarray) -> int | None:
         """Return the index of the quantity that is farthest outside; None if none is."""
-        over = self.excess(z)
-        return int(over.argmax()) if over.max() > ROUNDING else None
+        excess = self.excess(z)
+        return int(excess.argmax()) if excess.max() > ROUNDING else None
 
     def uses(self, z: np.ndarray) -> tuple[LimitUse, ...]:
         """Return how z (n, Z) uses each limit."""
@@ -202,8 +204,8 @@ class LimitBox:
         ranges = [kind == "position" for _, kind, _ in self.quantities]
         share = np.where(ranges, covered, np.maximum(-low, high) / most)
         sizes = np.stack([low, high, self.low, self.high], axis=1).tolist()
-        each = zip(self.quantities, sizes, share.tolist(), strict=True)
+        series = zip(self.quantities, sizes, share.tolist(), strict=True)
         return tuple(
             LimitUse(joint, kind, a, b, lower, upper, unit, used)
-            for (joint, kind, unit), (a, b, lower, upper), used in each
+            for (joint, kind, unit), (a, b, lower, upper), used in series
         )

@@ -34,7 +34,7 @@ DRAWS = 25  # work: random motions, the best of which each search starts from
 ROUND, STEPS = 30, 150  # work: steps of every search, and of the best one after these, at most
 CENTRED = 1e-2  # numerics: μ of the first problem of a search, times the number of drives
 DIRECT = 1e-3  # numerics: μ, likewise, of every second search for a separation
-KEPT = 5.0  # shown: s between two motions that are handed out before the end
+HAND_OUT_INTERVAL = 5.0  # shown: s between two motions that are handed out before the end
 
 
 def excite(
@@ -117,14 +117,14 @@ def excite(
         return problem.excitation(x, duration, periods, rate, separate, seed, finished)
 
     best: ExcitingMotion | None = None
-    kept, at, finished = -np.inf, -np.inf, False
+    handed_out, at, finished = -np.inf, -np.inf, False
     try:
         for what, share, c in _searches(problem, criterion, tries, seed):
             say(f"exciting {mechanism.name}, {what}", share)
             best = c if best is None or c.J > best.J else best
-            if better and kept < best.J and monotonic() > at + KEPT:
+            if better and handed_out < best.J and monotonic() > at + HAND_OUT_INTERVAL:
                 better(excitation(best, finished))
-                kept, at = best.J, monotonic()
+                handed_out, at = best.J, monotonic()
         finished = True
     except KeyboardInterrupt:
         if best is None:
@@ -159,7 +159,7 @@ def _searches(
             J = c.J
         begun.append((J, -i, steps))
     if begun:
-        _, i, steps = max(begun, key=lambda each: each[:2])
+        _, i, steps = max(begun, key=lambda search: search[:2])
         for k, c in enumerate(islice(steps, STEPS)):
             yield f"finishing search {1 - i}, the best", (tries * ROUND + k) / most, c
 
@@ -171,13 +171,13 @@ def ascent(
 
     `centred` is μ of its first problem, times the number of drives.
     """
-    n, box, some = len(start.rows.e), problem.box, problem.limited
+    n, box, limited = len(start.rows.e), problem.box, problem.limited
 
     def at(x: np.ndarray, near: ExcitingMotion) -> ExcitingMotion | None:
         rows = problem.family.motion(x, near.rows.e)
         return None if rows is None else problem.candidate(x, rows, criterion)
 
-    low, high = (np.tile(x[some], n) for x in (box.low, box.high))
+    low, high = (np.tile(x[limited], n) for x in (box.low, box.high))
     first = centred / len(problem.names)
     return climb(start, at, lambda c: problem.slopes(c, criterion), low, high, first)
 
@@ -237,8 +237,8 @@ def climb(
         fall = -float(slope @ step)
         longest = min(1.0, WALL / float((-ds / s).max(initial=WALL)))
         for share in longest * 0.5 ** np.arange(HALVINGS if fall >= SOLVED * mu else 0):
-            there = at(c.x + (share * step).reshape(c.x.shape), c)
-            if there is not None and phi(there) <= phi(c) - ARMIJO * share * fall:
+            target = at(c.x + (share * step).reshape(c.x.shape), c)
+            if target is not None and phi(target) <= phi(c) - ARMIJO * share * fall:
                 break
         else:
             if mu <= LAST:
@@ -246,12 +246,12 @@ def climb(
             mu = max(SMALLER * mu, LAST)
             continue
         multipliers = multipliers + share * (mu / s - multipliers - multipliers * ds / s)
-        s = room(there)
+        s = room(target)
         multipliers = np.clip(multipliers, mu / s / APART, mu / s * APART)
-        g_there, Z_there = slopes(there)
-        d = (there.x - c.x).reshape(-1)
+        g_there, Z_there = slopes(target)
+        d = (target.x - c.x).reshape(-1)
         y = g - g_there - (Z_there - Z).T @ (multipliers[0] - multipliers[1])
         if y.any():  # zero where J and z are linear
             B.update(d, y)
-        c, g, Z = there, g_there, Z_there
+        c, g, Z = target, g_there, Z_there
         yield c

@@ -122,17 +122,17 @@ def motion_rows(mechanism: Mechanism, columns: Columns, point: Point, e: State) 
     """Return the rows of a state, with the torques that the model predicts at a point."""
     e = replace(e, tau=np.zeros((len(e), len(mechanism.driven))))
     scene = Scene.of(mechanism, columns, e, point)
-    found = scene.terms(EVERY)
-    torque = found.A @ point.unknowns(columns) - found.b
+    terms = scene.terms(EVERY)
+    torque = terms.A @ point.unknowns(columns) - terms.b
     drives = [mechanism.joint_index[name] for name in mechanism.driven]
     if mechanism.driven != e.independent:  # surplus drives share the torque
         torque = e.drive_torques(torque, drives)
     e = replace(e, tau=torque)
     if any(effect.corrects for effect in mechanism.effects):  # these depend on torques
         scene = Scene.of(mechanism, columns, e, point)
-        found = scene.terms(EVERY)
+        terms = scene.terms(EVERY)
     informed = informing(scene.samples.reduced(EVERY), largest_transmission(scene.e))
-    return MotionRows(e, found.A, informed)
+    return MotionRows(e, terms.A, informed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +212,7 @@ class Family:
         rate = np.minimum(self.series.speed, self.series.half * w)
         return STEP * np.stack([rate / w, rate, rate * w])
 
-    def beside(self, e: State) -> Iterator[tuple[int, MotionRows | None]]:
+    def perturbed(self, e: State) -> Iterator[tuple[int, MotionRows | None]]:
         """Yield neighbours of a motion, m at a time, as m and their rows at m n samples.
 
         They differ from it in one of y, ẏ, ÿ of one drive, at all samples; where rows depend on the
@@ -230,8 +230,8 @@ class Family:
             goal = states + moves[first : first + most]
             m = len(goal)
             near = e.at_samples(np.tile(np.arange(n), m))
-            found = self.follow(near, goal.transpose(1, 0, 2, 3).reshape(3, -1, d))
-            yield m, None if found is None else self.rows(found)
+            near_states = self.follow(near, goal.transpose(1, 0, 2, 3).reshape(3, -1, d))
+            yield m, None if near_states is None else self.rows(near_states)
 
     def by_x(self, changes: np.ndarray) -> np.ndarray:
         """Return slopes (n, c, d P) by x from the changes (m, n, c) of all neighbours."""
@@ -239,8 +239,10 @@ class Family:
             return changes.transpose(1, 2, 0) / STEP
         _, n, d, P = self.basis.shape
         slopes = changes.reshape(3, d, n, -1) / self._nudges[:, :, None, None]
-        own = [np.einsum("cnz,cnp->nzp", slopes[:, u], self.basis[:, :, u]) for u in range(d)]
-        return np.stack(own, axis=2).reshape(n, -1, d * P)
+        by_coordinate = [
+            np.einsum("cnz,cnp->nzp", slopes[:, u], self.basis[:, :, u]) for u in range(d)
+        ]
+        return np.stack(by_coordinate, axis=2).reshape(n, -1, d * P)
 
     def draw(
         self, box: LimitBox, random: np.random.Generator

@@ -104,7 +104,7 @@ class _Instant:
         self, dynamics: Dynamics, m: InstantTerms, modes: np.ndarray, resting: np.ndarray | None
     ) -> None:
         self.dynamics, self.m, self.modes, self.open = dynamics, m, modes, resting is not None
-        self.held = modes == STICK if resting is None else resting
+        self.stuck = modes == STICK if resting is None else resting
         self.plant = plant = dynamics.plant
         laws, extra = plant.laws, dynamics.extra
         self.w = plant.dry @ m.W
@@ -148,25 +148,25 @@ class _Instant:
         for law in laws.smooth:
             if law.effect.asks:
                 r = r - m.W[list(law.at)].T @ law.torque(s)
-        F = np.array([each.limit(s) for each in laws.dry])
-        f = np.where(self.held, 0.0, self.modes * F)
+        F = np.array([joint.limit(s) for joint in laws.dry])
+        f = np.where(self.stuck, 0.0, self.modes * F)
         b = m.Z.T @ (r - self.w.T @ f - m.M @ m.a0)
-        sides, held, holding = np.zeros(len(F), dtype=int), np.flatnonzero(self.held), True
-        if len(held) and F[held].min() < 0:
-            k = held[int(F[held].argmin())]
+        sides, stuck, holding = np.zeros(len(F), dtype=int), np.flatnonzero(self.stuck), True
+        if len(stuck) and F[stuck].min() < 0:
+            k = stuck[int(F[stuck].argmin())]
             raise MechanismError(
                 f"{self.plant.mechanism.name}: dry friction of "
                 f"{' and '.join(laws.dry[k].effects)} is {F[k]:.4g} at rest, which would drive the "
                 "joint; give values of 0 or more, or leave the effect out"
             )
-        B = self.B[held]
+        B = self.B[stuck]
         back = self._least(self.A, np.concatenate([b[None], B]).T)
-        H, g = B @ back[:, 1:], B @ back[:, 0] + self.delta[held]
+        H, g = B @ back[:, 1:], B @ back[:, 0] + self.delta[stuck]
         if self.open:
-            f[held], sides[held] = box_programme(H, g, F[held])
-        elif len(held):
-            f[held], holding = holding_friction(H, g, F[held] * (1 + MARGIN))
-        alpha = back[:, 0] - back[:, 1:] @ f[held]
+            f[stuck], sides[stuck] = box_programme(H, g, F[stuck])
+        elif len(stuck):
+            f[stuck], holding = holding_friction(H, g, F[stuck] * (1 + MARGIN))
+        alpha = back[:, 0] - back[:, 1:] @ f[stuck]
         a, rates = m.a0 + m.Z @ alpha, self.B @ alpha + self.delta
         multipliers = m.Jp.T @ (r - self.w.T @ f - m.M @ a)
         return Balance(a, self.tau, multipliers, f, F, rates, sides, holding)
@@ -181,8 +181,8 @@ class _Instant:
         for law in laws.smooth:
             if law.effect.asks and not law.effect.implicit:
                 others = others + m.W[list(law.at)].T @ law.torque(self._with(x))
-        for k, each in enumerate(laws.dry):
-            share = each.limit(self.signals, explicit=True) / F[k] if F[k] else 0.0
+        for k, joint in enumerate(laws.dry):
+            share = joint.limit(self.signals, explicit=True) / F[k] if F[k] else 0.0
             others = others + share * f[k] * self.w[k]
         mechanism, independent = self.plant.mechanism, self.dynamics.independent
         words, places = zip(*self.dynamics.asking, strict=True)
@@ -199,8 +199,8 @@ class _Instant:
             mechanism, joints, independent, Kp, rigid[None], others[None], known, self.tau[None]
         )
         acceleration = (m.W @ a + m.drift)[list(places)]
-        found = {"a": acceleration, "torque": torque[0], "load": load[0]}
-        return np.array([found[word][k] for k, word in enumerate(words)])
+        by_word = {"a": acceleration, "torque": torque[0], "load": load[0]}
+        return np.array([by_word[word][k] for k, word in enumerate(words)])
 
     def _least(self, A: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Return A⁻¹ b of a positive definite A."""
@@ -258,7 +258,7 @@ def box_programme(H: np.ndarray, g: np.ndarray, F: np.ndarray) -> tuple[np.ndarr
         root = np.sqrt(h[known])
         A, b = (V[:, known] * root).T, V[:, known].T @ g[open_] / root
         unit = F[open_]
-        found = lsq_linear(A * unit, b, (-1.0, 1.0), method="bvls", tol=1e-15, max_iter=1000)
-        side[open_] = found.active_mask
-        f[open_] = np.where(found.active_mask, found.active_mask * unit, unit * found.x)
+        solution = lsq_linear(A * unit, b, (-1.0, 1.0), method="bvls", tol=1e-15, max_iter=1000)
+        side[open_] = solution.active_mask
+        f[open_] = np.where(solution.active_mask, solution.active_mask * unit, unit * solution.x)
     return f, np.where(F > 0, side, np.sign(g - H @ f).astype(int))

@@ -60,7 +60,7 @@ class Integration:
 
     def __post_init__(self) -> None:
         self.plant = self.dynamics.plant
-        self.names = [each.name for each in self.plant.laws.dry]
+        self.names = [joint.name for joint in self.plant.laws.dry]
         self.longest = min(self.longest, WATCHED) if self.names else self.longest
         model = self.plant.mechanism.model
         self._cuts = model.nq, model.nq + model.nv
@@ -174,19 +174,21 @@ class Integration:
     def _change(self, a: float, b: float, states: States) -> ModeChange | None:
         """Return the first change of mode between two times [s]."""
 
-        def over(t: float) -> np.ndarray:
+        def limits_exceeded(t: float) -> np.ndarray:
             return self._overrun(self._speeds(states(t)))
 
         def slips(t: float) -> bool:
             return not self.dynamics.balance(self._terms(t, states(t)), self.modes).holding
 
-        stop = _first(np.linspace(a, b, LOOKS + 1).tolist(), lambda t: bool(over(t).any()))
+        stop = _first(
+            np.linspace(a, b, LOOKS + 1).tolist(), lambda t: bool(limits_exceeded(t).any())
+        )
         last = min(b, stop)
         breaks = (
             _first([a, 0.5 * (a + last), last], slips) if (self.modes == STICK).any() else np.inf
         )
         first = min(breaks, stop)
-        return (first, over(first), breaks < stop) if first < np.inf else None
+        return (first, limits_exceeded(first), breaks < stop) if first < np.inf else None
 
     def _decide(self, t: float, x: np.ndarray, resting: np.ndarray, broke: bool) -> None:
         """Decide the modes of joints at rest, and of all others by their speed."""

@@ -268,7 +268,7 @@ def integrate(
         (m.q, m.v, b.a, b.tau, b.multipliers, b.friction, x) for m, b, x in integration.samples
     ]
     q, v, a, tau, forces, friction, modes = (
-        np.array(each).reshape(len(t), -1) for each in zip(*series, strict=True)
+        np.array(values).reshape(len(t), -1) for values in zip(*series, strict=True)
     )
     y, yd, ydd = joint_coordinates(model, q, v, a, {})
     logged = _columns(model, point, t, (y, yd, ydd), tau, columns, joints)

@@ -139,10 +139,10 @@ def columns_of(
     series = {c: x for c, x in zip("qva", motion, strict=True) if c in channels}
     logged = joint_columns(mechanism, series, joints)
     if "tau" in channels:
-        whole = len(independent_joints(mechanism, joints)) == mechanism.degrees_of_freedom
-        tau = {name: x for name, x in tau.items() if whole or name in joints}
+        all_determined = len(independent_joints(mechanism, joints)) == mechanism.degrees_of_freedom
+        tau = {name: x for name, x in tau.items() if all_determined or name in joints}
         corrections = [constant_correction(effect, point) for effect in mechanism.effects]
-        delays = {name: d for each in corrections for name, d in each.delay.items()}
+        delays = {name: d for correction in corrections for name, d in correction.delay.items()}
         logged |= {f"tau.{name}": late(t, x, delays.get(name, 0.0)) for name, x in tau.items()}
     return logged
 
@@ -153,14 +153,15 @@ def with_noise(
     """Return columns (n,) by name with their noise; refuse noise on no column."""
     check_whole("seed", seed)
     random = np.random.default_rng(seed)
-    for each in noise:
-        if not any(map(each.matches, columns)):
+    for channel_noise in noise:
+        if not any(map(channel_noise.matches, columns)):
             valid = {name.partition(".")[0] for name in columns} | set(columns)
-            raise MotionError(f"noise: no column '{each.channel}'; {one_of(each.channel, valid)}")
+            wanted = channel_noise.channel
+            raise MotionError(f"noise: no column '{wanted}'; {one_of(wanted, valid)}")
     noisy = {}
     for name, x in columns.items():
-        for each in (one for one in noise if one.matches(name)):
-            sigma = each.level * (float(np.std(x)) if each.relative else 1.0)
+        for channel_noise in (one for one in noise if one.matches(name)):
+            sigma = channel_noise.level * (float(np.std(x)) if channel_noise.relative else 1.0)
             x = x + sigma * random.standard_normal(len(x))
         noisy[name] = x
     return noisy
@@ -208,7 +209,7 @@ def random_of(seed: int, snr: float, run: int) -> np.random.Generator:
 
 def check_channels(columns: Sequence[str]) -> None:
     """Refuse a channel that logs do not have."""
-    for column in (each for each in columns if each not in CHANNELS):
+    for column in (column for column in columns if column not in CHANNELS):
         raise MotionError(f"columns: '{column}'; {one_of(column, CHANNELS)}")
 
 
@@ -221,7 +222,7 @@ def point_of(
     given = dict(values or {})
     bodies = mechanism.bodies
     parameters = bodies.with_values(mechanism.prior if pi is None else pi, given)
-    own: dict[str, float] = {}
+    of_effects: dict[str, float] = {}
     for effect in mechanism.effects:
         for name, unknown in zip(effect.names, effect.parameters, strict=True):
             value = given.pop(name, effect.values.get(unknown.name))
@@ -230,15 +231,17 @@ def point_of(
                     f"effect '{effect.label}': give {name} a value to simulate it: --set {name}=…, "
                     f"or {unknown.name} = … in its [[effect]]"
                 )
-            own[name] = float(value)
+            of_effects[name] = float(value)
     for name in given:
-        place, hint = name.rpartition(".")[0], one_of(name, [*bodies.names, *own])
+        place, hint = name.rpartition(".")[0], one_of(name, [*bodies.names, *of_effects])
         kind, _, site = (place or name).partition(".")
-        if kind in KINDS and place not in {each.rpartition(".")[0] for each in own}:
+        if kind in KINDS and place not in {
+            name_of_value.rpartition(".")[0] for name_of_value in of_effects
+        }:
             label = f"{kind}:{site}" if site else kind
             hint = (
                 f"the model has no effect '{label}'; add it: --with {label}, or an [[effect]] in "
             )
             hint += "mechanism.toml"
         raise MechanismError(f"{mechanism.name}: no parameter '{name}'; {hint}")
-    return Point(parameters, own)
+    return Point(parameters, of_effects)

@@ -70,7 +70,7 @@ class EffectLaw:
         At other rates (arity,) if they are given.
         """
         at = list(self.at)
-        own = replace(
+        state = replace(
             s,
             q=s.q[:, at],
             v=s.v[:, at] if yd is None else np.stack([yd, yd]),
@@ -80,7 +80,7 @@ class EffectLaw:
             present=self.present,
             predicted=lambda: (s.torque[:, at], s.load[:, at]),
         )
-        return self.effect.columns(own)[-1] @ self.c
+        return self.effect.columns(state)[-1] @ self.c
 
     def limit(self, s: Signals) -> float:
         """Return the friction F [N m | N] of a dry law at the present speed, whatever its sign."""
@@ -101,7 +101,7 @@ class DryJoint:
 
     def limit(self, s: Signals, *, explicit: bool = False) -> float:
         """Return F [N m | N], or the part that needs no prediction of the model."""
-        parts = (each for each in self.parts if not (explicit and each.effect.asks))
+        parts = (part for part in self.parts if not (explicit and part.effect.asks))
         return self.level + sum(part.limit(s) for part in parts)
 
 
@@ -134,8 +134,8 @@ class ForwardLaws:
                 continue
             at = tuple(mechanism.joint_index[name] for name in effect.joints)
             self.joints.update(at)
-            for acts in dict.fromkeys(each.acts for each in effect.unknowns):
-                part = np.where([each.acts == acts for each in effect.unknowns], c, 0.0)
+            for acts in dict.fromkeys(unknown.acts for unknown in effect.unknowns):
+                part = np.where([unknown.acts == acts for unknown in effect.unknowns], c, 0.0)
                 law = EffectLaw(effect, part, shape, point.values, at)
                 if not part.any():
                     continue
@@ -206,8 +206,8 @@ class Plant:
         self.rigid = Rigid.of(model, laws.pi)
         self.driven = [mechanism.joint_index[name] for name in mechanism.driven]
         self.dry = np.zeros((len(laws.dry), len(joints)))  # joints whose rates add up in friction
-        for row, each in zip(self.dry, laws.dry, strict=True):
-            row[list(each.at)] = 1.0
+        for row, joint in zip(self.dry, laws.dry, strict=True):
+            row[list(joint.at)] = 1.0
         self._tree = [i for i, joint in enumerate(joints) if joint.in_tree]
         self._index = [joints[i].index for i in self._tree]
         self._W = np.zeros((len(joints), model.nv))
@@ -219,8 +219,8 @@ class Plant:
             self.qdot = lambda q, v: qdot(q, v).full().ravel()
         kinematics, wanted = mechanism.kinematics, {*laws.joints, *self.driven, *observed}
         self._closure = Mapped(kinematics.closure_function, 1) if mechanism.closures else None
-        own = wanted - {*self._tree}  # closures' own joints
-        self._own = Mapped(kinematics.own_function, 1) if own else None
+        closure_joints = wanted - {*self._tree}  # closures' own joints
+        self._closure_state = Mapped(kinematics.own_function, 1) if closure_joints else None
 
     def closures(self, q: np.ndarray, v: np.ndarray) -> Rows:
         """Return Φ (m,), J (m, nv), J̇v (m,)."""
@@ -236,14 +236,14 @@ class Plant:
         """
         y, drift = np.zeros((2, len(self._W)))
         y[self._tree] = q[self._index]
-        if self._own is None:
+        if self._closure_state is None:
             return y, self._W, drift
         W = self._W.copy()
-        own = self._own(q, v)
+        closure_state = self._closure_state(q, v)
         for i, joint in enumerate(self.mechanism.joints):
             if not joint.in_tree:
-                value, W[i], own_drift = (x[0, joint.index] for x in own)
-                y[i], drift[i] = value[0], own_drift[0]
+                value, W[i], closure_drift = (x[0, joint.index] for x in closure_state)
+                y[i], drift[i] = value[0], closure_drift[0]
                 if joint.rotational and near is not None:
                     y[i] += 2 * np.pi * np.round((near[i] - y[i]) / (2 * np.pi))
         return y, W, drift
@@ -298,8 +298,8 @@ class Plant:
         _, J, _ = self.closures(q, v)
         v = v - Jp @ (J @ v)
         if len(stuck):
-            held = np.vstack([J, stuck])
-            v = v - linear.pinv(held, 1e-9) @ (held @ v)
+            constraints = np.vstack([J, stuck])
+            v = v - linear.pinv(constraints, 1e-9) @ (constraints @ v)
         return q, v
 
 

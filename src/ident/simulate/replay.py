@@ -117,9 +117,9 @@ def replay(
             )
     runs: dict[str, tuple[ReplayedLog, ...]] = {}
     for i, model in enumerate(models):
-        own = f"fit {i + 1}" if len(models) > 1 else "fit"
+        label = f"fit {i + 1}" if len(models) > 1 else "fit"
         logs = (_replayed(model, motion, e, window, progress) for e in motion.experiments)
-        runs[model.name if isinstance(model, Saved) else own] = tuple(logs)
+        runs[model.name if isinstance(model, Saved) else label] = tuple(logs)
     return Replay(runs, window)
 
 

@@ -91,12 +91,12 @@ class Cutter:
         """Yield the rows of intervals that are over, if about as many as usual; `last`: all are."""
         rows = Rows.concatenated([*self.waiting, rows])
         edges = np.flatnonzero(np.diff(np.floor(rows.t / self._seconds))) + 1
-        whole = [rows[a:b] for a, b in pairwise([0, *edges, len(rows)])]
-        self.waiting = [] if last else [whole.pop()]
-        for each in whole:
-            self._usual = max(self._usual, len(each))
-            if len(each) >= USUAL * self._usual:
-                yield each
+        intervals = [rows[a:b] for a, b in pairwise([0, *edges, len(rows)])]
+        self.waiting = [] if last else [intervals.pop()]
+        for interval in intervals:
+            self._usual = max(self._usual, len(interval))
+            if len(interval) >= USUAL * self._usual:
+                yield interval
 
 
 def intervals_of(
@@ -104,7 +104,7 @@ def intervals_of(
 ) -> list[WatchedInterval]:
     """Cut rows into intervals of so many seconds; sigma (d,) weighs them, x (k,) the reference."""
     cutter = Cutter(seconds)
-    parts = (part for each in rows for part in cutter.cut(each, each is rows[-1]))
+    parts = (part for portion in rows for part in cutter.cut(portion, portion is rows[-1]))
     return [WatchedInterval.of(part, sigma, x) for part in parts]
 
 
@@ -125,22 +125,22 @@ class NormalRunning:
         material: float, felt: np.ndarray | bool = True,
     ) -> NormalRunning:  # fmt: skip
         """Learn normal running from `FEWEST` intervals or more; felt (k,): see `felt_columns`."""
-        triangle = Triangle.merge([each.triangle for each in intervals])
-        s = np.array([each.triangle.gradient(x) for each in intervals])
+        triangle = Triangle.merge([i.triangle for i in intervals])
+        s = np.array([i.triangle.gradient(x) for i in intervals])
         norm = triangle.column_norms()
         felt = felt & (norm > 0)
         total = np.where(felt, norm**2, 1.0)
         lengths = np.unique(np.geomspace(1, len(s) // BLOCKS, 8).astype(int))
         spread = np.max([_block_variance(s, total, int(n)) for n in lengths], axis=0)
         spread = MARGIN * np.maximum(spread, 1.0)
-        torque = sum(each.torque for each in intervals)
+        torque = sum(i.torque for i in intervals)
         least = np.sqrt(np.maximum(FLOOR**2 * spread, material**2 * torque) / total)
         squares, rows = (np.array([getattr(e, n) for e in intervals]) for n in ("squares", "rows"))
         _, fitted = moved_reference(triangle, x, felt)  # numbers of x: other rows leave more
         free = max(1.0 - fitted / max(triangle.rows, 1), 0.5)
         energy = squares.sum(axis=0) / np.maximum(free * rows.sum(axis=0), 1)
-        each = squares / (np.maximum(rows, 1) * np.where(energy > 0, energy, 1.0))
-        freedom = 2.0 / np.maximum(each.var(axis=0, ddof=1), 1e-3) / MARGIN
+        i = squares / (np.maximum(rows, 1) * np.where(energy > 0, energy, 1.0))
+        freedom = 2.0 / np.maximum(i.var(axis=0, ddof=1), 1e-3) / MARGIN
         return cls(sigma, triangle, spread, np.where(felt, least, np.inf), energy, freedom)
 
     @property
@@ -158,15 +158,15 @@ class NormalRunning:
         delta, _ = linear.lstsq(both / size, rest, FELT)
         return float(np.sum((rest - both / size @ delta) ** 2))
 
-    def moved(
+    def after_change(
         self, places: np.ndarray, root: np.ndarray, since: Sequence[WatchedInterval], x: np.ndarray
     ) -> NormalRunning:
         """Return normal running after a change has been made part of the reference: its error, seen
         as a change of column k, is I_k,g θ̃ / I_kk, and what it does not explain is normal now.
         """
-        R, rest = self.triangle.R, Triangle.merge([each.triangle for each in since])
-        own = np.maximum((R**2).sum(axis=0), 1e-300)
-        error = np.linalg.norm((R.T @ R[:, places]) @ root, axis=1) / own
+        R, rest = self.triangle.R, Triangle.merge([interval.triangle for interval in since])
+        information = np.maximum((R**2).sum(axis=0), 1e-300)
+        error = np.linalg.norm((R.T @ R[:, places]) @ root, axis=1) / information
         remaining = np.abs(rest.gradient(x)) / np.maximum((rest.R**2).sum(axis=0), 1e-300)
         least = np.sqrt(self.least**2 + (FLOOR * error) ** 2 + (BEYOND * remaining) ** 2)
         return replace(self, least=least)
@@ -181,8 +181,10 @@ class NormalRunning:
         now = NormalRunning.of(since, self.sigma, x, 0.0, np.isfinite(self.least))
         grown = np.full(len(self.energy), remains)
         if known:
-            usual = np.sum([each.rows for each in known], axis=0) * self.energy
-            grown = np.sum([each.squares for each in known], axis=0) / np.maximum(usual, 1e-300)
+            usual = np.sum([interval.rows for interval in known], axis=0) * self.energy
+            grown = np.sum([interval.squares for interval in known], axis=0) / np.maximum(
+                usual, 1e-300
+            )
         return replace(
             self,
             spread=np.maximum(self.spread, now.spread),
@@ -194,15 +196,15 @@ class NormalRunning:
 
 def _block_variance(s: np.ndarray, total: np.ndarray, length: int) -> np.ndarray:
     """(k,) Σ (Σ_L s)² / Σ I over the blocks of some length; all s together add up to zero."""
-    whole = len(s) // length
-    sums = s[: whole * length].reshape(whole, length, -1).sum(axis=1)
-    return (sums**2).sum(axis=0) / total * (len(s) / (whole * length)) / (1 - 1 / whole)
+    blocks = len(s) // length
+    sums = s[: blocks * length].reshape(blocks, length, -1).sum(axis=1)
+    return (sums**2).sum(axis=0) / total * (len(s) / (blocks * length)) / (1 - 1 / blocks)
 
 
 def felt_columns(triangle: Triangle, units: Sequence[str]) -> np.ndarray:
     """(k,) columns that have an effect: sizes compare within a unit only."""
     size, unit = triangle.column_norms(), np.array(units)
-    largest = np.array([size[unit == each].max() for each in unit])
+    largest = np.array([size[unit == name].max() for name in unit])
     return size > np.maximum(FELT * largest, np.finfo(float).eps * size.max(initial=0.0))
 
 
@@ -220,11 +222,11 @@ def moved_reference(
 
 def statistics(intervals: Sequence[WatchedInterval], x: np.ndarray) -> tuple[np.ndarray, ...]:
     """Collect score, information (n, k), squares, rows (n, d) of intervals at x (k,)."""
-    each = [
+    values = [
         (i.triangle.gradient(x), (i.triangle.R**2).sum(axis=0), i.squares, i.rows)
         for i in intervals
     ]
-    return tuple(np.array(some) for some in zip(*each, strict=True))
+    return tuple(np.array(columns) for columns in zip(*values, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,10 +245,12 @@ class Design:
         delta = np.concatenate([SIZES, -SIZES])[:, None] * np.where(use, normal.least, 0.0)
         parts = [(PARAMETERS, use, len(delta)), (1 - PARAMETERS, errors, len(RATIOS))]
         weight = [
-            np.broadcast_to(share * some / max(int(some.sum()), 1) / count, (count, len(some)))
-            for share, some, count in parts
+            np.broadcast_to(
+                share * charted / max(int(charted.sum()), 1) / count, (count, len(charted))
+            )
+            for share, charted, count in parts
         ]
-        return cls(normal, mask, delta, np.concatenate([each.ravel() for each in weight]))
+        return cls(normal, mask, delta, np.concatenate([w.ravel() for w in weight]))
 
     def evidence(
         self, score: np.ndarray, info: np.ndarray, squares: np.ndarray, rows: np.ndarray
@@ -324,9 +328,9 @@ def calibrated(
         charts = Charts.fresh(evidence.shape[1], (STREAMS,))
         for at in order:
             charts.update(evidence[at])
-            over = charts.height(design.weight) > threshold
-            alarms += int(over.sum())
-            charts.restart(over)
+            alarmed = charts.height(design.weight) > threshold
+            alarms += int(alarmed.sum())
+            charts.restart(alarmed)
         if alarms <= OFTEN:
             break
         raised *= WIDER

@@ -115,8 +115,8 @@ class Gathered(Displayed):
         nothing, several = (np.empty(0), np.empty((0, len(names)))), len({*of}) > 1
         yield multipliers_rows(names, *nothing, "" if several else None, header=True)
         done = self.workers.run(multipliers_of, portions, plan, of, "multipliers")
-        for log, (_, each) in zip(of, done, strict=True):
-            t, values = each or nothing
+        for log, (_, multipliers) in zip(of, done, strict=True):
+            t, values = multipliers or nothing
             values = np.where(determined, values, np.nan)
             yield multipliers_rows(names, t, values, log if several else None, header=False)
 
@@ -170,16 +170,20 @@ def gather(
         raise FitError(f"{mechanism.name}: no log given")
     workers = Workers(None if scheduler else jobs, scheduler, len(paths) == 1, progress)
     looked_at = summaries(mechanism, paths, workers.between(0.0, 0.3))
-    some = excerpt(mechanism, looked_at, cutoff, smoothing, workers.broken)
-    logged, prior = some.experiments[0].logged, Point.prior(mechanism)
-    common = Plan(mechanism, logged, some.independent, some.band, smoothing, (), prior)
+    sample_motion = excerpt(mechanism, looked_at, cutoff, smoothing, workers.broken)
+    logged, prior = sample_motion.experiments[0].logged, Point.prior(mechanism)
+    common = Plan(
+        mechanism, logged, sample_motion.independent, sample_motion.band, smoothing, (), prior
+    )
     plan = with_logs(common, looked_at, samples, workers.between(0.3, 0.4))
     on_shapes = workers.between(0.4, 0.45).on_progress or no_progress
-    plan = replace(plan, point=working_point(mechanism, some, None, on_shapes))
+    plan = replace(plan, point=working_point(mechanism, sample_motion, None, on_shapes))
     saved = None if checkpoint is None else Checkpoint(Path(checkpoint), plan)
     blocks, notes, findings, worked, resumed = _summed(plan, workers.between(0.45, 0.9), saved)
-    information = Information.of(blocks, len(plan.columns), some.experiments[0].leverage.shape[2])
-    regression = Problem(mechanism, some, plan.point, plan.columns, information)
+    information = Information.of(
+        blocks, len(plan.columns), sample_motion.experiments[0].leverage.shape[2]
+    )
+    regression = Problem(mechanism, sample_motion, plan.point, plan.columns, information)
     fitted = estimate_of(regression)
     notes += free_note
     if not all(effect.linear for effect in mechanism.effects):
@@ -187,9 +191,11 @@ def gather(
             "effects that are not linear were estimated on the excerpt and refined by one "
             "Gauss-Newton step over all samples"
         )
-    unseen = [part for part in plan.parts if part.name not in {log.name for log in some.logs}]
+    unseen = [
+        part for part in plan.parts if part.name not in {log.name for log in sample_motion.logs}
+    ]
     findings += _copied(plan, unseen, "standard errors are too small by √2", "leave it out")
-    used = some.without(workers.broken)  # in pictures
+    used = sample_motion.without(workers.broken)  # in pictures
     problem = replace(regression, motion=used)
     notes = [note for note in notes if note not in used.notes]
     share = float(share_of_motion(problem, fitted).max(initial=0.0)) if len(plan.columns) else 0.0
@@ -256,34 +262,34 @@ def _summed(
         more, notes, findings = done or ((), (), ())
         summed(total, more)
         messages += notes
-        for each in findings:
-            key = plan.parts[portion.log].name, each.code, each.where
-            if key not in gravest or (each.number or 0.0) > (gravest[key].number or 0.0):
-                gravest[key] = each
+        for finding in findings:
+            key = plan.parts[portion.log].name, finding.code, finding.where
+            if key not in gravest or (finding.number or 0.0) > (gravest[key].number or 0.0):
+                gravest[key] = finding
         if saved is not None:
             saved.write(count, total.values(), workers.broken)
     blocks = [b for b in total.values() if plan.parts[b.log].name not in workers.broken]
     if not blocks:
         cut = plan.band.cutoff
-        whys = [f"{name}: {each}" for name, each in workers.broken.items()]
+        whys = [f"{name}: {finding}" for name, finding in workers.broken.items()]
         at = f" filtered at {cut:.3g} Hz" if cut else ""
         raise FitError(
             f"{plan.mechanism.name}: no equations in {len(plan.parts)} log(s){at}; "
             f"{[*whys, 'give a longer log or a higher --cutoff'][0]}"
         )
-    found = [each for (name, *_), each in gravest.items() if name not in workers.broken]
-    return blocks, [*dict.fromkeys(messages)], found, len(remaining), resumed
+    of_used = [finding for (name, *_), finding in gravest.items() if name not in workers.broken]
+    return blocks, [*dict.fromkeys(messages)], of_used, len(remaining), resumed
 
 
 def _copied(plan: Plan, parts: Sequence[LogOnDisk], harm: str, remedy: str) -> list[Finding]:
     """Return a finding for each log that holds the values of an earlier one of a plan."""
     first = {part.digest: part for part in reversed(plan.parts)}
-    found = []
+    copies = []
     for part in parts:
         if (before := first.get(part.digest, part)) is not part:
             text = f"{part.name} holds {part.file.rows} samples of {before.name}: {harm}"
-            found.append(Finding("copy", text, remedy, (part.name,)))
-    return found
+            copies.append(Finding("copy", text, remedy, (part.name,)))
+    return copies
 
 
 def _validation(

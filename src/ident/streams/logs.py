@@ -55,17 +55,17 @@ class LogOnDisk:
     def cut(self, samples: int) -> LogOnDisk:
         """Return the log with borders between portions of about so many samples."""
         rows = self.file.rows
-        each = STRIDE * max(1, round(rows / max(1, round(rows / samples)) / STRIDE))
-        return replace(self, borders=(*range(0, max(rows - each // 2, 1), each), rows))
+        length = STRIDE * max(1, round(rows / max(1, round(rows / samples)) / STRIDE))
+        return replace(self, borders=(*range(0, max(rows - length // 2, 1), length), rows))
 
     def stretches(self, samples: int = SAMPLES) -> list[Log]:
         """Return the middles of the thirds of a log (at its ends a machine rests); all if short."""
         rows = self.file.rows
         if rows <= 1.5 * samples:
             return [replace(self.file.piece(0, rows), name=self.name)]
-        each = samples // STRETCHES
+        length = samples // STRETCHES
         middles = [rows * (2 * k + 1) // (2 * STRETCHES) for k in range(STRETCHES)]
-        logs = [self.file.piece(m - each // 2, m - each // 2 + each) for m in middles]
+        logs = [self.file.piece(m - length // 2, m - length // 2 + length) for m in middles]
         names = [f"{self.name}, {log.t[0]:.6g} to {log.t[-1]:.6g} s" for log in logs]
         return [replace(log, name=name) for log, name in zip(logs, names, strict=True)]
 
@@ -73,9 +73,9 @@ class LogOnDisk:
 def log_paths(given: Given | Sequence[Given], scheduler: str | None) -> list[Path]:
     """Return the paths of logs and of all logs in folders, absolute for a scheduler's workers."""
     given = [given] if isinstance(given, str | os.PathLike) else given
-    for each in given:
-        if not isinstance(each, str | os.PathLike):
-            raise LogError(f"{type(each).__name__} is no path; give paths of logs and folders")
+    for path in given:
+        if not isinstance(path, str | os.PathLike):
+            raise LogError(f"{type(path).__name__} is no path; give paths of logs and folders")
     paths = expanded(given)
     return paths if scheduler is None else [path.absolute() for path in paths]
 
@@ -125,9 +125,10 @@ def summarise(mechanism: Mechanism, path: Path) -> LogOnDisk:
     uneven = max(max(high - i * drift, i * drift - low) for i, low, high in deviations)
     clock = Clock(first, every, instants, bool(instants == count and uneven < UNEVEN * dt))
     messages = tuple(
-        each[0] + (f" (and so in {len(each) - 1} more pieces)" if len(each) > 1 else "")
-        for each in repairs.values()
-        if not each[0].endswith(" is empty")
+        messages_alike[0]
+        + (f" (and so in {len(messages_alike) - 1} more pieces)" if len(messages_alike) > 1 else "")
+        for messages_alike in repairs.values()
+        if not messages_alike[0].endswith(" is empty")
     )
     return LogOnDisk(log, clock, np.concatenate(times), values, messages, digest.hexdigest())
 
@@ -140,7 +141,7 @@ class Excerpt(Motion):
 
     def without(self, logs: Container[str]) -> Excerpt:
         """Return the excerpt without some logs, if any is left to be shown."""
-        recorded = tuple(each for each in self.recorded if each[0] not in logs)
+        recorded = tuple(log for log in self.recorded if log[0] not in logs)
         names = tuple(f"{name}, " for name, *_ in recorded)  # a stretch's is that and its times
         retained = tuple(e for e in self.experiments if f"{e.name}, ".startswith(names))
         return replace(self, recorded=recorded, experiments=retained or self.experiments)
@@ -160,8 +161,8 @@ class Excerpt(Motion):
         """The logs as a table: name, samples, duration, rate, samples in pictures; head first."""
         rows = [["log", "samples", "duration", "rate", "in pictures"]]
         for name, samples, rate in self.recorded:
-            mine = (e for e in self.experiments if f"{e.name}, ".startswith(f"{name}, "))
-            shown = str(sum(map(len, mine)))
+            stretches = (e for e in self.experiments if f"{e.name}, ".startswith(f"{name}, "))
+            shown = str(sum(map(len, stretches)))
             rows.append([name, str(samples), f"{samples / rate:.4g} s", f"{rate:.4g} Hz", shown])
         return rows
 
@@ -174,36 +175,39 @@ def excerpt(
     broken: dict[str, str],
 ) -> Excerpt:
     """Complete stretches of the logs."""
-    remaining = [each for each in summaries if each.name not in broken]
-    long = sum(each.file.rows for each in remaining) > SAMPLES
+    remaining = [summary for summary in summaries if summary.name not in broken]
+    long = sum(summary.file.rows for summary in remaining) > SAMPLES
     chosen = remaining[:: max(1, -(-len(remaining) // LOGS))] if long else remaining
 
-    def completed(some: Sequence[LogOnDisk]) -> tuple[Motion, list[Log]]:
-        pieces = [each.stretches(SAMPLES // len(chosen)) for each in some]
-        logs = [log for mine in pieces for log in mine]
+    def completed(chosen_logs: Sequence[LogOnDisk]) -> tuple[Motion, list[Log]]:
+        pieces = [summary.stretches(SAMPLES // len(chosen)) for summary in chosen_logs]
+        logs = [log for stretches in pieces for log in stretches]
         motion = complete(mechanism, logs, cutoff=cutoff, smoothing=smoothing)
-        return motion, [replace(mine[0], name=s.name) for mine, s in zip(pieces, some, strict=True)]
+        return motion, [
+            replace(stretches[0], name=s.name)
+            for stretches, s in zip(pieces, chosen_logs, strict=True)
+        ]
 
     try:
         motion, logs = completed(chosen)
     except IdentError:
         faults = {}
-        for each in chosen:
+        for summary in chosen:
             try:
-                completed([each])
+                completed([summary])
             except IdentError as error:
-                faults[each.name] = line_of(error).removeprefix(f"{each.name}: ")
+                faults[summary.name] = line_of(error).removeprefix(f"{summary.name}: ")
         if len(summaries) == 1 or not faults or len(faults) == len(remaining):
             raise
         broken.update(faults)
         return excerpt(mechanism, summaries, cutoff, smoothing, broken)
-    notes = [f"{each.name}: {repair}" for each in remaining for repair in each.repairs]
+    notes = [f"{summary.name}: {repair}" for summary in remaining for repair in summary.repairs]
     for note in motion.notes:  # once for each log, and nothing about the ends of stretches
-        for each in remaining:
-            if note.startswith(f"{each.name}, "):
-                text = note.removeprefix(f"{each.name}, ").partition(" s:")[2]
+        for summary in remaining:
+            if note.startswith(f"{summary.name}, "):
+                text = note.removeprefix(f"{summary.name}, ").partition(" s:")[2]
                 ends = text.endswith("left out") and "no sample near" not in text
-                note = "" if ends else f"{each.name}:{text}"
+                note = "" if ends else f"{summary.name}:{text}"
         # each log reports itself what is no measurement
         notes += [note] if note and NO_MEASUREMENT not in note else []
     return Excerpt(

@@ -68,17 +68,17 @@ class LogComparison(Displayed):
         error, `left_out` (why).
         """
         rows = []
-        for each in self.logs:
-            odd = each.disagreement
+        for row in self.logs:
+            odd = row.disagreement
             rows.append(
                 {
-                    "log": each.log, "samples": each.samples, "error": each.error,
-                    "own_error": each.own, "worst_joint": each.worst or None,
-                    "p_value": odd and odd.p_value, "disagrees": each.disagrees,
+                    "log": row.log, "samples": row.samples, "error": row.error,
+                    "own_error": row.own, "worst_joint": row.worst or None,
+                    "p_value": odd and odd.p_value, "disagrees": row.disagrees,
                     "unknown": odd and odd.unknown, "change": odd and odd.change,
                     "stderr": odd and odd.stderr, "unit": odd and odd.unit,
                     "part": odd and ", ".join(odd.parts), "share": odd and odd.share,
-                    "left_out": each.left_out or None,
+                    "left_out": row.left_out or None,
                 }
             )  # fmt: skip
         numbers = ("error", "own_error", "p_value", "change", "stderr", "share")
@@ -89,17 +89,17 @@ class LogComparison(Displayed):
     @property
     def used(self) -> tuple[LogRow, ...]:
         """The logs that were not left out."""
-        return tuple(each for each in self.logs if not each.left_out)
+        return tuple(row for row in self.logs if not row.left_out)
 
     @property
     def odd(self) -> tuple[str, ...]:
         """Names of the logs that clearly disagree with the others."""
-        return tuple(each.log for each in self.logs if each.disagrees)
+        return tuple(row.log for row in self.logs if row.disagrees)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Which logs were left out and why, and what the table cannot say."""
-        notes = [f"{each.log}: left out: {each.left_out}" for each in self.logs if each.left_out]
+        notes = [f"{row.log}: left out: {row.left_out}" for row in self.logs if row.left_out]
         if len(self.used) == 2 and self.odd:
             notes.append("of two logs that disagree, neither can be called the wrong one")
         elif self.odd and 2 * len(self.odd) >= len(self.used):
@@ -118,17 +118,17 @@ def compare_logs(
 ) -> LogComparison:
     """Compare each log with the fit of all logs and with a fit of its own."""
     broken, fits = left_out or {}, OwnFits(r)
-    joint, own = fits.joint, fits.solutions
+    joint, own_estimates = fits.joint, fits.solutions
     odd = disagreements(r.information, fits.weighed, r.columns)
     torque = np.where(r.torque > 0, r.torque, np.inf) ** 2
     results = [LogRow(name, left_out=broken[name]) for name in broken if name not in names.values()]
     for number, name in names.items():
-        mine, count = fits.by_log.get(number), samples.get(name, 0)
-        if name in broken or mine is None:
+        information, count = fits.by_log.get(number), samples.get(name, 0)
+        if name in broken or information is None:
             why = broken.get(name, "no sample of it can be used")
             results.append(LogRow(name, count, left_out=why))
             continue
-        both = [mine.squares(x).counted for x in (joint.x, own[number])]
+        both = [information.squares(x).counted for x in (joint.x, own_estimates[number])]
         row = LogRow(name, count, disagreement=odd.get(number))
         if total := float(both[0][2, np.isfinite(torque)].sum()):
             shares = [error / torque for error, _, _ in both]
@@ -136,11 +136,11 @@ def compare_logs(
             errors = [float(np.sqrt(share.sum() / total)) for share in shares]
             row = replace(row, error=errors[0], own=errors[1], worst=worst)
         results.append(row)
-    return LogComparison(tuple(sorted(results, key=lambda each: bool(each.left_out))))
+    return LogComparison(tuple(sorted(results, key=lambda row: bool(row.left_out))))
 
 
 TOGETHER = 300_000  # work: samples of all logs, from which stretches stand for them
-EACH = 0.8  # shown: of the work is done when each log has been diagnosed
+SHARE_OF_LOGS = 0.8  # shown: of the work is done when each log has been diagnosed
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ class Verdicts(Displayed):
     @property
     def verdicts(self) -> set[str]:
         """Every verdict there is: that of all logs together and that of each."""
-        return {self.together.verdict, *(each.verdict for each in self.logs if each.verdict)}
+        return {self.together.verdict, *(row.verdict for row in self.logs if row.verdict)}
 
     def json(self) -> dict[str, Any]:
         """The diagnosis of all logs together, with `each`: the rows of the table."""
@@ -181,7 +181,7 @@ class Verdicts(Displayed):
     @property
     def notes(self) -> tuple[str, ...]:
         """Which logs were left out and why, and notes of the fit of all logs."""
-        out = [f"{each.log}: left out: {each.left_out}" for each in self.logs if each.left_out]
+        out = [f"{row.log}: left out: {row.left_out}" for row in self.logs if row.left_out]
         return (*out, *self.together.fit.warnings)
 
     @cached_property
@@ -214,7 +214,7 @@ def table_of(logs: Sequence[Verdict]) -> pl.DataFrame:
     """Return a row a log: `log`, `samples`, `verdict`, `named`, `joint`, `error_before`,
     `error_after` (held out, as a share), `left_out` (why).
     """
-    rows = [{**asdict(each), "named": " ".join(each.named)} for each in logs]
+    rows = [{**asdict(row), "named": " ".join(row.named)} for row in logs]
     types = dict.fromkeys(("error_before", "error_after"), pl.Float64)
     words = pl.col("verdict", "named", "joint", "left_out")
     return pl.DataFrame(rows, schema_overrides=types).with_columns(words.replace("", None))
@@ -266,31 +266,33 @@ def diagnose_each(
 
     def on_progress(what: str, share: float) -> None:
         if progress:
-            progress(f"log {round(share * len(paths))} of {len(paths)}", EACH * share)
+            progress(f"log {round(share * len(paths))} of {len(paths)}", SHARE_OF_LOGS * share)
 
     workers = Workers(jobs, scheduler, False, on_progress)
     tasks = list(zip(names, paths, strict=True))
     verdicts, common = list[Verdict](), (mechanism, settings, rule)
-    for (name, _), found in workers.run(_verdict, tasks, common, names, "logs"):
-        verdicts.append(found or Verdict(name, left_out=workers.broken[name]))
+    for (name, _), verdict in workers.run(_verdict, tasks, common, names, "logs"):
+        verdicts.append(verdict or Verdict(name, left_out=workers.broken[name]))
         if done is not None:
             done.append(verdicts[-1])
     if not verdicts:
         raise FitError("no log given; valid: paths of logs, and of folders of them")
-    good = [path for path, each in zip(paths, verdicts, strict=True) if not each.left_out]
+    good = [path for path, row in zip(paths, verdicts, strict=True) if not row.left_out]
     if not good:
         why = f"{verdicts[0].log}: {verdicts[0].left_out}"
         raise FitError(f"none of {len(paths)} logs can be used; {why}")
-    if sum(each.samples for each in verdicts) <= TOGETHER:
+    if sum(row.samples for row in verdicts) <= TOGETHER:
         motion = complete(mechanism, good, **settings)
     else:
         looked_at = [summarise(mechanism, path) for path in good]
-        some = excerpt(mechanism, looked_at, cutoff, smoothing, {})
-        shown = sum(len(each) for each in some.experiments)
-        note = f"all logs together are judged on {shown} of their {some.samples} samples"
-        motion = replace(some, notes=(*some.notes, note))
+        sample_motion = excerpt(mechanism, looked_at, cutoff, smoothing, {})
+        shown = sum(len(row) for row in sample_motion.experiments)
+        note = f"all logs together are judged on {shown} of their {sample_motion.samples} samples"
+        motion = replace(sample_motion, notes=(*sample_motion.notes, note))
     fit = identify(mechanism, motion, estimator="least-squares")
-    return Verdicts(diagnose(fit, progress=part(progress, EACH, 1.0), **rule), tuple(verdicts))
+    return Verdicts(
+        diagnose(fit, progress=part(progress, SHARE_OF_LOGS, 1.0), **rule), tuple(verdicts)
+    )
 
 
 def _verdict(common: tuple[Mechanism, Any, Any], task: tuple[str, Path]) -> Verdict:
@@ -298,9 +300,9 @@ def _verdict(common: tuple[Mechanism, Any, Any], task: tuple[str, Path]) -> Verd
     (mechanism, settings, rule), (name, path) = common, task
     motion = complete(mechanism, path, **settings)
     d = diagnose(identify(mechanism, motion, estimator="least-squares"), **rule)
-    found = Verdict(name, motion.samples, d.verdict)
+    verdict = Verdict(name, motion.samples, d.verdict)
     if d.best is None:
-        return found
+        return verdict
     named, c = tuple(effect.label for effect in (d.best, *d.rivals)), d.candidates[0]
     before, after = c.error_before, c.error_after
-    return replace(found, named=named, joint=c.joint, error_before=before, error_after=after)
+    return replace(verdict, named=named, joint=c.joint, error_before=before, error_after=after)

@@ -27,7 +27,7 @@ from ident.streams.charts import FEWEST, Charts, Cutter, Design, NormalRunning, 
 from ident.streams.suspects import SURPLUS, WATCHED, Naming, Reading, Watched, name_since_onset
 
 INTERVAL, SHORTEST, STEP = 0.5, 0.4, 0.02  # range: [s] usual; least; by steps
-HELD = 240  # work: intervals kept, of which the onset can be one
+RECENT_INTERVALS = 240  # work: intervals kept, of which the onset can be one
 STEADY = 3  # tuned: intervals in a row for which one suspect must lead alone
 
 
@@ -84,7 +84,7 @@ class Alarm(Displayed):
         """Labels of all that it may be, the likeliest first; none where that cannot be told."""
         if self.verdict == "cannot tell" or self.best is None:
             return ()
-        return (self.best.label, *(each.label for each in self.rivals))
+        return (self.best.label, *(cause.label for cause in self.rivals))
 
     @property
     def headline(self) -> str:
@@ -154,7 +154,7 @@ class Monitor(Displayed):
         self.raised: _Raised | None = None
         self._charts = Charts.fresh(len(self.design.weight))
         self._cutter = Cutter(self.seconds)
-        self._held: deque[WatchedInterval] = deque(maxlen=HELD)
+        self._recent: deque[WatchedInterval] = deque(maxlen=RECENT_INTERVALS)
         self._begun = np.inf  # start of the first interval [s]
 
     @classmethod
@@ -209,7 +209,7 @@ class Monitor(Displayed):
                 f"{FEWEST} or more, better a thousand: give longer logs, of "
                 f"{enough:.3g} s in motion or more, or several"
             )
-        triangle = Triangle.merge([each.triangle for each in first])
+        triangle = Triangle.merge([interval.triangle for interval in first])
         felt = charts.felt_columns(triangle, watched.columns.units)
         x, _ = charts.moved_reference(triangle, x, felt)
         intervals = charts.intervals_of(parts, interval, sigma, x)
@@ -248,7 +248,7 @@ class Monitor(Displayed):
         return [self._alarm(self.raised, *self._naming(self.raised))]
 
     def _step(self, interval: WatchedInterval) -> Alarm | None:
-        self._held.append(interval)
+        self._recent.append(interval)
         self._begun = min(self._begun, interval.start)
         if self.raised is None:
             shown = self.design.evidence(*charts.statistics([interval], self.reference))
@@ -275,14 +275,14 @@ class Monitor(Displayed):
 
     def _naming(self, raised: _Raised) -> tuple[Naming, list[WatchedInterval]]:
         return name_since_onset(
-            self.watched.suspects, list(self._held), raised.since, self.reference,
+            self.watched.suspects, list(self._recent), raised.since, self.reference,
             self.calibrated.normal, self.threshold,
         )  # fmt: skip
 
     def _alarm(self, raised: _Raised, naming: Naming, window: Sequence[WatchedInterval]) -> Alarm:
         energy = self.design.normal.energy
-        usual = np.maximum(np.sum([each.rows for each in window], axis=0), 1) * energy
-        squares = np.sum([each.squares for each in window], axis=0)
+        usual = np.maximum(np.sum([interval.rows for interval in window], axis=0), 1) * energy
+        squares = np.sum([interval.squares for interval in window], axis=0)
         errors = zip(self.watched.joints, squares, usual, strict=True)
         causes = [self._cause(x, naming) for x in (naming.best, *naming.rivals) if x]
         alarm = Alarm(
@@ -299,7 +299,7 @@ class Monitor(Displayed):
             from_start=window[0].start <= self._begun,
         )
         self.alarms.append(alarm)
-        raised.named, self._now = alarm.named, self._moved(naming)
+        raised.named, self._now = alarm.named, self._reference_after(naming)
         return alarm
 
     def _cause(self, reading: Reading, naming: Naming) -> Cause:
@@ -310,8 +310,8 @@ class Monitor(Displayed):
         dx[suspect.places] = reading.theta
         parts = zip(suspect.parameters, reading.theta, reading.stderr, suspect.units, strict=True)
         steps = tuple(
-            ParameterChange(each.name, float(x), None if np.isnan(s) else float(s), unit)
-            for each, x, s, unit in parts
+            ParameterChange(parameter.name, float(x), None if np.isnan(s) else float(s), unit)
+            for parameter, x, s, unit in parts
         )
         names = self.watched.mechanism.kinematics.multipliers
         forces = {
@@ -321,7 +321,7 @@ class Monitor(Displayed):
         explains = float(np.clip(reading.fall / excess, 0.0, 1.0))
         return Cause(suspect.label, steps, explains, forces)
 
-    def _moved(self, naming: Naming) -> np.ndarray:
+    def _reference_after(self, naming: Naming) -> np.ndarray:
         """The reference with the change that is named best."""
         x = self.reference.copy()
         if naming.best is not None:
@@ -331,15 +331,15 @@ class Monitor(Displayed):
     def _go_on(self, raised: _Raised, naming: Naming, window: Sequence[WatchedInterval]) -> None:
         """Take what was named for normal from now on, and begin the charts again."""
         normal, since = self.design.normal, window[1:] or window
-        self.reference = self._now = self._moved(naming)
+        self.reference = self._now = self._reference_after(naming)
         places, root = np.empty(0, dtype=int), np.empty((0, 0))
         if naming.best is not None:
             places, root = naming.best.suspect.places, naming.best.root
-        normal = normal.moved(places, root, since, self.reference)
+        normal = normal.after_change(places, root, since, self.reference)
         if not naming.sound or naming.excess >= SURPLUS:  # noise may have grown with a load
-            known = [each for each in since if each.start >= raised.named]
+            known = [interval for interval in since if interval.start >= raised.named]
             normal = normal.worse(since, self.reference, naming.remains, known)
         self.design = Design.of(normal, self.design.mask)
         self._charts = Charts.fresh(len(self.design.weight))
-        self._held.clear()
+        self._recent.clear()
         self.raised = None

@@ -49,7 +49,10 @@ from ident.streams.stream import (
 )  # fmt: skip
 
 WARMUP = 5.0  # range: [s] from which a stream learns what it is like
-MOVES, TELL = 3.0, 10  # level: times its noise that a position varies, in so many samples
+MOVING_NOISE, FEWEST_TO_TELL = (
+    3.0,
+    10,
+)  # level: times its noise that a position varies, in so many samples
 LONGEST = 100_000  # work: samples that a warm-up keeps at most
 CHECKED = 20.0, 5000  # work: s, samples from the beginning, in which errors are looked for
 
@@ -104,10 +107,10 @@ class Snapshot(Displayed):
 
     def __getitem__(self, name: str) -> Value:
         """Return a parameter by its name."""
-        own = {value.name: value for value in self.parameters}
-        if name not in own:
-            raise KeyError(f"no parameter '{name}'; {one_of(name, own)}")
-        return own[name]
+        by_name = {value.name: value for value in self.parameters}
+        if name not in by_name:
+            raise KeyError(f"no parameter '{name}'; {one_of(name, by_name)}")
+        return by_name[name]
 
     @property
     def identified(self) -> tuple[Value, ...]:
@@ -243,8 +246,10 @@ class Online:
         channels = [i for i, name in enumerate(names) if name.startswith(("q.", "v."))]
         while len(X) >= LONGEST or (len(X) and X[-1, 0] - X[0, 0] >= self._warmup):
             part = X[:, 0] <= X[0, 0] + self._warmup / 5
-            some = X[part][:, channels].T
-            if part.sum() < TELL or any(np.std(x) > MOVES * noise_level(x) for x in some):
+            channel_samples = X[part][:, channels].T
+            if part.sum() < FEWEST_TO_TELL or any(
+                np.std(x) > MOVING_NOISE * noise_level(x) for x in channel_samples
+            ):
                 return True
             X, self._resting = X[~part], self._resting + int(part.sum())
             self._first = [X] if len(X) else []
@@ -259,7 +264,7 @@ class Online:
         """
         stream = self._stream or self._start()
         self._absorb(stream, stream.flush())
-        return self._found(stream)
+        return self._snapshot_of(stream)
 
     def finish(self) -> Snapshot:
         """Return the snapshot of all samples: what waits for later ones is not waited for.
@@ -271,28 +276,28 @@ class Online:
         """
         stream = self._stream or self._start()
         self._absorb(stream, stream.flush(last=True))
-        self._judge(stream, stream.last[:0], over=True)
-        return self._found(stream)
+        self._judge(stream, stream.last[:0], ended=True)
+        return self._snapshot_of(stream)
 
-    def _judge(self, stream: Stream, X: np.ndarray, over: bool = False) -> None:
+    def _judge(self, stream: Stream, X: np.ndarray, ended: bool = False) -> None:
         """Look for errors of the data in further samples (n, columns); `over`: no more come."""
         self.findings, mechanism = [], stream.mechanism
         if self._early is not None:  # once, what `identify` says of the first samples
             self._early.append(X)
-            some = np.concatenate(self._early)[: CHECKED[1]]
-            full = len(some) == CHECKED[1] or (len(some) and np.ptp(some[:, 0]) >= CHECKED[0])
-            if len(some) and (over or full):
+            early = np.concatenate(self._early)[: CHECKED[1]]
+            full = len(early) == CHECKED[1] or (len(early) and np.ptp(early[:, 0]) >= CHECKED[0])
+            if len(early) and (ended or full):
                 self._early = None
                 with suppress(IdentError):  # too few: the stream says what it lacks
-                    log = log_of(mechanism.name, stream.columns_of_samples, some)
+                    log = log_of(mechanism.name, stream.columns_of_samples, early)
                     motion = complete(mechanism, log)
                     fit = identify(mechanism, motion, estimator="least-squares")
                     self._bias = fit.checks.bias
                     findings = (*filter(self._is_new, fit.health.findings), *fit.checks.poor())
-                    self.findings = self._watch.note(findings, float(some[0, 0]))
+                    self.findings = self._watch.note(findings, float(early[0, 0]))
                 self._reference = None
         states = [e.at_samples(inside) for e, inside in stream.windows]
-        self.findings = [*self.findings, *self._watch.add(X, states, over)]
+        self.findings = [*self.findings, *self._watch.add(X, states, ended)]
 
     def _is_new(self, finding: Finding) -> bool:
         """Whether a finding is none that a load may make of torques whose unit fits the reference:
@@ -300,11 +305,13 @@ class Online:
         """
         if finding.code != "magnitude" or finding.number is None or self._reference is None:
             return True
-        fitting = not any(each.code == "magnitude" for each in self._reference.health.findings)
+        fitting = not any(
+            finding_before.code == "magnitude" for finding_before in self._reference.health.findings
+        )
         return not fitting or max(finding.number, 1 / finding.number) > TIMES
 
-    def _found(self, stream: Stream) -> Snapshot:
-        known, squares, parameters, held = self._solve(stream)
+    def _snapshot_of(self, stream: Stream) -> Snapshot:
+        known, squares, parameters, outdated = self._solve(stream)
         joints, (lost, why) = stream.recipe.independent, stream.lost
         left_out = [f"{lost} samples are left out, the last since {why}"] if lost else []
         if self._resting:
@@ -316,14 +323,14 @@ class Online:
             rows=float(squares.all_rows[2].mean()),
             parameters=tuple(parameters),
             base_parameters=known.base,
-            held=tuple(held),
+            held=tuple(outdated),
             multipliers=self._forces(stream, [self._last] if self._last else []),
             errors=squares.errors(joints, units),
             noise=dict(zip(joints, self._floor.tolist(), strict=True)),
             rank=known.estimate.base.rank,
             condition_number=known.estimate.base.condition_number,
             lag=stream.lag,
-            notes=(*self.notes, *map(str, self._watch.found.values()), *left_out),
+            notes=(*self.notes, *map(str, self._watch.known.values()), *left_out),
         )
 
     def _start(self) -> Stream:
@@ -394,15 +401,15 @@ class Online:
             if self._repeated is not None:
                 cov *= self._repeated.variance(total.rows / total.d * stream.period)
             if self._bias is not None:
-                moved = fitted.base.combined(self._bias)
-                cov = cov + np.outer(moved, moved)
+                bias = fitted.base.combined(self._bias)
+                cov = cov + np.outer(bias, bias)
             known = ParameterValues(columns, fitted, cov)
             values = [*known.rigid(mechanism)]
-            for each in known.effects(stream.point.at(mechanism, columns, fitted.x)):
-                values += [value for value in each.parameters if value.name in columns.index]
+            for effect in known.effects(stream.point.at(mechanism, columns, fitted.x)):
+                values += [value for value in effect.parameters if value.name in columns.index]
             old = self._solved = known, total.squares(fitted.x), values
         known, squares, solved = old
-        values, held, rank = [], [], known.estimate.base.rank
+        values, outdated, rank = [], [], known.estimate.base.rank
         if informed and rank >= self._most:  # as much is known as ever: none is lost
             self._most, self._known = rank, {}
         for value in solved:
@@ -413,9 +420,9 @@ class Online:
                 growth = float(np.exp((now - t) / (2 * self._T)))
                 stderr = growth * (last.stderr or 0.0)
                 value = replace(last, stderr=stderr, identifiable=False)
-                held.append(value.name)
+                outdated.append(value.name)
             values.append(value)
-        return known, squares, values, held
+        return known, squares, values, outdated
 
     def _forces(self, stream: Stream, windows: Sequence[SampleWindow]) -> Forces | None:
         """λ of the samples of some windows by the last solution; None where there is none."""
@@ -439,7 +446,7 @@ class Online:
                     s.add_torque(W, name, np.ones(len(s)))
                     variance += (np.einsum("nmi,ni->nm", K_T, W) * sigma) ** 2
             parts.append((e.t[part], values, np.sqrt(variance)))
-        t, values, stderr = (np.concatenate(each) for each in zip(*parts, strict=True))
+        t, values, stderr = (np.concatenate(series) for series in zip(*parts, strict=True))
         open_ = np.where(self._determined, 0.0, np.nan)
         return Forces(kinematics.multipliers, kinematics.units, t, values + open_, stderr + open_)
 
@@ -449,7 +456,7 @@ def _with_known_shapes(mechanism: Mechanism, point: Point) -> Mechanism:
     effects = []
     for effect in mechanism.effects:
         _, shape = point.of(effect)
-        names = [each.name for each in effect.searched]
+        names = [shape_parameter.name for shape_parameter in effect.searched]
         if lacking := [name for name in names if name not in shape]:
             raise FitError(
                 f"{mechanism.name}: effect '{effect.label}' has no value for {', '.join(lacking)}, "

@@ -135,7 +135,7 @@ def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Work
     wanted = [f"q.{name}" for name in plan.logged]
     wanted += [f"tau.{name}" for name in plan.mechanism.measured]
     parts = []
-    for log in (each for each in logs if each.name not in workers.broken):
+    for log in (log for log in logs if log.name not in workers.broken):
         if absent := [name for name in wanted if name not in log.file.columns]:
             why = f"has no column '{absent[0]}', which the other logs have; "
             why += one_of(absent[0], log.file.columns)
@@ -158,10 +158,10 @@ def with_logs(plan: Plan, logs: Sequence[LogOnDisk], samples: int, workers: Work
 def _check_some(mechanism: Mechanism, workers: Workers, remaining: object) -> None:
     """Raise FitError if no log is left, with the reason that most logs share."""
     if not remaining:
-        alike: dict[str, list[str]] = {}
+        by_reason: dict[str, list[str]] = {}
         for name, why in workers.broken.items():
-            alike.setdefault(why.replace(name, ""), []).append(f"{name}: {why}")
-        most = max(alike.values(), key=len)
+            by_reason.setdefault(why.replace(name, ""), []).append(f"{name}: {why}")
+        most = max(by_reason.values(), key=len)
         same = f" ({len(most)} of them say the same)" if len(most) > 1 else ""
         raise FitError(
             f"{mechanism.name}: none of {len(workers.broken)} logs can be used; {most[0]}{same}"
@@ -173,7 +173,9 @@ def _decided(plan: Plan, number: int) -> LogOnDisk:
     part = plan.parts[number]
     clock = replace(part.clock, grid=Decimator.of(plan.band.cutoff, 1 / part.clock.step).factor)
     signals, states, _ = zip(*(_completed(plan, log) for log in part.stretches()), strict=True)
-    limits = {name: x for each in signals for name, x in each.limits.items()}
+    limits = {
+        name: x for signals_of_stretch in signals for name, x in signals_of_stretch.limits.items()
+    }
     recipe = recipe_of(states, plan.band, clock)
     recipe = replace(recipe, smoothing=plan.smoothing, limits=limits)
     anchors = _anchors(plan, number) if plan.mechanism.closures else None
@@ -250,8 +252,8 @@ def absorbed(
         edges = block_edges(cutoff, clock.t0, clock.t_end, clock.count)
     scene = Scene.of(plan.mechanism, columns, e, plan.point, cutoff)
     made = rows(scene, cutoff, farthest=farthest, keep=False)
-    own = (piece[(piece.t >= portion.since) & (piece.t < portion.until)] for piece in made)
-    blocks = summed({}, triangles(portion.log, own, edges, supports))
+    inside = (piece[(piece.t >= portion.since) & (piece.t < portion.until)] for piece in made)
+    blocks = summed({}, triangles(portion.log, inside, edges, supports))
     motion = Motion((e,), plan.independent, plan.band, 0.0, (), (log,), plan.mechanism)
     return [*blocks.values()], notes, tuple(log_findings(plan.mechanism, motion))
 
@@ -261,11 +263,11 @@ def multipliers_of(plan: Plan, portion: Portion) -> tuple[np.ndarray, np.ndarray
     _, e, _ = motion_of(plan, portion)
     if e is None:
         return np.empty(0), np.empty((0, len(plan.mechanism.kinematics.multipliers)))
-    own = (e.t >= portion.since) & (e.t < portion.until)
+    inside = (e.t >= portion.since) & (e.t < portion.until)
     motion = Motion((e,), plan.independent, plan.band, 0.0)
     (prediction,) = predict(plan.mechanism, motion, plan.point)
     values = np.where(prediction.usable[:, None], prediction.multipliers, np.nan)
-    return prediction.t[own], values[own]
+    return prediction.t[inside], values[inside]
 
 
 NAME = ".gathered.npz"
@@ -293,8 +295,8 @@ class Checkpoint:
                 text = json.loads(str(arrays["text"]))
                 if text["key"] == self.key:
                     counts, numbers = text["counts"], arrays["numbers"]
-                    parts = np.split(numbers, np.cumsum([own[-1] for own in counts], dtype=int))
-                    blocks = [_unpacked(*each) for each in zip(counts, parts[:-1], strict=True)]
+                    parts = np.split(numbers, np.cumsum([count[-1] for count in counts], dtype=int))
+                    blocks = [_unpacked(*packed) for packed in zip(counts, parts[:-1], strict=True)]
                     return text["absorbed"], blocks, text["broken"]
                 self.unused = "of another mechanism, log, settings or version"
         except FileNotFoundError:
@@ -309,7 +311,7 @@ class Checkpoint:
         if absorbed - portions < PORTIONS or time.monotonic() - since < SECONDS:
             return
         packed = [*map(_packed, blocks)]
-        counts, numbers = [each for each, _ in packed], [np.empty(0), *(x for _, x in packed)]
+        counts, numbers = [count for count, _ in packed], [np.empty(0), *(x for _, x in packed)]
         text = {"key": self.key, "absorbed": absorbed, "broken": broken, "counts": counts}
         try:
             self.file.parent.mkdir(parents=True, exist_ok=True)
@@ -330,23 +332,24 @@ class Checkpoint:
 def _packed(block: Block) -> tuple[list[int], np.ndarray]:
     """Return the integers of a block and how many numbers it has, and these numbers."""
     numbers: list[Any] = [block.support, [*block.torque, *block.span]]
-    numbers += [x for each in block.triangles for x in (each.R.ravel(), each.d, [each.rho])]
+    for triangle in block.triangles:
+        numbers += [triangle.R.ravel(), triangle.d, [triangle.rho]]
     vector = np.concatenate(numbers)
     counts = [*block.key, *(x.rows for x in block.triangles), len(block.support), len(vector)]
-    return [int(each) for each in counts], vector
+    return [int(x) for x in counts], vector
 
 
 def _unpacked(counts: list[int], vector: np.ndarray) -> Block:
     """Return the block of which `_packed` made integers and numbers."""
     log, block, coordinate, *rows, k, _ = counts
     support, sizes, numbers = np.split(vector, [k, k + 4])
-    some, rest, still = (
+    informed, rest, still = (
         Triangle(x[: k * k].reshape(k, k), x[k * k : -1], float(x[-1]), count)
         for x, count in zip(numbers.reshape(3, -1), rows, strict=True)
     )
     moving, idle, first, last = sizes.tolist()
     torque, span = (moving, idle), (first, last)
-    return Block(log, block, coordinate, some, rest, still, support.astype(int), torque, span)
+    return Block(log, block, coordinate, informed, rest, still, support.astype(int), torque, span)
 
 
 def _feed(result: Any, thing: Any) -> None:
@@ -357,17 +360,17 @@ def _feed(result: Any, thing: Any) -> None:
     elif isinstance(thing, pin.Model):
         result.update(thing.saveToString().encode())
     elif is_dataclass(thing):
-        _feed(result, [getattr(thing, each.name) for each in fields(thing)])
+        _feed(result, [getattr(thing, part.name) for part in fields(thing)])
         code = getattr(thing, "file", None)  # of a user's effect
         if isinstance(code, Path):
             result.update(code.read_bytes())
-        elif (own := getattr(thing, "function", None)) is not None:
-            _feed(result, own)
+        elif (function := getattr(thing, "function", None)) is not None:
+            _feed(result, function)
     elif isinstance(thing, Mapping):
         _feed(result, [*thing.items()])
     elif isinstance(thing, list | tuple):
-        for each in thing:
-            _feed(result, each)
+        for part in thing:
+            _feed(result, part)
     elif isinstance(thing, pin.SE3):
         _feed(result, thing.homogeneous)
     elif isinstance(thing, partial):

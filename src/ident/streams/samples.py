@@ -56,7 +56,7 @@ class SampleParser:
         self.last = -np.inf  # time of the last sample [s]
         self._ahead: np.ndarray | None = None  # the sample that waits
         ranges = [(usual or {}).get(name, (0.0, np.inf)) for name in self.columns]
-        self._centre, self._reach = np.array(ranges).reshape(-1, 2).T
+        self._centre, self._range = np.array(ranges).reshape(-1, 2).T
         self._absurd = 0  # samples in a row that are no measurements
         # (row, why) of samples of the last call; of one that waited since before, row −1
         self.left_out: list[tuple[int, str]] = []
@@ -113,8 +113,8 @@ class SampleParser:
     def _ordered(self, t: np.ndarray, row: np.ndarray) -> np.ndarray:
         """(n,) samples whose times increase."""
         good = np.ones(len(t), dtype=bool)
-        whole = np.append(self.last, t)
-        if (np.diff(whole) > 0).all():
+        times = np.append(self.last, t)
+        if (np.diff(times) > 0).all():
             return good
         before, follows = self.last, np.append(t[1:], np.inf)
         for i in range(len(t)):
@@ -131,7 +131,7 @@ class SampleParser:
 
     def _absurd_cells(self, X: np.ndarray) -> np.ndarray:
         """(n, columns) cells far from what is usual, unless several samples with some follow."""
-        far = np.abs(X - self._centre) > self._reach
+        far = np.abs(X - self._centre) > self._range
         for cells, odd in zip(far, far.any(axis=1), strict=True):
             self._absurd = self._absurd + 1 if odd else 0
             cells &= self._absurd < LONE
@@ -151,8 +151,8 @@ class SampleParser:
         """Return the columns of a sample under ident's names, in SI."""
         if isinstance(sample, Log):
             return {"t": sample.t, **sample.columns}
-        own = {source.column for source in self._mapping.values()}
-        given = {name: x for name, x in sample.items() if name not in own}
+        logged_names = {source.column for source in self._mapping.values()}
+        given = {name: x for name, x in sample.items() if name not in logged_names}
         for name, source in self._mapping.items():
             if source.column in sample and (self._any or name in self.columns):
                 x = sample[source.column]
@@ -185,16 +185,16 @@ class DataWatch:
         self._like = Motion((), like.independent, like.band, 0.0)
         self._samples: list[np.ndarray] = []
         self._states: list[State] = []
-        self.found: dict[tuple[str, tuple[str, ...]], Since] = {}  # all so far
+        self.known: dict[tuple[str, tuple[str, ...]], Since] = {}  # all so far
 
-    def add(self, X: np.ndarray, states: list[State], over: bool = False) -> list[Since]:
+    def add(self, X: np.ndarray, states: list[State], ended: bool = False) -> list[Since]:
         """Add samples (n, columns) and states; return what is new. `over`: no more come."""
         self._samples += [X] if len(X) else []
         self._states += [e for e in states if len(e)]
         if sum(map(len, self._states)) < FEWEST:
             return []
         start, end = float(self._states[0].t[0]), float(self._states[-1].t[-1])
-        if (end - start < SECONDS and not over) or len(self.found) >= REPORTED:
+        if (end - start < SECONDS and not ended) or len(self.known) >= REPORTED:
             return []
         t, yd, ydd = (
             np.concatenate([getattr(e, name) for e in self._states]) for name in ("t", "yd", "ydd")
@@ -223,7 +223,7 @@ class DataWatch:
 
     def note(self, findings: Iterable[Finding], start: float) -> list[Since]:
         """Take findings of a window that begins at `start` [s]; return what is new."""
-        each = {(found.code, found.where): Since(found, start) for found in findings}
-        new = {key: found for key, found in each.items() if key not in self.found}
-        self.found |= new
+        by_kind = {(finding.code, finding.where): Since(finding, start) for finding in findings}
+        new = {key: finding for key, finding in by_kind.items() if key not in self.known}
+        self.known |= new
         return [*new.values()]

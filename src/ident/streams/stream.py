@@ -112,9 +112,9 @@ class Stream:
         self.period = self._decimator.factor * self._dt  # between two rows [s]
         late = self._around + self._decimator.half + self._decimator.factor + self._block - 2
         self.lag = late * self._dt  # of the newest row behind the newest sample, at most [s]
-        some = np.flatnonzero(e.usable)
-        some = some[:: max(1, len(some) // PLACES)]
-        self._places = e.known(mechanism)[0, some], e.q[some]
+        usable = np.flatnonzero(e.usable)
+        usable = usable[:: max(1, len(usable) // PLACES)]
+        self._places = e.known(mechanism)[0, usable], e.q[usable]
         self.samples = 0  # that have come
         self.lost = (0, "")  # how many are left out in all, and why the last of them
         self.windows: list[SampleWindow] = []  # samples of which the last call made rows
@@ -156,9 +156,9 @@ class Stream:
             gaps = np.flatnonzero(np.diff(self._X[since:stop, 0]) > GAP * self._dt)
             if len(gaps):
                 stop = since + int(gaps[0]) + 1
-            over = bool(len(gaps)) or (last and stop == len(self._X))
-            made += self._rows_of(stop, over)
-            if over:
+            ended = bool(len(gaps)) or (last and stop == len(self._X))
+            made += self._rows_of(stop, ended)
+            if ended:
                 self._X = self._X[self._old :]
                 self._cut()
         return made
@@ -173,8 +173,8 @@ class Stream:
         if len(X) <= (SHORTEST if last and self._around else max(1, self._around)):
             return []
         end, made = float(X[-1, 0]), list[Rows]()
-        kept = 2 * (half + self._around + self._decimator.factor) + SHORTEST
-        first = int(np.searchsorted(X[:, 0], end - kept * dt))
+        window = 2 * (half + self._around + self._decimator.factor) + SHORTEST
+        first = int(np.searchsorted(X[:, 0], end - window * dt))
         try:
             e = self._state(X)
         except MotionError as error:
@@ -232,11 +232,11 @@ class Stream:
         scene = Scene.of(self.mechanism, self.columns, self._aligned(e), self.point, cutoff)
         ready, before = until - half * dt + 0.5 * dt, self._row + 0.5 * dt
         for piece in rows(scene, cutoff, self._sticking, self.recipe.farthest, keep=False):
-            own = piece[(piece.t > before) & (piece.t <= ready)]
-            if len(own):
-                self._row = float(own.t[-1])
-                sample = np.rint((own.t - self._begin) / dt).astype(int)
-                yield replace(own, sample=sample)
+            new_rows = piece[(piece.t > before) & (piece.t <= ready)]
+            if len(new_rows):
+                self._row = float(new_rows.t[-1])
+                sample = np.rint((new_rows.t - self._begin) / dt).astype(int)
+                yield replace(new_rows, sample=sample)
 
     def _aligned(self, e: State) -> State:
         """Return the state, filtered at the same instants as the windows before."""
@@ -277,7 +277,7 @@ class Interval:
         w = np.exp((rows.t[:, None] - at) / (2 * T))
         scaled = replace(rows, A=rows.A * w[:, None], b=rows.b * w, tau=rows.tau * w)
         informs, still = rows.informed, rows.informed & ~rows.moving
-        weights = np.stack([(w**2 * some).sum(axis=0) for some in (informs, ~informs, still)])
+        weights = np.stack([(w**2 * counted).sum(axis=0) for counted in (informs, ~informs, still)])
         return cls(at, tuple(blocks_of(0, 0, scaled, supports)), weights)
 
     def aged(self, to: float, T: float) -> Interval:
@@ -287,18 +287,18 @@ class Interval:
 
     def merged(self, later: Interval, T: float) -> Interval:
         """Add a later interval."""
-        mine = self.aged(later.at, T)
-        both = tuple(a + b for a, b in zip(mine.blocks, later.blocks, strict=True))
-        return Interval(later.at, both, mine.weights + later.weights)
+        earlier = self.aged(later.at, T)
+        both = tuple(a + b for a, b in zip(earlier.blocks, later.blocks, strict=True))
+        return Interval(later.at, both, earlier.weights + later.weights)
 
     def numbered(self, block: int) -> list[Block]:
         """Return the blocks of one block of time, with the number of rows that count."""
-        found = []
-        for each, count in zip(self.blocks, np.rint(self.weights).astype(int).T, strict=True):
-            both = zip(each.triangles, count.tolist(), strict=True)
-            some, rest, still = (replace(triangle, rows=rows) for triangle, rows in both)
-            found.append(replace(each, block=block, triangle=some, rest=rest, still=still))
-        return found
+        numbered = []
+        for b, count in zip(self.blocks, np.rint(self.weights).astype(int).T, strict=True):
+            both = zip(b.triangles, count.tolist(), strict=True)
+            informed, rest, still = (replace(triangle, rows=rows) for triangle, rows in both)
+            numbered.append(replace(b, block=block, triangle=informed, rest=rest, still=still))
+        return numbered
 
 
 class Accumulator:
@@ -327,8 +327,8 @@ class Accumulator:
     def information(self, k: int) -> Information:
         """Return all rows on k columns by interval of time; weights refer to now."""
         self._absorb_waiting()
-        aged = [each.aged(self.now, self._T) for each in self._intervals]
-        blocks = [block for i, each in enumerate(aged) for block in each.numbered(i)]
+        aged = [interval.aged(self.now, self._T) for interval in self._intervals]
+        blocks = [block for i, interval in enumerate(aged) for block in interval.numbered(i)]
         return Information.of(blocks, k, len(self._supports))
 
     def _absorb_waiting(self) -> None:
@@ -351,15 +351,15 @@ class Accumulator:
 
     def _thin_out(self) -> None:
         """Merge two of too many intervals."""
-        known, at, alike = self._intervals, 0, np.isinf(self._T)
+        known, at, unweighted = self._intervals, 0, np.isinf(self._T)
         if len(known) <= INTERVALS:
             return
-        if alike:
-            lengths = [each.at - each.start + self._period for each in known]
+        if unweighted:
+            lengths = [interval.at - interval.start + self._period for interval in known]
             at = int(np.argmin(np.round(np.add(lengths[1:], lengths[:-1]) / self._period)))
         known[at : at + 2] = [known[at].merged(known[at + 1], self._T)]
-        if alike:
-            self._length = min(each.at - each.start for each in known) + self._period
+        if unweighted:
+            self._length = min(interval.at - interval.start for interval in known) + self._period
 
 
 def margin_of(mechanism: Mechanism, rate: float, cutoff: float | None) -> int:

@@ -67,7 +67,7 @@ EARLIER = 10  # work: intervals before the leading chart's onset in which it can
 RIDGE = 1e-3  # numerics: of unit columns, for what the intervals do not determine of a load
 THINNED = 600  # work: samples of an experiment in which Δλ is taken
 TINY = 1e-300  # numerics: so that nothing is divided by zero
-BODIES = np.stack([svec(pseudo_inertia(each)) for each in np.eye(COUNT)], axis=1)
+BODIES = np.stack([svec(pseudo_inertia(column)) for column in np.eye(COUNT)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,14 +82,18 @@ class Suspect:
     @classmethod
     def of(cls, effects: tuple[Effect, ...], columns: Columns) -> Suspect:
         """Make the suspect whose columns are those of some effects."""
-        open_ = [(effect, each) for effect in effects for each in effect.unknowns or effect.shapes]
+        open_ = [
+            (effect, unknown) for effect in effects for unknown in effect.unknowns or effect.shapes
+        ]
         names = [  # of a load, the link's own columns
-            f"{effect.loaded_link}.{each.name}" if effect.loaded_link else effect.full[each.name]
-            for effect, each in open_
+            f"{effect.loaded_link}.{unknown.name}"
+            if effect.loaded_link
+            else effect.full[unknown.name]
+            for effect, unknown in open_
         ]
         places = np.array([columns.index[name] for name in names])
         units = tuple(columns.units[i] for i in places)
-        return cls(effects, places, tuple(each for _, each in open_), units)
+        return cls(effects, places, tuple(unknown for _, unknown in open_), units)
 
     @property
     def label(self) -> str:
@@ -120,26 +124,26 @@ class Watched:
             if kind not in valid:
                 raise FitError(f"no change of '{kind}' can be watched for; {one_of(kind, valid)}")
         known, values = _known(reference)
-        whole = replace(known, unknown=known.bodies.names, effects=())
+        mechanism = replace(known, unknown=known.bodies.names, effects=())
         for effect in known.effects:
-            whole = whole + (effect.freed if effect.kind in kinds else effect)
-        effects = [each for each in candidates(known, motion) if each.kind in kinds]
+            mechanism = mechanism + (effect.freed if effect.kind in kinds else effect)
+        effects = [effect for effect in candidates(known, motion) if effect.kind in kinds]
         shapes: dict[str, float] = {}
         for effect in effects:
             if effect.loaded_link:
                 continue
-            if effect.label not in {own.label for own in whole.effects}:
-                whole = whole + effect
+            if effect.label not in {effect_present.label for effect_present in mechanism.effects}:
+                mechanism = mechanism + effect
             if effect.corrects:
                 shapes |= {name: values.values.get(name, 0.0) for name in effect.names}
-        self.mechanism = whole  # with all suspects
-        self.columns = Columns.of(whole)  # its k unknowns
+        self.mechanism = mechanism  # with all suspects
+        self.columns = Columns.of(mechanism)  # its k unknowns
         self.point = Point(values.pi, {**values.values, **shapes})  # where rows are evaluated
         self.reference = self.point.unknowns(self.columns)  # (k,) x_ref
         self.joints = motion.independent  # of the d coordinates in which torques are compared
         self.cutoff = motion.band.cutoff  # of the rows' filter [Hz]
         # each alone, and companions of a joint together
-        groups: list[tuple[Effect, ...]] = [(each,) for each in effects]
+        groups: list[tuple[Effect, ...]] = [(effect,) for effect in effects]
         for name in dict.fromkeys(e.joints[0] for e in effects if e.companions):
             together = tuple(e for e in effects if e.companions and e.joints[0] == name)
             groups += [together] if len(together) > 1 else []
@@ -172,7 +176,7 @@ def _known(reference: Fit | Mechanism) -> tuple[Mechanism, Point]:
         effects = []
         for effect, solution in reference.effect_solution:
             named = zip(effect.parameters, solution, strict=True)
-            values = {each.name: float(v) for each, v in named}
+            values = {parameter.name: float(v) for parameter, v in named}
             effects.append(replace(effect, values={**effect.values, **values}))
         mechanism = replace(reference.mechanism, effects=tuple(effects), unknown=())
         return mechanism, Point(reference.point.pi, Point.prior(mechanism).values)
@@ -218,8 +222,10 @@ class Reading:
                 return None
         else:
             values = zip(suspect.parameters, x[suspect.places] + theta, error, strict=True)
-            for each, value, se in values:
-                if (each.nonnegative and value < -NEGATIVE * se) or abs(value) > each.largest + se:
+            for parameter, value, se in values:
+                if (parameter.nonnegative and value < -NEGATIVE * se) or abs(
+                    value
+                ) > parameter.largest + se:
                     return None
         predicted = C @ theta
         fall = float(e @ e - np.sum((e - predicted) ** 2))
@@ -262,15 +268,15 @@ def name_change(
     normal: NormalRunning, least: float,
 ) -> Naming:  # fmt: skip
     """Fit all suspects to the intervals of a window."""
-    triangle = Triangle.merge([each.triangle for each in window])
+    triangle = Triangle.merge([reading.triangle for reading in window])
     e, phi2 = triangle.d - triangle.R @ x, normal.typical
-    suspects = [each.within(triangle.R) for each in suspects]
+    suspects = [reading.within(triangle.R) for reading in suspects]
     gains = left_out_gains(suspects, window, x) / phi2
     fitted = (
         Reading.of(suspect, triangle.R, e, x, phi2, float(gain))
         for suspect, gain in zip(suspects, gains, strict=True)
     )
-    readings = sorted(filter(None, fitted), key=lambda each: -each.gain)
+    readings = sorted(filter(None, fitted), key=lambda reading: -reading.gain)
     for smaller in readings[1:]:
         contained = readings[0].suspect.contains(smaller.suspect)
         if contained and readings[0].apart_from(smaller, phi2)[0] < APART:
@@ -278,18 +284,22 @@ def name_change(
             readings.insert(0, smaller)
             break
     best = readings[0] if readings else None
-    usual = np.array([each.rows for each in window]) * normal.energy
+    usual = np.array([reading.rows for reading in window]) * normal.energy
     expected = max(float(usual.sum()), TINY)  # nothing where all rows are at rest
     scatter = max(float(np.sqrt((2.0 / normal.freedom * usual**2).sum())), TINY)
     squares = float(e @ e + triangle.rho**2)
     rest = squares - (best.fall if best else 0.0)
-    left = normal.beyond_error(triangle.R, e - best.predicted if best else e) + triangle.rho**2
-    louder = max(1.0, left / expected / MARGIN) ** 0.5  # than normal running with its margin
-    z, d = np.array([readings[0].apart_from(each, phi2) for each in readings]).reshape(-1, 2).T
+    unexplained = (
+        normal.beyond_error(triangle.R, e - best.predicted if best else e) + triangle.rho**2
+    )
+    louder = max(1.0, unexplained / expected / MARGIN) ** 0.5  # than normal running with its margin
+    z, d = (
+        np.array([readings[0].apart_from(reading, phi2) for reading in readings]).reshape(-1, 2).T
+    )
 
     def others(evidence: np.ndarray, bound: float) -> tuple[Reading, ...]:
         """Of less evidence against them; what is another one and more is no other."""
-        near = [each for each, x in zip(readings[1:], evidence[1:], strict=True) if x < bound]
+        near = [reading for reading, x in zip(readings[1:], evidence[1:], strict=True) if x < bound]
         less = [*readings[:1], *near]
         return tuple(e for e in near if not any(e.suspect.contains(x.suspect) for x in less))
 
@@ -298,7 +308,7 @@ def name_change(
         rivals=others(z + np.minimum(z + 1.0, d / 2), APART * louder),
         alone=not others(z, APART),
         excess=(rest - expected) / scatter,
-        surplus=(left - expected) / scatter,
+        surplus=(unexplained - expected) / scatter,
         explained=(squares - rest) / max(squares - expected, TINY),
         remains=rest / expected,
         least=least,
@@ -321,20 +331,20 @@ def left_out_gains(
     return np.asarray(regression.gains([suspect.places for suspect in suspects]).G)
 
 
-def onset(held: Sequence[WatchedInterval], x: np.ndarray, best: Reading) -> int:
+def onset(intervals: Sequence[WatchedInterval], x: np.ndarray, best: Reading) -> int:
     """Return the likeliest begin of a change θ: argmax_j Σ_{i ≥ j} θᵀs_i − |R_i θ|²/2."""
     places, theta = best.suspect.places, best.theta
     gain = [
-        float(each.triangle.gradient(x)[places] @ theta)
-        - 0.5 * float(np.sum((each.triangle.R[:, places] @ theta) ** 2))
-        for each in held
+        float(interval.triangle.gradient(x)[places] @ theta)
+        - 0.5 * float(np.sum((interval.triangle.R[:, places] @ theta) ** 2))
+        for interval in intervals
     ]
     return int(np.cumsum(gain[::-1])[::-1].argmax())
 
 
 def name_since_onset(
     suspects: Sequence[Suspect],
-    held: Sequence[WatchedInterval],
+    intervals: Sequence[WatchedInterval],
     since: int,
     x: np.ndarray,
     normal: NormalRunning,
@@ -343,16 +353,18 @@ def name_since_onset(
     """Fit all suspects to the intervals since the onset that the best of them gives."""
 
     def naming_from(start: int) -> Naming:
-        window = held[start + 1 :] or held[start:]  # without the interval in which the onset was
+        window = (
+            intervals[start + 1 :] or intervals[start:]
+        )  # without the interval in which the onset was
         return name_change(suspects, window, x, normal, least)
 
-    start = max(len(held) - since, 0)
+    start = max(len(intervals) - since, 0)
     naming = naming_from(start)
     if naming.best is not None:
         first = max(start - EARLIER, 0)
-        start = first + onset(held[first:], x, naming.best)
+        start = first + onset(intervals[first:], x, naming.best)
         naming = naming_from(start)
-    return naming, list(held[start:])
+    return naming, list(intervals[start:])
 
 
 def load_change(C: np.ndarray, e: np.ndarray) -> np.ndarray:
