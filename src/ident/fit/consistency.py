@@ -65,6 +65,7 @@ CONVERGED = 1e-6  # numerics: of a plausible size: a smaller change of any unkno
 PUSHED = 0.1  # level: standard errors of white noise by which a limit must push to count as active
 IMPOSSIBLE = -1e-9  # numerics: smallest eigenvalue of a prior that is no possible body
 MARGIN = 1e-6  # numerics: of the ball, what a body keeps: a simulator inverts its mass
+STURDY = 1e-3  # numerics: the same of bodies for files: none of a milligram, which are placeholders
 SMALL = 1e-3  # range: of a mean link, the least size that is believed
 CENTROID = {centroidal: about for about, centroidal in CENTROIDAL.items()}
 
@@ -189,6 +190,67 @@ def nearest_possible(
     return problem, unlimited_estimate.at(point.x), unlimited_estimate, outside, binding
 
 
+@dataclass(frozen=True, eq=False)
+class PossibleBodies:
+    """The possible bodies nearest to a fit whose own are not, for files that a simulator reads."""
+
+    x: np.ndarray  #: (k,) all unknowns, those of effects moved along with the bodies
+    links: tuple[str, ...]  #: whose identified bodies are impossible
+    #: by joint, rms [N m | N] of the difference of the torques, and of what the fit leaves of them
+    difference: Mapping[str, float]
+    residual: Mapping[str, float]
+
+    @classmethod
+    def of(
+        cls, problem: Problem, estimate: Estimate, findings: Sequence[Finding]
+    ) -> PossibleBodies | None:
+        """Return the nearest possible bodies; None where those of the fit are possible, or where
+        known ones contradict each other.
+        """
+        x = possible_bodies(problem, estimate, findings)
+        if x is None:
+            return None
+        joints, d = problem.motion.independent, len(problem.motion.independent)
+        sums, rows = np.zeros(d), np.zeros(d)
+        for block in problem.information:
+            change = block.triangle.R @ (x - estimate.x)[block.support]
+            sums[block.coordinate] += change @ change
+            rows[block.coordinate] += block.triangle.rows
+        errors = problem.information.squares(estimate.x).errors(joints, problem.units)
+        rms = np.sqrt(sums / np.maximum(rows, 1))
+        return cls(
+            x,
+            next(f.where for f in findings if f.code == IMPOSSIBLE_BODY),
+            dict(zip(joints, map(float, rms), strict=True)),
+            {joint: errors[joint].rms for joint in joints},
+        )
+
+    @property
+    def findings(self) -> list[Finding]:
+        """The finding that they change the torques by more than the fit leaves of them, if so."""
+        beyond = [j for j, rms in self.difference.items() if rms > self.residual[j]]
+        if not beyond:
+            return []
+        sizes = ", ".join(
+            f"{joint} {self.difference[joint]:.2g} ({self.residual[joint]:.2g})" for joint in beyond
+        )
+        text = (
+            "the possible bodies of identified.urdf change torques by more than the fit leaves of "
+            f"them, rms (and what is left): {sizes}"
+        )
+        remedy = "see --consistent, or ident diagnose: something is missing from the model"
+        return [Finding("possible bodies differ", text, remedy, tuple(beyond))]
+
+    def json(self, names: Sequence[str]) -> dict[str, Any]:
+        """Return the entry of fit.json, with the (k,) names of the unknowns."""
+        return {
+            "links": list(self.links),
+            "parameters": dict(zip(names, map(float, self.x), strict=True)),
+            "torque_change": dict(self.difference),
+            "torque_error": dict(self.residual),
+        }
+
+
 def possible_bodies(
     problem: Problem, estimate: Estimate, findings: Sequence[Finding]
 ) -> np.ndarray | None:
@@ -197,10 +259,13 @@ def possible_bodies(
     """
     if not any(finding.code == IMPOSSIBLE_BODY for finding in findings):
         return None
-    try:
-        return Program.of(problem, problem.mechanism.consistency).solve(estimate).x
-    except FitError:
-        return None
+    for margin in (STURDY, MARGIN):
+        try:
+            program = Program.of(problem, problem.mechanism.consistency, margin)
+            return program.solve(estimate).x
+        except FitError:
+            continue
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,12 +280,14 @@ class Program:
     rest: Sequence[tuple[Triangle, float]]
 
     @classmethod
-    def of(cls, problem: Problem, asked: Consistency) -> Program:
-        """Return the limits of a mechanism, and the prior within them."""
+    def of(cls, problem: Problem, asked: Consistency, margin: float = MARGIN) -> Program:
+        """Return the limits of a mechanism, and the prior within them; every body keeps `margin` of
+        its prior's ball.
+        """
         mechanism, columns, prior = problem.mechanism, problem.columns, problem.prior
         scale = problem.plausible
         scale = np.where(scale < UNFELT, scale, 1.0)  # of a column of zeros any size will do
-        limits = limits_of(problem, asked, scale)
+        limits = limits_of(problem, asked, scale, margin)
         if against := cone.conflict(limits, scale):
             names = "; ".join(limit.name for limit in against)
             raise FitError(
@@ -346,7 +413,9 @@ def smallest_eigenvalues(mechanism: Mechanism, pi: np.ndarray) -> dict[str, floa
     return {link: float(np.linalg.eigvalsh(cone.smat(S @ body))[0]) for link, S, body in bodies}
 
 
-def limits_of(problem: Problem, asked: Consistency, scale: np.ndarray) -> list[cone.Limit]:
+def limits_of(
+    problem: Problem, asked: Consistency, scale: np.ndarray, margin: float = MARGIN
+) -> list[cone.Limit]:
     """Return limits: possible bodies, effects that cannot be negative, shapes within the range in
     which their columns mean something, bounds, total mass; `scale` (k,): plausible sizes.
     """
@@ -361,7 +430,7 @@ def limits_of(problem: Problem, asked: Consistency, scale: np.ndarray) -> list[c
     for name, bounds in asked.bounds.items():
         at, constant = _linear(mechanism, columns, name)
         intervals.append((name, at, constant, bounds, f" {columns.units[at]}"))
-    limits = _bodies(mechanism, columns)
+    limits = _bodies(mechanism, columns, margin)
     for name, at, constant, bounds, unit in intervals:
         row = np.zeros((1, len(columns)))
         row[0, at] = 1.0 / scale[at]
@@ -388,8 +457,8 @@ def limits_of(problem: Problem, asked: Consistency, scale: np.ndarray) -> list[c
     return limits
 
 
-def _bodies(mechanism: Mechanism, columns: Columns) -> list[cone.Limit]:
-    """Return P ⪰ MARGIN · B of every body with unknowns, and of every body with its payload."""
+def _bodies(mechanism: Mechanism, columns: Columns, margin: float) -> list[cone.Limit]:
+    """Return P ⪰ margin · B of every body with unknowns, and of every body with its payload."""
     D = of_bodies(mechanism, columns)
     known = columns.dynamic_parameters(mechanism, np.zeros(len(columns)))
     payloads = {
@@ -397,7 +466,7 @@ def _bodies(mechanism: Mechanism, columns: Columns) -> list[cone.Limit]:
         for effect, places in columns.effects
         if effect.loaded_link
     }
-    found, edge = [], MARGIN * cone.svec(np.eye(4))
+    found, edge = [], margin * cone.svec(np.eye(4))
     for link, S in zip(mechanism.bodies.links, in_balls(mechanism), strict=True):
         mine = mechanism.bodies.columns(link)
         G, pi = D[mine].copy(), known[mine].copy()

@@ -56,7 +56,7 @@ def write_fit(
         IdentError: if the folder cannot be written.
         FitError: if a body's identified inertia cannot be stated in a URDF.
     """
-    urdf = identified_urdf(fit)
+    urdf, exact = (identified_urdf(fit, possible=each) for each in (True, False))
     files: dict[str, bytes | Iterable[bytes]] = {
         "fit.json": json_bytes(fit_json(fit)),
         "multipliers.csv": multipliers or multipliers_csv(fit),
@@ -65,7 +65,7 @@ def write_fit(
         **dict(own_files(fit).values()),
         **(more or {}),
     }
-    return write_all(Path(folder), files | identified_files(fit, urdf))
+    return write_all(Path(folder), files | identified_files(fit, exact))
 
 
 def identified_files(fit: Fit, urdf: bytes) -> dict[str, bytes]:
@@ -183,6 +183,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "condition_number": fit.condition_number,
         "rank": fit.rank,
         **({} if fit.binding is None else {"consistency": fit.binding.json()}),
+        **({} if fit.possible is None else {"possible": fit.possible.json(fit.columns.names)}),
         **({} if fit.changes is None else {"changes": _changes(fit.changes)}),
         "correlated": [list(pair) for pair in fit.correlation.pairs()],
         "warnings": list(fit.warnings),
@@ -233,6 +234,7 @@ class Saved:
         cutoff: of the filter that the fit was made with [Hz], None for none, "auto" if not stated.
         errors: of the fit by set (`train`, `held out`, a log it was validated on), then joint.
         base_parameters: the combinations that its log determined.
+        possible: the same with the nearest possible bodies, where those of the fit cannot exist.
         motion: always None, as of no fit that is read from a file.
     """
 
@@ -242,6 +244,7 @@ class Saved:
     cutoff: float | str | None = "auto"
     errors: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
     base_parameters: tuple[BaseValue, ...] = ()
+    possible: Point | None = None
     motion: Motion | None = field(default=None, init=False)  # a file does not hold its data
 
     @property
@@ -329,10 +332,15 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
                 f"{path}: parameter '{name}' belongs to no link or effect of {mechanism.name}; "
                 f"{one_of(name.split('.')[0], grown.bodies.links)}"
             )
-    given = {name: float(value) for name, value in values.items() if value is not None}
-    start = Point(grown.bodies.with_values(grown.prior, {**given}), given)
     columns = Columns.of(grown)
-    point = start.at(grown, columns, start.unknowns(columns))
+
+    def point_of(values: Mapping[str, float | None]) -> Point:
+        given = {name: float(value) for name, value in values.items() if value is not None}
+        start = Point(grown.bodies.with_values(grown.prior, {**given}), given)
+        return start.at(grown, columns, start.unknowns(columns))
+
+    point, nearest = point_of(values), data.get("possible")
+    possible = None if nearest is None else point_of({**values, **nearest["parameters"]})
     cutoff = filtered["cutoff"] if (filtered := data.get("filter")) else "auto"
     errors = data.get("error") or {}
     with_standstill = _sets(errors.get("with_standstill") or {})
@@ -348,7 +356,7 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
         for e in data.get("base_parameters") or () if e["stderr"] is not None
     )  # fmt: skip
     cutoff = cutoff if cutoff in (None, "auto") else float(cutoff)
-    return Saved(str(path), grown, point, cutoff, read, base)
+    return Saved(str(path), grown, point, cutoff, read, base, possible)
 
 
 def unfiltered_errors(folder: Path) -> dict[str, float]:
@@ -380,15 +388,22 @@ def _own_kind(path: Path, label: str, entry: dict[str, Any], allow_code: bool) -
         raise FitError(f"{path}: effect '{label}' is none of the library: {error}") from None
 
 
-def identified_urdf(fit: Fit) -> bytes:
+def identified_urdf(fit: Fit, *, possible: bool = True) -> bytes:
     """Return the URDF's text with new `<inertial>` numbers for the links of identified bodies.
+
+    With `possible`, bodies that cannot exist are replaced by the nearest that can, as simulators
+    refuse others; without, the torques are exactly those of the fit.
 
     All else is as the user wrote it; FitError if a body has first moments and no mass.
     A body is its own link and those fixed to it; these keep their inertias, and the body's own link
     carries the rest. Pinocchio gives the same torques for it as the fit does.
     """
     mechanism = fit.mechanism
-    pi = _with_masses(fit)
+    nearest = fit.possible if possible else None
+    if nearest is None:
+        pi = _with_masses(fit)
+    else:
+        pi = fit.columns.dynamic_parameters(mechanism, nearest.x)
     text, where = read_description(mechanism.urdf).urdf, str(mechanism.urdf)
     inertials: dict[str, np.ndarray | None] = {}
     for link in bodies_with_unknowns(mechanism):

@@ -255,10 +255,10 @@ def _implausible(
     if impossible:
         text = (
             f"the identified inertia of {', '.join(impossible)} is that of no possible body (its "
-            "pseudo-inertia has a negative eigenvalue): a simulator may refuse identified.urdf, "
-            "and other motions may be predicted worse"
+            "pseudo-inertia has a negative eigenvalue): identified.urdf holds the nearest possible "
+            "bodies in their place, and other motions may be predicted worse"
         )
-        remedy = "--consistent finds the nearest bodies that are possible"
+        remedy = "--consistent fits within what is possible"
         yield Finding(IMPOSSIBLE_BODY, text, remedy, tuple(impossible))
 
 

@@ -20,7 +20,7 @@ from ident.errors import FitError, one_of
 from ident.faults.channel_fits import SMALL
 from ident.faults.data_checks import DataChecks, Health
 from ident.finding import Finding
-from ident.fit.consistency import Binding
+from ident.fit.consistency import Binding, PossibleBodies
 from ident.fit.findings import unexcited
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Prediction, Reactions, identifiable_multipliers, predict
@@ -169,7 +169,15 @@ class Fit(Charted):
         """Errors in the data, torques that the model leaves unexplained, then all others."""
         again = [self.repeated.finding(self.motion.duration)] if self.repeated else []
         doubts = *self.checks.poor(), *self.checks.reversals()
-        return (*self.health.findings, *doubts, *self.findings, *again)
+        written = self.possible.findings if self.possible else []
+        return (*self.health.findings, *doubts, *self.findings, *written, *again)
+
+    @cached_property
+    def possible(self) -> PossibleBodies | None:
+        """The possible bodies nearest to those found; None where these are possible themselves."""
+        if self.binding is not None:
+            return None
+        return PossibleBodies.of(self.problem, self.estimate, self.findings)
 
     @cached_property
     def repeated(self) -> Periods | None:

@@ -279,7 +279,7 @@ def model_files(fit: Fit) -> dict[str, bytes]:
     urdf, errors = mechanism.urdf.read_bytes(), fit.known_errors
     files = folder_files(mechanism, urdf, effects, None, fit.found, errors)
     with suppress(FitError):
-        files |= identified_files(fit, identified_urdf(fit))
+        files |= identified_files(fit, identified_urdf(fit, possible=False))
     files |= dict(own_files(fit).values())
     return files | {"fit.json": json_bytes(fit_json(fit)), "multipliers.csv": multipliers_csv(fit)}
 
