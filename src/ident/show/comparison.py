@@ -16,12 +16,13 @@ from ident.effects.library import named
 from ident.files import json_bytes
 from ident.fit.identify import Comparison
 from ident.fit.prediction import identifiable_multipliers
-from ident.fit.residual import Residual, floor_of, zero_of
+from ident.fit.residual import floor_of, zero_of
 from ident.fit.result import Fit
 from ident.fit.values import Change, Changes
 from ident.information.blocks import Error
 from ident.show.card import OTHER, SAME, Card, bars_of, enough, good_enough, next_command
 from ident.show.charts import BELOW, MEASURED, Chart, Line, Panel
+from ident.show.front import first_screen, most_changed
 from ident.show.html import Block, Section, Sheet, by_log, report_page, table
 from ident.show.motion import made_of, understood
 from ident.show.residual import (
@@ -103,7 +104,7 @@ def comparison_card(c: Comparison) -> Card:
     change = f"of {columns[0]} → of {columns[-1]}"
     if alone:
         change = "when it was fitted → on this log" * bool(before)
-    worst = changed[0] if changed else "" if alone else _changed(first, last)[0]
+    worst = changed[0] if changed else "" if alone else most_changed(first, last)[0]
     return Card(line, good, bars, next_command(verb, known=differs), "", change, first=worst)
 
 
@@ -117,22 +118,13 @@ def _error_columns(c: Comparison) -> dict[str, Mapping[str, Error]]:
     return columns
 
 
-def _changed(first: Residual, last: Residual) -> list[str]:
-    """Return the joints, the one whose error changes most against its torque first."""
-    change = {
-        joint: abs(error.rms - last.errors[joint].rms) * ((error.relative or 0) / (error.rms or 1))
-        for joint, error in first.errors.items()
-    }
-    return sorted(change, key=lambda joint: -change[joint])
-
-
 @renders(Comparison, "files")
 def comparison_files(c: Comparison, replay: Plotted | None = None) -> dict[str, bytes]:
     """Return report.html and compare.json, with the simulated motions if they are given."""
     residuals = c.residuals
     first, last = (list(residuals.values())[i] for i in (0, -1))
     mechanism, motion = first.model.mechanism, first.motion
-    changed = "" if first is last else _changed(first, last)[0]
+    changed = "" if first is last else most_changed(first, last)[0]
     sections = (
         errors_section(error_rows(_error_columns(c))),
         Section("Parameters", _parameters(residuals)),
@@ -143,7 +135,8 @@ def comparison_files(c: Comparison, replay: Plotted | None = None) -> dict[str, 
         made_of(mechanism, motion, [Path(name) for name in residuals if Path(name).is_file()]),
     )
     title = f"{mechanism.name}: model against measurement"
-    report = report_page(title, comparison_card(c), sections)
+    front = first_screen(first, last, changed)
+    report = report_page(title, comparison_card(c), sections, front)
     return {"report.html": report, "compare.json": json_bytes(comparison_json(c, replay))}
 
 

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,9 @@ from ident.display import renders, writing
 from ident.effects.library import by_kind, named
 from ident.files import json_bytes, jsonable, regular, write_all
 from ident.fit.identify import Comparison
-from ident.fit.residual import Failure, residual_of
+from ident.fit.residual import Failure
 from ident.show.card import Bar
-from ident.show.charts import FAINT, RESIDUAL, Chart, Dots, Panel
+from ident.show.charts import BEFORE, MEASURED, NOW, Chart, Dots, Panel
 from ident.show.diagnosis import (
     alike,
     bar_of,
@@ -36,7 +36,9 @@ from ident.show.diagnosis import (
     unsupported_words,
     where_rows,
 )
+from ident.show.error_axis import ErrorAxis
 from ident.show.fit import fit_sections
+from ident.show.front import first_screen
 from ident.show.html import (
     Block,
     Choice,
@@ -48,7 +50,7 @@ from ident.show.html import (
     report_page,
     table,
 )
-from ident.show.laws import curve_json, law_blocks, numbers
+from ident.show.laws import curve_json, law_blocks, numbers, plot_curve
 from ident.show.residual import plot_joint, plot_maps
 from ident.show.verdict import spoilt
 
@@ -88,19 +90,22 @@ def plot_candidates(d: Diagnosis) -> Chart:
         100 * np.array([size or 0.0 for size in sizes])
         for sizes in zip(*(bar_of(d, x).sizes for x in shown), strict=True)
     )
+    axis = ErrorAxis.of(0.01 * np.concatenate([before, after, noise]))
+    before, after, noise = (np.maximum(sizes, axis.percents[0]) for sizes in (before, after, noise))
     at, none = np.arange(len(shown), dtype=float), np.zeros(len(shown))
     alone = len(d.floor) == 1  # joint, whose error is meant
-    marks = [Dots(at, before, none, "as it is", FAINT)]
+    marks = [Dots(at, before, none, "as it is", BEFORE)]
     labels = "with it: named, or not distinguishable from that", "with it: others"
-    for i, (label, part) in enumerate(zip(labels, (named, others), strict=True)):
+    for label, part, colour in ((labels[0], named, NOW), (labels[1], others, 0)):
         of = np.array([each in part for each in shown], dtype=bool)
         if part:
-            marks.append(Dots(at[of], after[of], none[of], label, i))
-    marks.append(Dots(at, noise, none, "noise alone", RESIDUAL, upright=True))
+            marks.append(Dots(at[of], after[of], none[of], label, colour))
+    marks.append(Dots(at, noise, none, "noise alone", MEASURED, upright=True))
     own = (x.joint in x.effect.joints or alone for x in shown)
     names = [x.effect.label + f" in {x.joint}" * (not y) for x, y in zip(shown, own, strict=True)]
     panel = Panel(
-        tuple(marks), "held-out error of the joint [%]", y_names=tuple(names),
+        tuple(marks), "held-out error of the joint [%]", y_names=tuple(names), logarithmic_x=True,
+        x_range=axis.percents,
         height=0.5 + 0.32 * max(len(shown), 1),
     )  # fmt: skip
     return Chart("The error of its joint, as it is and with each candidate", ((panel,),))
@@ -144,6 +149,29 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
     )
 
 
+def front_blocks(d: Diagnosis) -> list[Block]:
+    """Return a joint with and without what is named, and the curve of that; without a name, the fit
+    beside what it was before.
+    """
+    fitted = [x for x in d.candidates if x.fit is not None and mark(d, x) == "*"]
+    if d.best is not None and fitted:
+        best = fitted[0]
+        assert best.fit is not None
+        label, after = (
+            best.effect.label,
+            replace(best.fit.residual, name=f"with {best.effect.label}"),
+        )
+        return first_screen(replace(d.fit.residual, name="as it is"), after, best.joint, label)
+    if d.laws:
+        law = d.laws[-1]  # its fit has all of them
+        after = replace(law.fit.residual, name=f"with the formula in {law.joint}")
+        blocks = first_screen(replace(d.fit.residual, name="as it is"), after, law.felt)
+        curves = [x for x in d.curves if x.effect.joints == law.effect.joints]
+        return [*blocks[:1], *(plot_curve(x, law) for x in curves[:1])]
+    before = d.fit.residual_before if len(d.fit.columns) else d.fit.residual
+    return first_screen(before, d.fit.residual)
+
+
 def _invisible(d: Diagnosis) -> list[Block]:
     """Return a row a kind of what this data cannot show, and why."""
     rows = [["effect", "why"]]
@@ -169,7 +197,7 @@ def _candidates(d: Diagnosis) -> list[Block]:
 
 def _option(d: Diagnosis, each: Explanation) -> list[Block]:
     assert each.fit is not None
-    before, after = d.fit.residual, residual_of(each.fit)
+    before, after = d.fit.residual, each.fit.residual
     label, joint = each.effect.label, each.joint
     change = f"held-out error of {joint}: {bar_of(d, each).words}"
     lines = [type(each.effect).summary(), change, numbers(each.parameters)]
@@ -199,7 +227,7 @@ def write_diagnosis(
     """Write diagnosis.json, report.html with `sections` first, files of laws, and `more`."""
     title = f"{d.fit.mechanism.name}: diagnosis"
     with writing(folder):
-        report = report_page(title, card(d), (*sections, *diagnosis_sections(d)))
+        report = report_page(title, card(d), (*sections, *diagnosis_sections(d)), front_blocks(d))
     files = {**diagnosis_files(d), **(more or {}), "report.html": report}
     return write_instead(d, Path(folder), files)
 

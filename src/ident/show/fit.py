@@ -14,15 +14,14 @@ from ident.faults.data_checks import Health
 from ident.fit.consistency import Binding
 from ident.fit.files import Saved, write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
-from ident.fit.prediction import Reactions, predict
-from ident.fit.residual import residual_of
+from ident.fit.prediction import Reactions
 from ident.fit.result import Fit
-from ident.fit.shapes import initial
 from ident.fit.values import STRONG, Correlation, Value
 from ident.information.blocks import Error
 from ident.show.card import Card, bars_of, body_words, doubts_of, enough, good_enough, next_command
 from ident.show.charts import PRIOR, Chart, Dots, Panel
 from ident.show.comparison import change_tables, changes_line, plot_forces
+from ident.show.front import first_screen, forest
 from ident.show.html import Block, Section, Sheet, by_log, folded, items, paragraph, report_page
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
@@ -229,7 +228,7 @@ def card(fit: Fit) -> Card:
     elif not len(fit.columns):  # nothing is unknown: the model is as it was
         before, change = {}, ""
     else:
-        before = residual_of(earlier or urdf_of(fit), fit.motion).errors
+        before = fit.residual_before.errors
         # the URDF's numbers, or those of the fit that wrote the mechanism
         own = "the URDF's own" if fit.mechanism.covariance is None else "the earlier"
         change = f"of {short(earlier.name)}" if earlier else f"of {own} numbers"
@@ -322,12 +321,9 @@ renders(Fit, "urdf")(write_urdf)
 def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = ()) -> bytes:
     """Return the report of a fit, with further sections after those of its residual."""
     sections = fit_sections(fit, known, more)
-    return report_page(f"{fit.mechanism.name}: identification", card(fit), sections)
-
-
-def urdf_of(fit: Fit) -> Saved:
-    """Return the model as it was before the fit: what is unknown has the URDF's values."""
-    return Saved("URDF", fit.mechanism, initial(fit.mechanism, fit.motion))
+    before = fit.residual_before if len(fit.columns) else fit.residual
+    front = [*first_screen(before, fit.residual)[:1], forest(fit)]
+    return report_page(f"{fit.mechanism.name}: identification", card(fit), sections, front)
 
 
 def fit_sections(
@@ -342,7 +338,7 @@ def fit_sections(
     `first`: joint that comes first. `marks`: words beside joints of the mechanism in 3-D.
     """
     notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
-    prior = predict(fit.mechanism, fit.motion, urdf_of(fit).point)
+    prior = fit.residual_before.predictions if len(fit.columns) else ()
     changed = [html_table(*each[::-1]) for each in change_tables(fit.changes, 120).items()]
     return (
         Section("What has changed", changed),

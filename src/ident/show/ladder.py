@@ -28,7 +28,9 @@ from ident.show.card import Card, bars_of, next_command
 from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import card, errors_with, short
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
-from ident.show.html import Section, Sheet, report_page, table
+from ident.show.error_axis import ErrorAxis
+from ident.show.front import first_screen, main_effect, most_changed
+from ident.show.html import Block, Section, Sheet, report_page, table
 from ident.show.verdict import noise_errors, verdict_line
 from ident.text import percent, rounded, significant, some, width, wrapped
 
@@ -153,9 +155,12 @@ def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
             lines.append(Line(at, 100 * np.array(y), joint, i, 1.6, dotted=True))
         if floor := joint in noise and noise[joint].relative:
             lines.append(Level(100 * floor, colour=i, dashed=True))
+    axis = ErrorAxis.of(
+        error.relative for by_joint in (*errors, noise) for error in by_joint.values()
+    )
     panel = Panel(
         tuple(lines), "model", "held-out error [%]", logarithmic=True, height=4.0,
-        x_names=tuple(names),
+        y_range=axis.percents, x_names=tuple(names),
     )  # fmt: skip
     dashed = "; dashed: what noise alone would leave" if noise else ""
     return Chart(f"Held-out error of every joint, rung by rung{dashed}", ((panel,),))
@@ -173,6 +178,19 @@ def _code_name(step: Step) -> str:
 
 
 # --- report and files -----------------------------------------------------------------------------
+
+
+def front_blocks(history: History) -> list[Block]:
+    """Return the joint that changed most from the first rung to the last, and the curve of what
+    changed it.
+    """
+    before, now = history.fits[0].residual, history.fit.residual
+    after = replace(now, name="with all that was added")
+    if len(history.fits) == 1:
+        return first_screen(after, after)
+    joint = (most_changed(before, now) or [now.where[0].joint])[0]
+    effect = main_effect(now, joint, [effect.label for effect in history.added])
+    return first_screen(replace(before, name="as given"), after, joint, effect)
 
 
 def history_card(history: History) -> Card:
@@ -240,12 +258,12 @@ def write(history: History, place: str | Path) -> list[Path]:
         IdentError: if it is the folder of the mechanism itself, or cannot be written.
     """
     refuse_own(history.mechanism, Path(place))
-    blocks = [history.plot(), table(rows(history), CAPTION, tied=False)]
-    ladder = Section("The error falls", blocks)
+    ladder = Section("The error falls", [history.plot()], unfolded=True)
     with writing(place):
         sections = (ladder, *diagnosis_sections(history.diagnosis))
         title = f"{history.mechanism.name}: grown model"
-        report = report_page(title, history_card(history), sections)
+        front, below = front_blocks(history), [table(rows(history), CAPTION, tied=False)]
+        report = report_page(title, history_card(history), sections, front, below)
     data = {**diagnosis_files(history.diagnosis), "report.html": report}
     data["grow.json"] = json_bytes(history_json(history))
     written = write_instead(history.diagnosis, Path(place), model_files(history.fit) | data)

@@ -20,7 +20,20 @@ from ident.fit.residual import Failure, Residual, zero_of
 from ident.fit.residual_maps import Dependence
 from ident.fit.result import Fit
 from ident.information.blocks import Error
-from ident.show.charts import BELOW, MEASURED, RAW, RESIDUAL, Chart, Level, Line, Panel, Points
+from ident.show.charts import (
+    BEFORE,
+    BELOW,
+    MEASURED,
+    NOW,
+    RAW,
+    RESIDUAL,
+    Chart,
+    Colour,
+    Level,
+    Line,
+    Panel,
+    Points,
+)
 from ident.show.html import LOGS, Block, Choice, Section, Sheet, by_log, paragraph
 from ident.show.html import table as html_table
 from ident.text import listed, percent, significant
@@ -180,7 +193,7 @@ def plot_predictions(
 ) -> Chart:
     """Draw measured torque and every model's prediction of a log, with residuals below, per joint.
 
-    `first`: joint that is drawn first. `prior`: what the URDF predicts.
+    `first`: joint that is drawn first. `prior`: what the model predicted before.
     """
     shown, alone = told_apart(c.predictions), len(c.predictions) == 1
     if (given := len(next(iter(c.predictions.values())))) <= experiment:
@@ -189,6 +202,8 @@ def plot_predictions(
     one = next(iter(models.values()))
     zero = zero_of(one.t)
     clock, rows = time_label(zero), []
+    # the first and the last model have the colours of before and now; those between their own
+    colours: list[Colour] = [BEFORE, *range(len(models) - 2), NOW][-len(models) :]
 
     def line(p: Prediction, y: np.ndarray, *style: Any) -> Line:
         return Line(one.t - zero, np.where(p.usable, y, np.nan), *style)
@@ -196,13 +211,15 @@ def plot_predictions(
     for u, joint in sorted(enumerate(one.joints), key=lambda pair: pair[1] != first):
         above = [line(one, one.measured[:, u], "measured", MEASURED, BELOW)]
         for p in prior[experiment:][:1]:
-            above.append(line(p, p.predicted[:, u], "the URDF alone", 5, 1.0))
+            above.append(line(p, p.predicted[:, u], "before", BEFORE, 1.0))
         band = "difference" if alone else next(iter(shown.values()))
         below = [line(one, one.residual[:, u], f"{band}, unfiltered", RAW, 0.8)]
         for i, (name, p) in enumerate(models.items()):
-            label = "predicted" if alone else shown[name]
-            above.append(line(p, p.predicted[:, u], label, i, 1.1))
-            label, colour = ("difference", RESIDUAL) if alone else ("", i)
+            label, colour = shown[name], colours[i]
+            if alone:
+                label = "now" if prior else "predicted"
+            above.append(line(p, p.predicted[:, u], label, colour, 1.1))
+            label, colour = ("difference", RESIDUAL) if alone else ("", colour)
             for trace in c.residuals[name].traces:
                 if trace.name == p.name:  # else it is too short for the filter
                     y = broken(trace, trace.residual[:, u])
@@ -309,6 +326,31 @@ def plot_maps(c: Comparison, joint: str | None = None, effect: str = "") -> Char
     return Chart(words, tuple(rows), shared_y=True, width=2.6 * len(names))
 
 
+def plot_map(
+    residual: Residual, now: Residual, joint: str, effect: str, height: float
+) -> Chart | None:
+    """Draw a joint's residual against the one signal that an effect of the model `now` depends on,
+    with the effect's torque through the points; without an effect, against the signal that explains
+    most, or nothing where none does.
+    """
+    scores = {} if effect else _scores(residual, joint)
+    name, torque = next(iter(scores), ""), None
+    if effect:
+        u = now.joints.index(joint)
+        torque = np.concatenate([trace.parts[effect][:, u] for trace in now.traces])
+        name = _signal_of_effect(now, effect, torque)
+    if not name:
+        return None
+    panel = _map(residual, joint, name, scores, False, torque)
+    unit = residual.units[residual.joints.index(joint)]
+    panel = replace(panel, y=f"residual of {joint} [{unit}]", height=height)
+    words = f"Torque of {joint} that the model leaves, against {panel.x}; the line: its mean"
+    if effect:
+        words = f"Torque of {joint} that is missing without {effect}, against {panel.x}"
+        words += f"; the line: {effect}"
+    return Chart(words, ((panel,),), stretch=True)
+
+
 def _signal_of_effect(residual: Residual, effect: str, torque: np.ndarray) -> str:
     """Return the signal in its law that means in bins show best in the torque of an effect."""
     own_effect = next(x for x in residual.model.mechanism.effects if x.label == effect)
@@ -363,7 +405,7 @@ def _map(
     every, y, style = np.concatenate(x), np.concatenate(r), ("mean", "mean")
     sides = [np.full(len(y), True)]
     if torque is not None:
-        y, style = torque, ("the effect itself", RESIDUAL)
+        y, style = torque, ("the effect itself", NOW)
         if label == "load":  # against either direction
             sides = [side for side in (y > 0, y <= 0) if side.any()]
     lines = []

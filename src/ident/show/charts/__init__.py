@@ -1,8 +1,8 @@
 """Charts described once as plain data, drawn still by Matplotlib and live by BokehJS's own API.
 
 Nothing of Bokeh runs in Python: its Python models take 2 s for the 65 panels of a report of seven
-joints, the data 0.1 s. A long line goes into the page whole, as binary numbers; `charts.js` draws
-the extremes of the samples in view, so that a million samples zoom as easily as a thousand.
+joints, the data 0.1 s. A long line goes into the page as the extremes of POINTS buckets of samples,
+so that a page stays small and no peak is lost; `charts.js` draws those of them that are in view.
 """
 
 from __future__ import annotations
@@ -30,12 +30,13 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".png", ".svg", ".pdf", ".html")
 PIXELS = 75  # of one inch of a panel's height
-POINTS = 2000  # buckets of a line; more would not be seen
+POINTS = 2000  # shown: buckets of a line, two values each; more would not be seen
 SHORT = 6  # characters of names that stand upright beside each other
 LABEL = 34  # characters of a name in a legend
 BELOW = 3.2  # pixels: width of a measured line, which stays visible below a predicted one
 LEAST = 150  # pixels, below which nobody reads a panel
 MEASURED, RESIDUAL, RAW, PRIOR, FAINT = "measured", "residual", "raw", "prior", "faint"
+BEFORE, NOW = "before", "now"  # an earlier model and the present one, on every page
 
 ROLES = {  # legible on white and on black; FAINT is for marks in the background
     MEASURED: "#8f959e",
@@ -44,6 +45,8 @@ ROLES = {  # legible on white and on black; FAINT is for marks in the background
     RAW: "#7dbdb3",  # a residual before the filter, below the filtered one
     FAINT: "#8f959ea0",
     "mean": "#8250df",
+    BEFORE: "#d9730d",  # orange
+    NOW: "#2a9d5c",  # green
 }
 SERIES = (
     "#2b7bd1",  # blue
@@ -57,8 +60,9 @@ SERIES = (
     "#5c6bc0",  # indigo
     "#c0563f",  # brick
 )
-OWN = ("charts.js", "scene.js")
-CLOUD = 4000  # points that are drawn of a cloud; more only darken it
+PACKAGE_SCRIPTS = ("charts.js", "scene.js")
+CLOUD = 2000  # shown: points of a cloud; more only darken it
+SINGLE = 2.0**-20  # numerics: of the range of x, that rounding to single precision may move it
 
 Colour = int | str
 
@@ -86,11 +90,11 @@ class Line:
             return self
         edges = np.linspace(0, n, points + 1).astype(int)
         first, last = edges[:-1], edges[1:] - 1
-        known = np.isfinite(self.y)
-        low = np.minimum.reduceat(np.where(known, self.y, np.inf), first)
-        high = np.maximum.reduceat(np.where(known, self.y, -np.inf), first)
+        finite = np.isfinite(self.y)
+        low = np.minimum.reduceat(np.where(finite, self.y, np.inf), first)
+        high = np.maximum.reduceat(np.where(finite, self.y, -np.inf), first)
         y = np.column_stack([low, high])
-        y[np.add.reduceat(known, first) == 0] = np.nan  # only a bucket of gaps is a gap
+        y[np.add.reduceat(finite, first) == 0] = np.nan  # only a bucket of gaps is a gap
         return replace(self, x=np.column_stack([self.x[first], self.x[last]]).ravel(), y=y.ravel())
 
 
@@ -104,9 +108,9 @@ class Points:
     colour: Colour = 0
 
     def thinned(self, points: int) -> Points:
-        """Return at most some `points` of the cloud, evenly chosen."""
-        some = slice(None, None, max(1, len(self.x) // points))
-        return replace(self, x=self.x[some], y=self.y[some])
+        """Return at most so many `points` of the cloud, evenly chosen."""
+        every = slice(None, None, -(-len(self.x) // points) or 1)
+        return replace(self, x=self.x[every], y=self.y[every])
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +147,9 @@ class Panel:
         marks: in the order in which they are drawn.
         x, y: labels of the axes, with units; title: above it.
         x_names, y_names: at positions 0, 1, 2, … in place of numbers; rows run downwards.
-        logarithmic: whether y is; marked: whether it is to be looked at first.
+        logarithmic: whether y is; logarithmic_x: whether x is; marked: whether it is to be looked
+            at first.
+        x_range, y_range: ends of the axes; None: those of the marks.
         height: [inch] of a still chart.
     """
 
@@ -154,6 +160,9 @@ class Panel:
     x_names: tuple[str, ...] = ()
     y_names: tuple[str, ...] = ()
     logarithmic: bool = False
+    logarithmic_x: bool = False
+    x_range: tuple[float, float] | None = None
+    y_range: tuple[float, float] | None = None
     marked: bool = False
     height: float = 2.1
 
@@ -167,7 +176,8 @@ class Chart:
         rows: of panels, all of one length.
         shared_x: whether all panels have one x axis, as of time; shared_y: whether one y axis.
         width: [inch] of a still chart.
-        clock: the log whose time x is, if any: all charts of one clock are zoomed together.
+        clock: the log whose time x is, if any: all charts of one clock share a cursor.
+        stretch: whether it is a picture without tools, as of a short part of a log.
     """
 
     words: str
@@ -176,6 +186,7 @@ class Chart:
     shared_y: bool = False
     width: float = 9.0
     clock: str = ""
+    stretch: bool = False
 
     @property
     def panels(self) -> tuple[Panel, ...]:
@@ -235,24 +246,25 @@ class Chart:
         """Return the live chart as JSON, safe inside a <script> element, for `drawChart`."""
         arrays = Arrays()
 
-        def plain(value: Any, name: str) -> Any:
+        def encoded(value: Any, name: str) -> Any:
             if isinstance(value, np.ndarray):  # y needs no more digits than a screen has
-                return arrays.place(value, "<f4" if name == "y" else "<f8")
+                single = name == "y" or _fits_single(value)
+                return arrays.place(value, "<f4" if single else "<f8")
             return None if isinstance(value, float) and not math.isfinite(value) else value
 
-        def described(mark: Mark) -> dict[str, Any]:
-            found = {f.name: plain(getattr(mark, f.name), f.name) for f in fields(mark)}
-            return {"kind": type(mark).__name__, **found, "colour": colour(mark.colour)}
+        def mark_data(mark: Mark) -> dict[str, Any]:
+            values = {f.name: encoded(getattr(mark, f.name), f.name) for f in fields(mark)}
+            return {"kind": type(mark).__name__, **values, "colour": colour(mark.colour)}
 
         def panel_data(panel: Panel) -> dict[str, Any]:
-            own = {f.name: getattr(panel, f.name) for f in fields(panel)}
-            marks = [
-                described(m.thinned(CLOUD) if isinstance(m, Points) else m) for m in panel.marks
-            ]
-            return own | {"height": _pixels(panel), "marks": marks}
+            values = {f.name: getattr(panel, f.name) for f in fields(panel)}
+            marks = [mark_data(m.thinned(CLOUD)) if isinstance(m, Points) else
+                     mark_data(m.thinned(POINTS)) if isinstance(m, Line) else
+                     mark_data(m) for m in panel.marks]  # fmt: skip
+            return values | {"height": _pixels(panel), "marks": marks}
 
         rows = [list(map(panel_data, row)) for row in self.rows]
-        shared = {"shared_x": self.shared_x, "shared_y": self.shared_y}
+        shared = {"shared_x": self.shared_x, "shared_y": self.shared_y, "fixed": self.stretch}
         return script_json({"rows": rows, "arrays": list(arrays), **shared})
 
     def html(self) -> str:
@@ -298,11 +310,19 @@ def script_json(content: Mapping[str, Any]) -> str:
 def pieces_of(blocks: Iterable[Any]) -> list[dict[str, Any]]:
     """Return HTML and charts as what `drawPieces` takes."""
     return [
-        {"chart": each.data(), "words": each.words, "height": each.height}
-        if isinstance(each, Chart)
-        else {"html": str(each)}
-        for each in blocks
+        {"chart": block.data(), "words": block.words, "height": block.height}
+        if isinstance(block, Chart)
+        else {"html": str(block)}
+        for block in blocks
     ]
+
+
+def _fits_single(x: np.ndarray) -> bool:
+    """Return whether x (n,) keeps its steps in single precision, as times far from 0 do not."""
+    known = x[np.isfinite(x)]
+    if not len(known):
+        return True
+    return bool(np.spacing(np.float32(np.abs(known).max())) <= SINGLE * np.ptp(known))
 
 
 def _pixels(panel: Panel) -> int:
@@ -311,9 +331,9 @@ def _pixels(panel: Panel) -> int:
 
 def source(name: str) -> str:
     """Return a script of BokehJS (`bokeh.min.js`, `bokeh-api.min.js`) or of this package."""
-    own = resources.files("ident.show.charts").joinpath(name)
+    here = resources.files("ident.show.charts").joinpath(name)
     # the folder is read without importing bokeh, which takes half a second
-    path = own if name in OWN else resources.files("bokeh").joinpath(
+    path = here if name in PACKAGE_SCRIPTS else resources.files("bokeh").joinpath(
         "server", "static", "js", name)  # fmt: skip
     return path.read_text(encoding="utf-8")
 
@@ -352,7 +372,7 @@ def _figure(chart: Chart) -> Figure:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     if handles:
-        names = [each if len(each) <= LABEL else f"{each[:LABEL]}…" for each in handles]
+        names = [name if len(name) <= LABEL else f"{name[:LABEL]}…" for name in handles]
         legend = figure.legend(
             list(handles.values()), names, loc="outside upper center", ncols=min(len(names), 5),
             fontsize="small", frameon=False,
@@ -370,6 +390,12 @@ def _panel(axis: Axes, panel: Panel) -> None:
         axis.spines[edge].set_visible(False)
     if panel.logarithmic:
         axis.set_yscale("log")
+    if panel.logarithmic_x:
+        axis.set_xscale("log")
+    if panel.x_range:
+        axis.set_xlim(*panel.x_range)
+    if panel.y_range:
+        axis.set_ylim(*panel.y_range)
     if panel.x_names:
         wide = max(map(len, panel.x_names)) > SHORT
         tilt: dict[str, Any] = {"rotation": 25, "ha": "right"} if wide else {}
@@ -395,9 +421,9 @@ def _draw(mark: Mark, axis: Axes) -> None:
             line = "o-" if mark.dotted else "-"
             axis.plot(mark.x, mark.y, line, ms=4, color=c, lw=mark.width, label=label)
         case Points():
-            some = mark.thinned(CLOUD)
+            cloud = mark.thinned(CLOUD)
             style = {"s": 3, "alpha": 0.45, "lw": 0, "rasterized": True}
-            axis.scatter(some.x, some.y, color=c, label=label, **style)
+            axis.scatter(cloud.x, cloud.y, color=c, label=label, **style)
         case Dots():
             errors = mark.errors if np.any(mark.errors) else None
             style = {"fmt": "o", "ms": 4, "capsize": 3, "lw": 1.2}

@@ -133,17 +133,19 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     const across = width / rows[0].length
     const inner = left !== null && chart.shared_y // its y axis stands at the left of the row
     const places = (names) => ({start: -0.5, end: names.length - 0.5})
+    const between = ([start, end]) => new Range1d({start, end})
     const downwards = () => ({start: panel.y_names.length - 0.5, end: -0.5}) // run downwards
     const names = panel.y_names.map((name) => fitting(name, across / 2))
     const lines = Math.max(0, ...names.map((name) => name.split("\n").length)) * names.length
     const fig = new Plotting.Figure({
       height: Math.max(panel.height, lines * 14 + 70), // title and axis below beside the names
       sizing_mode: "stretch_width", toolbar_location: null,
-      x_range: shared ?? (panel.x_names.length ? new Range1d(places(panel.x_names)) : new DataRange1d()),
-      y_range: chart.shared_y && scale ? scale
+      x_range: shared ?? (panel.x_range ? between(panel.x_range) : panel.x_names.length ? new Range1d(places(panel.x_names)) : new DataRange1d()),
+      y_range: chart.shared_y && scale ? scale : panel.y_range ? between(panel.y_range)
         : panel.y_names.length ? new Range1d(downwards()) : new DataRange1d(),
+      x_axis_type: panel.logarithmic_x ? "log" : "linear",
       y_axis_type: panel.logarithmic ? "log" : "linear",
-      tools: [
+      tools: chart.fixed ? [new Bokeh.HoverTool({tooltips: [["", "$name"], ["x", "@x{0.0000}"], ["y", "@y{0.00000}"]]})] : [
         new Bokeh.BoxZoomTool({dimensions: along}), new Bokeh.PanTool({dimensions: along}),
         // the wheel alone scrolls the page
         new Bokeh.WheelZoomTool({dimensions: along, modifiers: {ctrl: true}}),
@@ -171,11 +173,15 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
     for (const axis of fig.yaxes) {
       named(axis, names, fitting(panel.y, panel.height - 30), {visible: !inner})
     }
+    if (panel.logarithmic_x) {
+      const ticks = Array.from({length: 24}, (_, i) => Number(`1e${i - 18}`))
+      fig.xaxes[0].setv({ticker: new Bokeh.FixedTicker({ticks}), major_label_overrides: new Map(ticks.map((x) => [x, plain(String(x))]))})
+    }
     if (panel.logarithmic) { // numbers below 1 too, as few as there is room for
       const sizes = panel.marks.flatMap((m) => "y" in m ? [...numbers[m.y]] : inView(m) ? [m.value] : []).filter((y) => y > 0)
-      const low = Math.min(...sizes), high = Math.max(...sizes)
+      const [low, high] = panel.y_range ?? [Math.min(...sizes), Math.max(...sizes)]
       const steps = [[1, 2, 5], [1, 2, 3, 4, 5, 6, 7, 8, 9], Array.from({length: 90}, (_, i) => (10 + i) / 10)]
-      if (high > 1000 * low) steps.unshift([1])
+      if (high >= 1000 * low) steps.unshift([1])
       const choices = steps.map((own) => Array.from({length: 24}, (_, i) => i - 12).flatMap((i) => own.map((x) => Number(`${x}e${i}`))))
       const ticks = choices.find((own) => own.filter((x) => low <= x && x <= high).length > 1) ?? choices[0]
       fig.yaxes[0].setv({ticker: new Bokeh.FixedTicker({ticks}), major_label_overrides: new Map(ticks.map((x) => [x, plain(String(x))]))})
@@ -251,11 +257,13 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
   }
   const across = Math.max(...figures.map((row) => row.length))
   const filled = figures.map((row) => [...row, ...Array(across - row.length).fill(null)])
-  const grid = Plotting.gridplot(filled, {merge_tools: true, sizing_mode: "stretch_width"})
+  const grid = Plotting.gridplot(filled, {merge_tools: true, sizing_mode: "stretch_width", toolbar_location: chart.fixed ? null : "above"})
   grid.toolbar.logo = null
   const tool = (kind) => grid.toolbar.tools.find((each) => (each.tools?.[0] ?? each) instanceof kind)
-  grid.toolbar.active_drag = tool(Bokeh.BoxZoomTool)
-  grid.toolbar.active_scroll = tool(Bokeh.WheelZoomTool)
+  if (!chart.fixed) {
+    grid.toolbar.active_drag = tool(Bokeh.BoxZoomTool)
+    grid.toolbar.active_scroll = tool(Bokeh.WheelZoomTool)
+  }
   const shown = Plotting.show(grid, place)
   return Promise.resolve(shown).then(() => {
     const cursor = (x) => cursors.forEach((each) => each.setv({location: x, visible: true}))

@@ -152,15 +152,28 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A title and the blocks below it; a section without blocks is left out."""
+    """A title and the blocks below it, folded or not; one without blocks is left out."""
 
     title: str
     blocks: Sequence[Block]
+    unfolded: bool = False
 
 
-def report_page(title: str, top: Card | str, sections: Sequence[Section]) -> bytes:
-    """Return a report as one file that opens without a network."""
-    return piece("page", title, top, sections, [], scripts).encode()
+def report_page(
+    title: str,
+    top: Card | str,
+    sections: Sequence[Section],
+    front: Sequence[Block] = (),
+    below: Sequence[Block] = (),
+) -> bytes:
+    """Return a report as one file that opens without a network.
+
+    Args:
+        title: of the page; top: its first lines, with the error by joint.
+        sections: below the first screen, folded unless they are to be seen at once.
+        front: right of the first lines; below: below these, on the first screen too.
+    """
+    return piece("page", title, top, sections, [], scripts, front, below).encode()
 
 
 def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, ...]:

@@ -18,7 +18,7 @@ function paint(drawn, ink = shade("--soft")) {
   }
 }
 
-const clock = (figure) => figure.dataset.clock
+const clock = (figure) => figure.dataset.clock, logOf = (figure) => figure.dataset.log
 
 function follow(figure) { // those out of view follow when they come into it
   const known = ranges.get(figure), span = spans.get(clock(figure))
@@ -55,7 +55,7 @@ async function draw(figure) {
     cursors.set(figure, drawScene(content, place, (log, x) => point(log, x, figure)))
     return
   }
-  const log = clock(figure)
+  const log = logOf(figure)
   const {document: drawn, range, cursor} = await drawChart(content, place, log ? (x) => point(log, x) : null)
   documents.push(drawn)
   paint(drawn)

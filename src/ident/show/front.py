@@ -1,0 +1,173 @@
+"""The right half of a report's first screen: one joint before and now, and what explains it.
+
+The joint is the one whose error changed most, the stretch of time the one in which the squares of
+the residual fall most:
+
+    max_t  Σ_{t ≤ s < t + T} r_before(s)² − r_now(s)²
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from ident.fit.prediction import Prediction
+from ident.fit.residual import Residual, zero_of
+from ident.fit.result import Fit
+from ident.fit.values import Value
+from ident.show.charts import BEFORE, BELOW, MEASURED, NOW, Chart, Line, Panel
+from ident.show.html import Block, piece
+from ident.show.residual import plot_map, time_label
+from ident.text import rounded
+
+SHARE, SHORTEST, LONGEST = 0.2, 2.0, 6.0  # shown: of a log, and s, that the stretch is long
+FOREST = 12  # shown: identified values, the most certain first
+HEIGHT = 3.2  # shown: inches of each of the two charts, which together fill a screen
+PERCENTILE_95 = 1.96  # level: standard errors of an interval of 95 %
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A short part of one log: its number, its samples, and the joint that is looked at."""
+
+    experiment: int
+    samples: slice
+    joint: str
+
+
+def most_changed(before: Residual, now: Residual) -> list[str]:
+    """Return the joints, the one whose error changes most as a share of its torque first."""
+    change = {
+        joint: abs(error.rms - now.errors[joint].rms) * ((error.relative or 0) / (error.rms or 1))
+        for joint, error in before.errors.items()
+        if joint in now.errors and not error.unmeasured
+    }
+    return sorted(change, key=lambda joint: -change[joint])
+
+
+def stretch_of(before: Residual, now: Residual, joint: str) -> Stretch:
+    """Return where the squares of a joint's residual change most; of one model, where they are
+    largest.
+    """
+    u, best = now.joints.index(joint), (-np.inf, Stretch(0, slice(0), joint))
+    for number, (old, new) in enumerate(zip(before.predictions, now.predictions, strict=True)):
+        n = min(len(old.t), len(new.t))
+        rate = (n - 1) / float(new.t[n - 1] - new.t[0])
+        seconds = min(max(SHARE * n / rate, SHORTEST), LONGEST)
+        width = min(n, max(2, round(seconds * rate)))
+        gain = new.residual[:n, u] ** 2
+        if before is not now:
+            gain = old.residual[:n, u] ** 2 - gain
+        gain = np.where(new.usable[:n], gain, 0.0)
+        total = np.concatenate([[0.0], np.cumsum(np.nan_to_num(gain))])
+        sums = total[width:] - total[:-width]
+        start = int(sums.argmax())
+        if sums[start] > best[0]:
+            best = float(sums[start]), Stretch(number, slice(start, start + width), joint)
+    return best[1]
+
+
+def plot_stretch(before: Residual, now: Residual, stretch: Stretch) -> Chart:
+    """Draw the measured torque of a joint, and those predicted before and now, over a stretch."""
+    u, part = now.joints.index(stretch.joint), stretch.samples
+    old, new = (x.predictions[stretch.experiment] for x in (before, now))
+    zero = zero_of(new.t)
+
+    def line(p: Prediction, y: np.ndarray, label: str, colour: str, width: float) -> Line:
+        return Line(p.t[part] - zero, np.where(p.usable, y, np.nan)[part], label, colour, width)
+
+    lines = [line(new, new.measured[:, u], "measured", MEASURED, BELOW)]
+    if before is not now:
+        lines.append(line(old, old.predicted[:, u], f"before: {_name(before)}", BEFORE, 1.5))
+    label = "predicted" if before is now else f"now: {_name(now)}"
+    lines.append(line(new, new.predicted[:, u], label, NOW, 1.5))
+    axis = f"{stretch.joint} [{now.units[u]}]"
+    panel = Panel(tuple(lines), time_label(zero), axis, height=HEIGHT)
+    first, last = (float(new.t[part][k] - zero) for k in (0, -1))
+    words = f"Torque of {stretch.joint}, measured and predicted, from {first:.3g} to {last:.3g} s"
+    return Chart(f"{words} of {new.name}", ((panel,),), shared_x=True, clock=new.name, stretch=True)
+
+
+def _name(residual: Residual) -> str:
+    """Return the name of a model, short enough for a legend."""
+    name = residual.name
+    return f"{name[:40]}…" if len(name) > 41 else name
+
+
+def first_screen(before: Residual, now: Residual, joint: str = "", effect: str = "") -> list[Block]:
+    """Return the stretch of a joint, and its residual before, with the effect's own curve in it.
+
+    Args:
+        before, now: residuals on one motion; the same one, where there is no earlier model.
+        joint: default: the one whose error changed most.
+        effect: label of an effect of `now` whose torque is drawn through the points.
+    """
+    joints = most_changed(before, now) if before is not now else []
+    joints = joints or [failure.joint for failure in now.where]
+    if not joints or not now.predictions:
+        return []
+    joint = joint if joint in joints else joints[0]
+    blocks: list[Block] = [plot_stretch(before, now, stretch_of(before, now, joint))]
+    drawn = effect in now.traces[0].parts if effect and now.traces else False
+    residual = now.without(effect) if drawn else before
+    if now.traces and (chart := plot_map(residual, now, joint, effect * drawn, HEIGHT)):
+        blocks.append(chart)
+    return blocks
+
+
+def main_effect(now: Residual, joint: str, effects: Sequence[str]) -> str:
+    """Return which of some effects has the largest torque in a joint; "" if none has any there."""
+    u = now.joints.index(joint)
+    sizes = {
+        label: sum(float((trace.parts[label][:, u] ** 2).sum()) for trace in now.traces)
+        for label in effects
+        if all(label in trace.parts for trace in now.traces)
+    }
+    best = max(sizes, key=lambda label: sizes[label], default="")
+    return best if sizes.get(best) else ""
+
+
+# --- identified values ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Interval:
+    """One row of a forest plot, each in a scale of its own from 0 to 100."""
+
+    name: str
+    prior: float
+    low: float
+    value: float
+    high: float
+    words: str
+
+
+def forest_rows(values: Sequence[Value]) -> list[Interval]:
+    """Return intervals of 95 % beside the prior, those that are known best as shares first."""
+    known = [v for v in values if v.stderr and np.isfinite(v.stderr)]
+    known.sort(key=lambda v: -abs(v.value) / (v.stderr or 1.0))
+    rows = []
+    for v in known[:FOREST]:
+        half = PERCENTILE_95 * (v.stderr or 0.0)
+        ends = np.array([v.prior, v.value - half, v.value, v.value + half])
+        ends = ends[np.isfinite(ends)]
+        low, size = ends.min(), np.ptp(ends) or 1.0
+        place = [
+            8 + 84 * (x - low) / size for x in (v.prior, v.value - half, v.value, v.value + half)
+        ]
+        words = f"{rounded(v.value, v.stderr)} {v.unit}".removesuffix(" 1")
+        prior, first, value, last = map(float, place)
+        rows.append(Interval(v.name, prior, first, value, last, words))
+    return rows
+
+
+def forest(fit: Fit) -> Markup:
+    """Return identified values with their intervals beside what was assumed, as a table."""
+    values = [value for effect in fit.effects for value in effect.parameters]
+    values += [value for value in fit.parameters if value.identifiable]
+    rows = forest_rows(values)
+    more = sum(bool(v.stderr) for v in values) - len(rows)
+    return piece("forest", rows, more) if rows else Markup("")
