@@ -151,7 +151,7 @@ class _Logs:
         self.H, self.g, self.noise, self.S, self.nu = {}, {}, {}, {}, {}
         for log in information.logs:
             mine = information.of_log(log)
-            keys, H_b, g_b, _ = scores(mine, joint, norm)
+            keys, H_b, g_b = scores(mine, joint, norm)
             if not keys:
                 continue
             H, g, total = H_b.sum(axis=0), g_b.sum(axis=0), mine.total(joint.sigma)

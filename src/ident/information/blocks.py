@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.errors import FitError
-from ident.information.linear import Array, Index, Triangle
+from ident.information.linear import Array, Index, Triangle, weighted_total
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
@@ -143,19 +143,6 @@ class Block:
         """Of the rows that inform, of the others, and of those at standstill that inform."""
         return self.triangle, self.rest, self.still
 
-    def squares(self, x: Array) -> tuple[Array, Array]:
-        """Return in motion and at standstill (3,) squares of x (k,), as in `Squares`."""
-        x_support = x[self.support]
-        informing, rest, still = (
-            triangle.residual_norm(x_support) ** 2 if triangle.rows else 0.0
-            for triangle in self.triangles
-        )
-        idle = self.rest.rows + self.still.rows
-        return (
-            np.array([max(informing - still, 0.0), self.torque[0], self.rows - idle]),
-            np.array([rest + still, self.torque[1], idle]),
-        )
-
 
 def summed(total: dict[Key, Block], blocks: Iterable[Block]) -> dict[Key, Block]:
     """Add further blocks to those that were found, by key."""
@@ -224,15 +211,22 @@ class Information:
 
     def _totals(self, name: str) -> tuple[Triangle, ...]:
         totals = [Triangle.empty(self.k)] * self.d
-        for u in {block.coordinate for block in self}:
-            of_coordinate = [block for block in self if block.coordinate == u]
-            merged = Triangle.merge([getattr(block, name) for block in of_coordinate])
-            totals[u] = merged.embedded(of_coordinate[0].support, self.k)
+        for u, blocks in self.by_coordinate.items():
+            merged = Triangle.merge([getattr(block, name) for block in blocks])
+            totals[u] = merged.embedded(blocks[0].support, self.k)
         return tuple(totals)
+
+    @cached_property
+    def by_coordinate(self) -> dict[int, list[Block]]:
+        """The blocks of each coordinate that has any, in the order of their keys."""
+        groups = dict[int, list[Block]]()
+        for block in self:
+            groups.setdefault(block.coordinate, []).append(block)
+        return dict(sorted(groups.items()))
 
     def total(self, sigma: Array) -> Triangle:
         """Return the triangle of all rows that inform, each divided by its coordinate's sigma."""
-        return Triangle.merge([t.scaled(1 / s) for t, s in zip(self.totals, sigma, strict=True)])
+        return weighted_total(self.totals, sigma)
 
     @property
     def rms_torque(self) -> Array:
@@ -246,9 +240,26 @@ class Information:
     def squares(self, x: Array) -> Squares:
         """Return what a solution x (k,) leaves in all rows, those at standstill included."""
         sums = np.zeros((2, 3, self.d))
-        for block in self:
-            sums[:, :, block.coordinate] += block.squares(x)
+        for u, blocks in self.by_coordinate.items():
+            informing, rest, still = (
+                _squares([block.triangles[i] for block in blocks], x[blocks[0].support])
+                for i in range(3)
+            )
+            idle = sum(block.rest.rows + block.still.rows for block in blocks)
+            torque, torque_idle = np.sum([block.torque for block in blocks], axis=0)
+            rows = sum(block.rows for block in blocks)
+            sums[0, :, u] = max(informing - still, 0.0), torque, rows - idle
+            sums[1, :, u] = rest + still, torque_idle, idle
         return Squares(*sums)
+
+
+def _squares(triangles: Sequence[Triangle], x: Array) -> float:
+    """Return |A x − b|² of all rows of several triangles."""
+    triangles = [triangle for triangle in triangles if triangle.rows]
+    if not triangles:
+        return 0.0
+    r = np.concatenate([t.R for t in triangles]) @ x - np.concatenate([t.d for t in triangles])
+    return float(r @ r) + sum(t.rho**2 for t in triangles)
 
 
 @dataclass(frozen=True, eq=False)

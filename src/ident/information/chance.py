@@ -40,6 +40,7 @@ import numpy as np
 from ident.information import linear
 from ident.information.blocks import Information, Squares
 from ident.information.estimate import Estimate, estimate
+from ident.information.left_out import LeftOut
 from ident.information.linear import Array, Triangle
 
 # level: standard errors of no correlation beyond which neighbouring blocks are alike
@@ -65,21 +66,16 @@ Times = Sequence[tuple[int, int]]  # (log, block)
 
 def covariance(information: Information, estimate: Estimate) -> Array:
     """Return the covariance (n_ind, n_ind) of the base parameters; NaN for a single block."""
-    base = estimate.base.independent
-    norm = estimate.triangle.column_norms()[base]  # equilibrated: H has a unit diagonal
-    times, H_blocks, g_blocks, white = scores(information, estimate, norm)
-    if not len(base) or len(times) < 2:
-        return np.full((len(base),) * 2, np.nan)
-    H = H_blocks.sum(axis=0)
-    others = linear.pinv(H - H_blocks, rcond=1e-13, hermitian=True)
-    deltas = (others @ g_blocks[..., None])[..., 0]
-    shares = ((others @ H_blocks) * others).sum(axis=2)  # of the variance, white residuals
+    size, times = estimate.base.rank, information.times
+    if not size or len(times) < 2:
+        return np.full((size, size), np.nan)
+    blocks = LeftOut.of(information, estimate)
+    deltas, shares = blocks.deltas
     total, nu = long_run(times, deltas, shares)
-    wider = np.sqrt(nu / (nu - 2)) / norm
+    wider = np.sqrt(nu / (nu - 2))
     result = total * np.outer(wider, wider)
     # what only one block determines has no spread between blocks; white residuals are the least
-    inverse = linear.pinv(H, rcond=1e-13, hermitian=True) / norm[:, None]
-    least = np.einsum("ij,jk,ik->i", inverse, white, inverse)
+    least = blocks.white_variance
     return np.asarray(result + np.diag(np.maximum(least - np.diag(result), 0.0)))
 
 
@@ -106,37 +102,26 @@ def prior_covariance(estimate: Estimate, plausible: Array) -> Array:
 
 def scores(
     information: Information, estimate: Estimate, norm: Array
-) -> tuple[list[tuple[int, int]], Array, Array, Array]:
-    """Return (log, block), H_b (B, n_ind, n_ind), g_b (B, n_ind), and Cov[Σ g_b] (n_ind, n_ind) of
-    white residuals; all for columns divided by `norm` (n_ind,).
+) -> tuple[list[tuple[int, int]], Array, Array]:
+    """Return (log, block), H_b (B, n_ind, n_ind) and g_b (B, n_ind) for columns divided by `norm`
+    (n_ind,), at an estimate that these rows need not be all of.
     """
     size, times = len(norm), information.times
     number = {time: b for b, time in enumerate(times)}
     place = np.full(information.k, -1)
     place[estimate.base.independent] = np.arange(size)
     H_blocks, g_blocks = np.zeros((len(times), size, size)), np.zeros((len(times), size))
-    white = np.zeros((size, size))
-    for u, sigma in enumerate(estimate.sigma):
-        of_coordinate = [
-            block for block in information if block.coordinate == u and block.triangle.rows
-        ]
-        if not of_coordinate:
+    for block in information:
+        if not block.triangle.rows:
             continue
-        support = of_coordinate[0].support
-        inside = place[support] >= 0
-        at, x = place[support][inside], estimate.solution.x[support]
-        triangles = [block.triangle for block in of_coordinate]
-        R, d = (np.array([getattr(t, name) for t in triangles]) / sigma for name in ("R", "d"))
-        r = d - R @ x
-        R = R[:, :, inside] / norm[at]
-        H_u = R.swapaxes(1, 2) @ R
-        place_of = np.array([number[block.log, block.block] for block in of_coordinate])
-        H_blocks[place_of[:, None, None], at[:, None], at] += H_u  # one key a coordinate
-        g_blocks[place_of[:, None], at] += (r[:, None, :] @ R)[:, 0]
-        rho = np.array([t.rho for t in triangles]) / sigma
-        squares, rows = float((r**2).sum() + rho @ rho), sum(t.rows for t in triangles)
-        white[np.ix_(at, at)] += squares / max(rows, 1) * H_u.sum(axis=0)
-    return times, H_blocks, g_blocks, white
+        rows = block.triangle.stack() / estimate.sigma[block.coordinate]
+        inside = place[block.support] >= 0
+        at, b = place[block.support][inside], number[block.log, block.block]
+        r = rows[:, -1] - rows[:, :-1] @ estimate.x[block.support]
+        A = rows[:, :-1][:, inside] / norm[at]
+        H_blocks[b][np.ix_(at, at)] += A.T @ A
+        g_blocks[b][at] += r @ A
+    return times, H_blocks, g_blocks
 
 
 def long_run(times: Times, deltas: Array, shares: Array) -> tuple[Array, Array]:
@@ -222,18 +207,46 @@ def held_out(
     parted, scored = (folds(information, stretches) for information in both)
     if len(parted) < 2:
         return None
-    weighted = [part.total(fitted.sigma) for part in parted.values()]
-    everything = Triangle.merge(weighted)
-    without = dict(zip(parted, without_each(weighted), strict=True))
+    changes, good = np.zeros((len(parted), fitted.base.rank)), np.zeros(len(parted), dtype=bool)
+    if refit is None and fitted.base.rank:
+        # (log, block) of the rows in each stretch
+        groups = [part.times for part in parted.values()]
+        changes, good = LeftOut.of(fitting, fitted).without(groups)
+    changed = dict(zip(parted, zip(changes, good, strict=True), strict=True))
+    without = _Without(fitted, prior, parted)
     sums = Squares.zero(scoring.d)
     for number, part in scored.items():
-        others = without.get(number, everything)
-        if others.rows == 0:
+        change, determined = changed.get(number, (np.zeros(fitted.base.rank), False))
+        if determined:
+            x = fitted.x.copy()
+            x[fitted.base.independent] += change
+        elif (other := without.estimate(number)) is None:
             continue
-        other = estimate([others], prior, np.zeros(1), sigma=np.ones(1), held=fitted.held)
-        other = replace(other, sigma=fitted.sigma)  # which the rows are divided by already
-        sums = sums + part.squares(refit(other) if refit else other.solution.x)
+        else:
+            x = refit(other) if refit else other.x
+        sums = sums + part.squares(x)
     return sums
+
+
+class _Without:
+    """Estimates from all stretches but one, solved anew."""
+
+    def __init__(self, fitted: Estimate, prior: Array, parted: Mapping[int, Information]) -> None:
+        self.fitted, self.prior, self.parted = fitted, prior, parted
+
+    @cached_property
+    def _others(self) -> dict[int, Triangle]:
+        weighted = [part.total(self.fitted.sigma) for part in self.parted.values()]
+        whole = {-1: Triangle.merge(weighted)}
+        return whole | dict(zip(self.parted, without_each(weighted), strict=True))
+
+    def estimate(self, number: int) -> Estimate | None:
+        """Return the estimate without a stretch, with the weights of all; None without rows."""
+        rows, one = self._others.get(number, self._others[-1]), np.ones(1)
+        if not rows.rows:
+            return None
+        other = estimate([rows], self.prior, np.zeros(1), sigma=one, held=self.fitted.held)
+        return replace(other, sigma=self.fitted.sigma)  # which the rows are divided by already
 
 
 def without_each(triangles: Sequence[Triangle]) -> list[Triangle]:

@@ -20,7 +20,7 @@ from scipy.linalg import lapack
 
 from ident.errors import FitError
 from ident.information import linear
-from ident.information.linear import Array, Triangle
+from ident.information.linear import Array, Index, Triangle, merged_by_support, weighted_total
 
 _EPS = float(np.finfo(float).eps)
 _NULL = 1e-12  # numerics: of its reference: what is left of a column is null below this
@@ -71,7 +71,7 @@ def rank_revealing(triangle: Triangle, tol: float = 1e-9) -> Base:
     unit = triangle.R / np.where(null, np.inf, norm)
     rounding = 64 * k * _EPS
 
-    Q = np.empty((k, k), order="F")  # orthonormal columns, the first `rank` of them in use
+    Q = np.empty((len(unit), k), order="F")  # orthonormal columns, the first `rank` of them in use
     T = np.zeros((k, k))  # inverse of the triangle Q^T unit_I, grown with it
     rank, chosen, distance, regroup = 0, np.zeros(k, bool), np.zeros(k), np.zeros((k, k))
     for j in np.flatnonzero(~null):
@@ -185,45 +185,168 @@ def estimate(
     """
     if not sum(t.rows for t in totals):
         raise FitError("no equations: every sample is at standstill, singular or missing")
-    held = np.zeros(len(prior), dtype=bool) if held is None else held
+    start = np.zeros(len(prior), dtype=bool) if held is None else held
+    if sigma is not None:
+        total = weighted_total(totals, sigma)
+        base, solution = _solve(total, prior, start)
+        return Estimate(solution, base, sigma, total, start)
     largest = float(torque.max(initial=0.0)) or 1.0
-    weights = np.full(len(totals), largest) if sigma is None else sigma
-    floor = np.zeros(len(totals))
+    weights, floor = np.full(len(totals), largest), np.zeros(len(totals))
+    # the columns that depend on others do not depend on the weights: they are sought once
+    first = _solve(weighted_total(totals, weights), prior, np.zeros(len(prior), dtype=bool))[0]
+    held, rows = start, RowsOnBase.of(totals, first, prior)
     for step in range(ITERATIONS):
-        total = Triangle.merge([t.scaled(1 / s) for t, s in zip(totals, weights, strict=True)])
-        base, solution = _solve(total, prior, held)
-        if sigma is not None:
-            break
-        noise = float((_residuals(totals, solution) / weights).max())
-        while plausible is not None and base.rank:
+        trial = rows.solved(weights, held)
+        noise = float((_residuals(totals, trial.x) / weights).max())
+        while plausible is not None and len(trial.independent):
             # hold, one by one, what the data know worse than is plausible
-            possible = plausible[base.independent] + np.abs(base.K) @ plausible[base.dependent]
-            stderr = noise * np.sqrt(np.diag(solution.C))
+            own = plausible[trial.independent]
+            possible = own + np.abs(trial.K) @ plausible[trial.dependent]
+            stderr = noise * trial.spread
             # what stands out of its own error is real, whatever the prior calls plausible
-            clear = np.abs(solution.beta - base.combined(prior)) > CLEAR * stderr
-            doubtful = base.independent[~clear & (stderr > possible)]
-            if not len(doubtful):
+            beta_prior = prior[trial.independent] + trial.K @ prior[trial.dependent]
+            clear = np.abs(trial.beta - beta_prior) > CLEAR * stderr
+            doubtful = ~clear & (stderr > possible)
+            if not doubtful.any():
                 break
             # of several that are known only together, the one that is newest only by noise
+            newest = np.where(doubtful, trial.distance, np.inf).argmin()
             held = held.copy()
-            held[doubtful[base.distance[doubtful].argmin()]] = True
-            base, solution = _solve(total, prior, held)
+            held[trial.independent[newest]] = True
+            trial = rows.solved(weights, held, trial)
         if step == 0:
             held = np.zeros(len(prior), dtype=bool)  # decided anew with weights that are right
             before = np.minimum(term_sizes(totals, prior), 10 * largest)
-            after = term_sizes(totals, solution.x)
+            after = term_sizes(totals, trial.x)
             floor = MATERIAL * np.maximum(np.maximum(after, before), torque)
-        new = np.maximum(_residuals(totals, solution), floor)
+        new = np.maximum(_residuals(totals, trial.x), floor)
         new = np.where(new > 0, new, largest)
         converged = step > 0 and np.abs(np.log(new / weights)).max() < 1e-3
         if converged or step == ITERATIONS - 1:
             break
         weights = new
+    total = weighted_total(totals, weights)
+    base, solution = _solve(total, prior, held)
     return Estimate(solution, base, weights, total, held)
 
 
-def _residuals(totals: Sequence[Triangle], solution: Solution) -> Array:
-    return np.array([t.residual_norm(solution.x) / np.sqrt(max(t.rows, 1)) for t in totals])
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A weighted solution while unknowns are held: its base, without another search for a rank."""
+
+    independent: Index  # (n,) columns of the base, ascending
+    dependent: Index  # (n_dep,) those that are neither in it nor held, ascending
+    K: Array  # (n, n_dep)
+    held: np.ndarray  # (k,)
+    beta: Array  # (n,) base parameters
+    spread: Array  # (n,) √ of the diagonal of (RᵀR)⁻¹
+    distance: Array  # (n,) part of each unit column that the ones before it cannot make
+    x: Array  # (k,) all unknowns
+    triangle: Array  # (n₀ + 1, n₀ + 1) [R d; 0 ρ] in the first base
+
+
+@dataclass(frozen=True, eq=False)
+class RowsOnBase:
+    """Rows of all coordinates in the columns of a base, which make all other columns too.
+
+        A = A_I M,  M = [1 K] in the order of all columns         (A_I x_I + A_D x_D = A_I M x)
+
+    Other weights and held unknowns are other triangles of A_I and other columns of M: which columns
+    depend on each other stays. A held column leaves the base; of those that were made of it the
+    first one takes its place (a pivot of K), if there is any.
+    """
+
+    rows: Sequence[Array]  # (m, n₀ + 1) [A_I | b], one block a coordinate
+    base: Base
+    M: Array  # (n₀, k)
+    norm: Array  # (k,) of each column in the rows of equal weights
+    prior: Array  # (k,)
+
+    @classmethod
+    def of(cls, totals: Sequence[Triangle], base: Base, prior: Array) -> RowsOnBase:
+        """Take the rows of totals on a base that was found among all of their columns."""
+        at = np.append(base.independent, len(prior))
+        M = np.zeros((base.rank, len(prior)))
+        M[:, base.independent], M[:, base.dependent] = np.eye(base.rank), base.K
+        norm = np.sqrt(sum(t.column_norms() ** 2 for t in totals))
+        return cls([t.stack()[:, at] for t in totals], base, M, np.asarray(norm), prior)
+
+    def solved(self, weights: Array, held: np.ndarray, last: Trial | None = None) -> Trial:
+        """Return the solution with weights (d,) and unknowns `held` (k,) at their prior; `last` is
+        one with the same weights of which fewer are held.
+        """
+        if last is None:
+            rows = [A / w for A, w in zip(self.rows, weights, strict=True)]
+            triangle = merged_by_support(rows, self.base.rank)
+            last = Trial(
+                self.base.independent, self.base.dependent, self.base.K, np.zeros_like(held),
+                np.zeros(0), np.zeros(0), self.base.distance[self.base.independent], self.prior,
+                triangle,
+            )  # fmt: skip
+        independent, dependent, K = last.independent, last.dependent, last.K
+        distance = dict(zip(independent.tolist(), last.distance, strict=True))
+        for h in np.flatnonzero(held & ~last.held).tolist():
+            if h in dependent:
+                K, dependent = K[:, dependent != h], dependent[dependent != h]
+                continue
+            independent, dependent, K = self._without(h, independent, dependent, K, distance)
+        return self._solution(last.triangle, independent, dependent, K, held)
+
+    def _without(
+        self, h: int, independent: Index, dependent: Index, K: Array, distance: dict[int, float]
+    ) -> tuple[Index, Index, Array]:
+        """Return the base and K without the column h: a column made of it takes its place."""
+        row = int(np.searchsorted(independent, h))
+        pivots = np.abs(K[row]) * self.norm[h] * distance.get(h, 1.0)
+        able = np.flatnonzero(pivots > TOLERANCE * self.norm[dependent])
+        if not len(able):
+            return np.delete(independent, row), dependent, np.delete(K, row, axis=0)
+        entering = able[0]
+        share = K[row] / K[row, entering]  # of the entering column in each dependent one
+        rest = np.delete(K - np.outer(K[:, entering], share), row, axis=0)
+        column = int(dependent[entering])
+        rest, share = np.delete(rest, entering, axis=1), np.delete(share, entering)
+        size = np.delete(self.norm[dependent], entering)
+        others = np.delete(independent, row)
+        place = int(np.searchsorted(others, column))
+        K = np.insert(rest, place, share, axis=0)
+        independent, dependent = np.insert(others, place, column), np.delete(dependent, entering)
+        K[np.abs(K) * self.norm[independent][:, None] < TOLERANCE * size] = 0.0
+        return independent, dependent, K
+
+    def _solution(
+        self, triangle: Array, independent: Index, dependent: Index, K: Array, held: np.ndarray
+    ) -> Trial:
+        n, x = len(independent), self.prior.copy()
+        R, d = (
+            triangle[:-1, :-1],
+            triangle[:-1, -1] - triangle[:-1, :-1] @ (self.M[:, held] @ x[held]),
+        )
+        same = min(n, self.base.rank)
+        changed = np.flatnonzero(independent[:same] != self.base.independent[:same])
+        first = int(changed[0]) if len(changed) else same
+        if n < self.base.rank or first < same:  # only what follows the first change is no triangle
+            columns = R @ self.M[:, independent[first:]]
+            below = np.column_stack([columns[first:], d[first:]])
+            if first < n:
+                below = np.asarray(np.linalg.qr(below, mode="r"))
+            R_new, d_new = np.zeros((n, n)), np.zeros(n)
+            R_new[:first, :first], R_new[:first, first:] = R[:first, :first], columns[:first]
+            R_new[first:, first:] = below[: n - first, : n - first]
+            d_new[:first], d_new[first:] = d[:first], below[: n - first, n - first]
+            R, d = R_new, d_new
+        norm = np.linalg.norm(R, axis=0)
+        beta, _ = lapack.dtrtrs(R, d) if n else (d, 0)
+        inverse, _ = lapack.dtrtri(R) if n else (R, 0)
+        x[independent] = beta - K @ x[dependent]
+        return Trial(
+            independent, dependent, K, held, beta, np.linalg.norm(inverse, axis=1),
+            np.abs(R.diagonal()) / np.where(norm > 0, norm, 1.0), x, triangle,
+        )  # fmt: skip
+
+
+def _residuals(totals: Sequence[Triangle], x: Array) -> Array:
+    return np.array([t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in totals])
 
 
 def _solve(total: Triangle, prior: Array, held: np.ndarray) -> tuple[Base, Solution]:

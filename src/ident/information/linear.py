@@ -3,9 +3,10 @@
     Qᵀ [A | b] = [R  d; 0  ρ]    so that    |A x − b|² = |R x − d|² + ρ²   for every x
 
 Rows arrive in any order and in any pieces, and the triangles of pieces add: batch, recursive and
-distributed identification are the same few lines. Source: sequential orthogonal reduction, Å.
-Björck, Numerical Methods for Least Squares Problems (SIAM 1996), sect. 3.2.4 and 6.2; Q is never
-formed and AᵀA never multiplied out (it would square the condition number).
+distributed identification are the same few lines. A block of fewer rows than columns stays as it
+is. Source: sequential orthogonal reduction, Å. Björck, Numerical Methods for Least Squares Problems
+(SIAM 1996), sect. 3.2.4 and 6.2; Q is never formed and AᵀA never multiplied out (it would square
+the condition number).
 
 Singular values, pseudo-inverses and least squares survive LAPACK's fast driver, too: that of NumPy
 (divide and conquer) does not converge for rare matrices; the slower ones of SciPy (QR iterations)
@@ -14,7 +15,7 @@ do. Arguments and results are those of `numpy.linalg`, stacks of matrices includ
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -35,14 +36,16 @@ _PANEL = 16  # work: columns LAPACK handles as one block
 
 @dataclass(frozen=True, eq=False)
 class Triangle:
-    """An immutable triangular factor of the stacked block [A | b], A (rows, k), b (rows,).
+    """An immutable factor of the stacked block [A | b], A (rows, k), b (rows,): m ≤ k rows.
 
-    Where columns depend on each other, rounding decides which part of the residual is in d and
-    which in rho; `residual_norm` is the same, and `restricted` to independent columns is definite.
+    It is upper triangular where the block has k rows or more; fewer stay as they are, since no
+    triangle is smaller. Where columns depend on each other, rounding decides which part of the
+    residual is in d and which in rho; `residual_norm` is the same, and `restricted` to independent
+    columns is definite.
     """
 
-    R: Array  # (k, k), upper triangular with a diagonal ≥ 0, so that equal data give an equal R
-    d: Array  # (k,), the right-hand side that some x attains
+    R: Array  # (m, k), of m = k rows upper triangular with a diagonal ≥ 0: equal data, equal R
+    d: Array  # (m,), the right-hand side that some x attains
     rho: float  # ≥ 0, the norm of what no x attains
     rows: int  # equations absorbed
 
@@ -50,19 +53,28 @@ class Triangle:
     @lru_cache(maxsize=256)  # many blocks have no rows at standstill
     def empty(cls, k: int) -> Triangle:
         """Return the triangle of no equations in `k` unknowns."""
-        return cls._of_square(np.zeros((k + 1, k + 1)), 0)
+        return cls._of_rows(np.zeros((0, k + 1)), 0)
 
     @classmethod
     def of(cls, A: ArrayLike, b: ArrayLike) -> Triangle:
         """Return the triangle of A (rows, k), b (rows,); FitError if a number is not finite."""
         A = np.asarray(A, dtype=float)
-        return cls._absorbed(np.zeros((A.shape[1] + 1,) * 2, order="F"), 0, A, b)
+        rows, k = A.shape
+        if rows < k:
+            return cls._of_rows(np.column_stack([A, np.asarray(b, dtype=float)]), rows)
+        return cls._absorbed(np.zeros((k + 1, k + 1), order="F"), 0, A, b)
 
     @classmethod
     def merge(cls, triangles: Iterable[Triangle]) -> Triangle:
         """Return the triangle of all equations together; they must have the same unknowns."""
-        first, *others = triangles = list(triangles)
-        stack = np.concatenate([np.zeros((0, first.k + 1)), *(item.stack() for item in others)])
+        triangles = list(triangles)
+        if len(triangles) == 1:
+            return triangles[0]
+        at = next((i for i, item in enumerate(triangles) if item.is_square), 0)
+        first, others = triangles[at], [*triangles[:at], *triangles[at + 1 :]]
+        if not first.is_square:
+            others, first = triangles, cls.empty(first.k)
+        stack = np.concatenate([item.stack() for item in others])
         stack = stack[stack.any(axis=1)]  # rows of zeros hold no information
         merged = first.updated(stack[:, :-1], stack[:, -1]) if len(stack) else first
         return replace(merged, rows=sum(item.rows for item in triangles))
@@ -72,11 +84,20 @@ class Triangle:
         """Number of unknowns."""
         return self.R.shape[1]
 
+    @property
+    def is_square(self) -> bool:
+        """Whether R is a triangle, and not fewer rows."""
+        return len(self.R) == self.k
+
     def updated(self, A: ArrayLike, b: ArrayLike) -> Triangle:
         """Return the triangle with further equations A (rows, k), b (rows,), in 2 rows (k+1)² flops
         and a few hundred rows of memory.
         """
-        return self._absorbed(np.asfortranarray(self.stack()), self.rows, A, b)
+        if self.is_square:
+            return self._absorbed(np.asfortranarray(self.stack()), self.rows, A, b)
+        more = np.column_stack([np.asarray(A, dtype=float), np.asarray(b, dtype=float)])
+        stack = np.concatenate([self.stack(), more])
+        return replace(self.of(stack[:, :-1], stack[:, -1]), rows=self.rows + len(more))
 
     def __add__(self, other: Triangle) -> Triangle:
         """Return the triangle of both blocks of equations."""
@@ -91,13 +112,11 @@ class Triangle:
     def embedded(self, columns: ArrayLike, k: int) -> Triangle:
         """Return the same equations among `k` unknowns: these are at `columns`, others zero."""
         place, stack = np.asarray(columns, dtype=int), self.stack()
+        if len(place) == k and (np.diff(place) > 0).all():
+            return self
         wide = np.zeros((len(stack), k + 1))
         wide[:, np.append(place, k)] = stack
-        if (np.diff(place) < 0).any():
-            return replace(Triangle.of(wide[:, :-1], wide[:, -1]), rows=self.rows)
-        square = np.zeros((k + 1, k + 1))  # a triangle stays one
-        square[np.append(place, k)] = wide
-        return Triangle._of_square(square, self.rows)
+        return replace(Triangle.of(wide[:, :-1], wide[:, -1]), rows=self.rows)
 
     def restricted(self, columns: Columns, x_known: ArrayLike | None = None) -> Triangle:
         """Return the equations in the unknowns `columns` alone, in that order.
@@ -108,14 +127,16 @@ class Triangle:
         if x_known is not None:
             known = np.array(x_known, dtype=float)
             known[keep] = 0.0
-            stack[:-1, -1] -= self.R @ known
+            stack[: len(self.R), -1] -= self.R @ known
         return replace(Triangle.of(stack[:, keep], stack[:, -1]), rows=self.rows)
 
     def stack(self) -> Array:
-        """Return rows [A | b] (k + 1, k + 1) that say the same as all equations: [R d; 0 ρ]."""
-        k = self.k
-        stack = np.zeros((k + 1, k + 1))
-        stack[:k, :k], stack[:k, k], stack[k, k] = self.R, self.d, self.rho
+        """Return rows [A | b] that say the same as all equations: [R d; 0 ρ], without the last one
+        where R has fewer rows than columns and ρ is zero.
+        """
+        m, k = self.R.shape
+        stack = np.zeros((m + 1 if m == k or self.rho else m, k + 1))
+        stack[:m, :k], stack[:m, k], stack[m:, k] = self.R, self.d, self.rho
         return stack
 
     def residual_norm(self, x: ArrayLike) -> float:
@@ -145,16 +166,56 @@ class Triangle:
             triangle, *_ = lapack.dtpqrt(
                 0, min(_PANEL, k + 1), triangle, piece, overwrite_a=1, overwrite_b=1
             )
-        return cls._of_square(triangle, rows + len(b))
-
-    @classmethod
-    def _of_square(cls, triangle: Array, rows: int) -> Triangle:
-        if not np.isfinite(triangle).all():
-            raise FitError("an equation has a number that is not finite; valid: finite ones only")
         signed = triangle * np.where(triangle.diagonal() < 0, -1.0, 1.0)[:, None]
         signed += 0.0  # no −0.0
-        signed.flags.writeable = False
-        return cls(signed[:-1, :-1], signed[:-1, -1], float(signed[-1, -1]), rows)
+        return cls._of_rows(signed, rows + len(b))
+
+    @classmethod
+    def of_square(cls, triangle: Array, rows: int) -> Triangle:
+        """Take a triangle [R d; 0 ρ] (k + 1, k + 1) of so many rows."""
+        return cls._of_rows(triangle, rows)
+
+    @classmethod
+    def _of_rows(cls, stack: Array, rows: int) -> Triangle:
+        """Take rows [A | b], fewer than columns, or a triangle [R d; 0 ρ], which is not copied."""
+        if not np.isfinite(stack).all():
+            raise FitError("an equation has a number that is not finite; valid: finite ones only")
+        stack.flags.writeable = False
+        k = stack.shape[1] - 1
+        rho = float(stack[k, k]) if len(stack) > k else 0.0
+        return cls(stack[:k, :k], stack[:k, k], rho, rows)
+
+
+def merged_by_support(blocks: Sequence[Array], k: int) -> Array:
+    """Return the triangle (k + 1, k + 1) of rows [A | b] of several blocks (m, k + 1), those with
+    the fewest columns that are not zero first: of a chain of joints a third of the work.
+    """
+    triangle, present = np.zeros((1, 1), order="F"), np.zeros(0, dtype=int)
+    pairs = [(np.flatnonzero(rows[:, :k].any(axis=0)), rows) for rows in blocks if len(rows)]
+    for support, rows in sorted(pairs, key=lambda pair: len(pair[0])):
+        union = np.union1d(present, support)
+        if len(union) > len(present):  # a triangle stays one
+            at = np.append(np.searchsorted(union, present), len(union))
+            wider = np.zeros((len(union) + 1,) * 2, order="F")
+            wider[np.ix_(at, at)] = triangle
+            triangle, present = wider, union
+        for start in range(0, len(rows), _PIECE):
+            piece = np.asfortranarray(rows[start : start + _PIECE][:, np.append(present, k)])
+            triangle, *_ = lapack.dtpqrt(
+                0, min(_PANEL, len(triangle)), triangle, piece, overwrite_a=1, overwrite_b=1
+            )
+    whole, at = np.zeros((k + 1, k + 1)), np.append(present, k)
+    whole[np.ix_(at, at)] = triangle * np.where(triangle.diagonal() < 0, -1.0, 1.0)[:, None]
+    return whole + 0.0
+
+
+def weighted_total(totals: Sequence[Triangle], sigma: Array) -> Triangle:
+    """Return the triangle of all coordinates' rows, each divided by its coordinate's sigma."""
+    rows = [t.stack() / s for t, s in zip(totals, sigma, strict=True)]
+    k, count = totals[0].k, sum(t.rows for t in totals)
+    if sum(map(len, rows)) < k:
+        return Triangle.merge(t.scaled(1 / s) for t, s in zip(totals, sigma, strict=True))
+    return Triangle.of_square(merged_by_support(rows, k), count)
 
 
 NOT_FINITE = (

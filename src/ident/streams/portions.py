@@ -335,21 +335,25 @@ def _packed(block: Block) -> tuple[list[int], np.ndarray]:
     for triangle in block.triangles:
         numbers += [triangle.R.ravel(), triangle.d, [triangle.rho]]
     vector = np.concatenate(numbers)
-    counts = [*block.key, *(x.rows for x in block.triangles), len(block.support), len(vector)]
+    sizes = [count for x in block.triangles for count in (x.rows, len(x.R))]
+    counts = [*block.key, *sizes, len(block.support), len(vector)]
     return [int(x) for x in counts], vector
 
 
 def _unpacked(counts: list[int], vector: np.ndarray) -> Block:
     """Return the block of which `_packed` made integers and numbers."""
-    log, block, coordinate, *rows, k, _ = counts
+    log, block, coordinate, *of_triangles, k, _ = counts
     support, sizes, numbers = np.split(vector, [k, k + 4])
-    informed, rest, still = (
-        Triangle(x[: k * k].reshape(k, k), x[k * k : -1], float(x[-1]), count)
-        for x, count in zip(numbers.reshape(3, -1), rows, strict=True)
-    )
+    triangles, start = [], 0
+    for count, m in zip(of_triangles[::2], of_triangles[1::2], strict=True):
+        R, d, rho, _ = np.split(numbers[start:], [m * k, m * k + m, m * k + m + 1])
+        triangles.append(Triangle(R.reshape(m, k), d, float(rho[0]), count))
+        start += m * k + m + 1
     moving, idle, first, last = sizes.tolist()
     torque, span = (moving, idle), (first, last)
-    return Block(log, block, coordinate, informed, rest, still, support.astype(int), torque, span)
+    informing, rest, still = triangles
+    key = log, block, coordinate
+    return Block(*key, informing, rest, still, support.astype(int), torque, span)
 
 
 def _feed(result: Any, thing: Any) -> None:
