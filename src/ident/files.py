@@ -351,6 +351,9 @@ BUILT_IN = {
     "mechanism.urdf": "ident.mechanism.description:Description",
     "mechanism.xml": "ident.formats.mjcf:read_mjcf",
     "mechanism.mjcf": "ident.formats.mjcf:read_mjcf",
+    "dialect.extended": "ident.formats.urdf_loops:read_extended",
+    "dialect.constraint": "ident.formats.urdf_loops:read_constraints",
+    "dialect.plus": "ident.formats.urdf_loops:read_urdf_plus",
 }
 Kind = Literal["log", "mechanism"]
 ERRORS: dict[str, type[IdentError]] = {"log": LogError, "mechanism": MechanismError}
@@ -385,6 +388,15 @@ def reader_of(kind: Kind, suffix: str) -> Callable[..., Any] | None:
             ) from error
 
     return read
+
+
+def dialects() -> list[Callable[..., Any]]:
+    """Return the readers of what URDFs state beyond a tree, in or beside the file: functions of the
+    checked `<robot>`, which they may change, its path, and whether files beside it are read.
+    """
+    paths = [path.partition(":") for name, path in BUILT_IN.items() if name.startswith("dialect.")]
+    readers = [getattr(import_module(module), function) for module, _, function in paths]
+    return [*readers, *(x.load() for x in _of_others() if x.name.startswith("dialect."))]
 
 
 def _of_others() -> EntryPoints:

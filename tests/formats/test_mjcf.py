@@ -129,10 +129,50 @@ def test_a_locked_free_joint_is_welded(make):
         data.qpos[places[0]], data.qvel[places[1]], data.qacc[places[1]] = q[k], v[k], a[k]
         mujoco.mj_inverse(model, data)
         np.testing.assert_allclose(found[k], data.qfrc_inverse[places[1]], atol=1e-12)
-    with pytest.raises(MechanismError, match="--lock ankle"):
-        load(path, locked={"trunk_joint": 0.0})
     with pytest.raises(MechanismError, match="only --lock trunk_joint, where the file has it"):
         load(path, locked={"trunk_joint": 0.3, "ankle": None})
+
+
+def test_a_free_joint_and_a_ball_have_mujocos_dynamics(make):
+    """Generalised forces of poses in the world; angles of yaw, pitch and roll against MuJoCo's."""
+    path = make(WALKER)
+    mechanism = load(path)
+    chains = {chain.name: chain for chain in mechanism.chains}
+    assert chains.keys() == {"trunk_joint", "ankle"}
+    assert (chains["trunk_joint"].floating, chains["ankle"].floating) == (True, False)
+    assert mechanism.driven == ("hip", "lift")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    data, ours = mujoco.MjData(model), mechanism.model.createData()
+    place = {joint.name: joint.index for joint in mechanism.joints}
+
+    def set_position(q):
+        """qpos of scalar coordinates."""
+        data.qpos[model.joint("hip").qposadr[0]] = q[place["hip"]]
+        data.qpos[model.joint("lift").qposadr[0]] = q[place["lift"]]
+        free, ball = (model.jnt_qposadr[i] for i in (0, 2))
+        data.qpos[free : free + 3] = [q[place[f"trunk_joint.{x}"]] for x in "xyz"]
+        for name, at in (("trunk_joint", free + 3), ("ankle", ball)):
+            turn = pin.rpy.rpyToMatrix(*(q[place[f"{name}.r{x}"]] for x in "xyz"))
+            x, y, z, w = pin.Quaternion(turn).coeffs()
+            data.qpos[at : at + 4] = w, x, y, z
+
+    set_position(mechanism.start)
+    np.testing.assert_allclose(data.qpos, model.qpos0, atol=1e-12)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        q = rng.uniform(-1, 1, mechanism.model.nq)
+        set_position(q)
+        mujoco.mj_forward(model, data)
+        pin.computeAllTerms(mechanism.model, ours, q, np.zeros(mechanism.model.nv))
+        potential = pin.computePotentialEnergy(mechanism.model, ours, q)
+        pin.framesForwardKinematics(mechanism.model, ours, q)
+        foot = ours.oMf[mechanism.model.getFrameId("foot", pin.FrameType.BODY)]
+        body = data.body("foot")
+        np.testing.assert_allclose(foot.translation, body.xpos, atol=1e-12)
+        np.testing.assert_allclose(foot.rotation, body.xmat.reshape(3, 3), atol=1e-12)
+        mujoco.mj_energyPos(model, data)
+        assert potential == pytest.approx(data.energy[0], abs=1e-10)
 
 
 def test_places_are_those_of_mujoco(make):
@@ -289,13 +329,21 @@ LOOPS = {
     "weld elsewhere": ('<weld body1="a" body2="b" relpose="1 2 3 0.9 0.1 0.2 0.3"/>', 6),
     "weld of sites": ('<weld site1="sb" site2="sc"/>', 6),
     "joints": ('<joint joint1="jc" joint2="ja" polycoef="0.3 -2 0 0 0"/>', 1),
+    "a curve": ('<joint joint1="jc" joint2="ja" polycoef="0.3 -2 0.4 0.2 -0.1"/>', 1),
+    "a curve the other way": ('<joint joint1="ja" joint2="jc" polycoef="0.3 -2 0.4 0.2 -0.1"/>', 1),
+    "a tendon": ('<tendon tendon1="s"/>', 1),
+    "tendons": ('<tendon tendon1="s" tendon2="t" polycoef="0.2 1.5 0 0 0"/>', 1),
 }
+TENDONS = """<tendon>
+  <fixed name="s"><joint joint="ja" coef="0.5"/><joint joint="jc" coef="-0.3"/></fixed>
+  <fixed name="t"><joint joint="jb" coef="2"/><joint joint="jc" coef="0.1"/></fixed>
+</tendon><equality>"""
 
 
 @pytest.mark.parametrize(("equality", "rows"), LOOPS.values(), ids=LOOPS)
 def test_equalities_are_zero_together(make, equality, rows):
     """Φ = 0 where MuJoCo's residual is, and grows with it; positions to the number."""
-    path = make(WELD.format(equality))
+    path = make(WELD.format(equality).replace("<equality>", TENDONS))
     mechanism = load(path)
     model = mujoco.MjModel.from_xml_path(str(path))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
@@ -393,9 +441,6 @@ def test_a_grown_folder_is_the_same_machine(make, tmp_path, text):
 # --- refused ------------------------------------------------------------------------------------
 
 BAD = {
-    "free joint": (BODY.format("<freejoint/>", ""), "'a_joint' is of type floating"),
-    "its remedy": (BODY.format('<freejoint name="root"/>', ""), "--lock root"),
-    "ball joint": (BODY.format('<joint type="ball"/>', ""), "'a_joint' is of type floating"),
     "truncated": (MJCF[:500], "no well-formed XML"),
     "unknown element": (BODY.format("<spring/>", ""), "MuJoCo refuses it"),
     "unknown joint": (
@@ -404,16 +449,13 @@ BAD = {
     "nothing moves": (BODY.format("", ""), "no joint that moves"),
     "no body": ("<mujoco/>", "no joint"),
     "document type": ('<!DOCTYPE mujoco [<!ENTITY a "b">]>' + MJCF, "document type"),
-    "a curve": (
-        WELD.format('<joint joint1="ja" joint2="jb" polycoef="0 1 2 0 0"/>'), "is a curve",
-    ),
     "held": (WELD.format('<joint joint1="ja" polycoef="0 0 0 0 0"/>'), "holds joint 'ja'"),
     "tendon": (
-        WELD.format('<tendon tendon1="t"/>').replace(
+        WELD.format('<tendon tendon1="t" polycoef="0 0 1 0 0"/>').replace(
             "<equality>",
             '<tendon><fixed name="t"><joint joint="ja" coef="1"/></fixed></tendon><equality>',
         ),
-        "is of kind tendon",
+        "holds joint 'ja'",
     ),
     "flexible": (
         '<mujoco><worldbody><flexcomp name="f" type="grid" count="3 3 1" spacing=".1 .1 .1" '

@@ -42,6 +42,7 @@ AXES = ["".join(c) for n in (1, 2, 3) for c in itertools.combinations("xyz", n)]
 MORE = {
     "distance": ENDS + "length = 0.7",
     "linear": 'joints = ["a1", "b2", "b0"]\nratios = [1.0, -2.0, 0.5]\noffset = 0.1',
+    "polynomial": 'joints = ["a1", "b2"]\ncoefficients = [0.1, -0.7, 0.4, 0.2]',
     "function": 'file = "closure.py"\nfunction = "phi"',
     **{f"point {axes}": ENDS + f'axes = "{axes}"' for axes in AXES},
 }
@@ -105,7 +106,7 @@ def test_multipliers_are_named_and_have_units(case, tmp_path):
 
 
 def test_every_kind_is_expected_here():
-    assert {*ALL} == {*EXPECTED, "linear", "function"}
+    assert {*ALL} == {*EXPECTED, "linear", "polynomial", "function"}
 
 
 @pytest.mark.parametrize("axes", AXES)

@@ -43,6 +43,7 @@ from ident.cli.options import (
 )
 from ident.display import Progress, acceptable, inputs, part, running
 from ident.errors import FitError, IdentError, one_of
+from ident.files import write_all
 
 if TYPE_CHECKING:
     from ident.diagnosis import Diagnosis
@@ -63,6 +64,7 @@ def check(
     model: FitOptions,
     logs: Paths = argument("Logs to be checked.", "LOG", default=None),
     json: Json = False,
+    write: Path | None = setting("Write mechanism.toml and URDF of what was understood.", "DIR"),
 ) -> None:
     """Show what was understood, and what could be identified.
 
@@ -73,6 +75,12 @@ def check(
 
     mechanism = model.load(logs)
     motion = None
+    if write is not None:
+        from ident.mechanism.write import understood_files
+
+        contents = understood_files(mechanism)
+        output_folder(write, [*contents], [model.mechanism, mechanism.urdf, mechanism.toml])
+        wrote(write_all(write, contents))
     with progress() as on_progress:
         if logs:
             motion = model.motion(mechanism, logs, on_progress, torques=False)

@@ -23,7 +23,7 @@ from ident.fit.prediction import Reactions
 from ident.fit.result import Fit
 from ident.fit.values import ALPHA, BaseValue, Changes, Value
 from ident.information.blocks import Error
-from ident.mechanism.description import read_description
+from ident.mechanism.load import source_of
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Covariance, fixed_parameters, pseudo_inertia
 from ident.mechanism.urdf import with_inertials
@@ -404,7 +404,7 @@ def identified_urdf(fit: Fit, *, possible: bool = True) -> bytes:
         pi = _with_masses(fit)
     else:
         pi = fit.columns.dynamic_parameters(mechanism, nearest.x)
-    text, where = read_description(mechanism.urdf).urdf, str(mechanism.urdf)
+    text, where = source_of(mechanism).urdf, str(mechanism.urdf)
     inertials: dict[str, np.ndarray | None] = {}
     for link in bodies_with_unknowns(mechanism):
         body = pi[mechanism.bodies.columns(link)]

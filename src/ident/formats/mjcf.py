@@ -20,6 +20,7 @@ import pinocchio as pin
 
 from ident.errors import MechanismError
 from ident.files import regular
+from ident.mechanism.chains import pose_start
 from ident.mechanism.description import MOST, Description, parse_xml, words
 from ident.mechanism.urdf import RigidBody, UrdfWriter, Visual, effect_notes, place_table
 
@@ -29,10 +30,10 @@ if TYPE_CHECKING:
 DOT = 1e-3  # range: [m] radius of a sphere in the place of a missing mesh
 DEEPEST = 20  # work: includes within includes
 SHOWN = 2  # range: the last group of shapes that MuJoCo shows unasked
-SLIDE, HINGE = 2, 3  # range: mjtJoint; before them free and ball, of several coordinates
+FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(2, 8)  # mjtGeom
-CONNECT, WELD, JOINT = range(3)  # mjtEq
-OTHER_EQUALITIES = {3: "tendon", 4: "flex"}
+CONNECT, WELD, JOINT, TENDON = range(4)  # mjtEq
+OF_JOINT = 1  # range: mjtWrap, of fixed tendons
 SITE = 6  # range: mjtObj
 BY_JOINT, BY_TENDON = (0, 1), 3  # range: mjtTrn
 
@@ -171,7 +172,7 @@ class _MjcfModel:
             format="mjcf",
             closures=tuple(closures),
             passive=passive,
-            start={joint: self._ref(j) for j, joint in enumerate(self.joints)},
+            start={name: x for j in range(m.njnt) for name, x in self._start(j).items()},
             gravity=(gx, gy, gz),
             auxiliary=tuple(name for links in self.steps for name in links),
             notes=(*warnings, *self._notes(passive), *notes),
@@ -181,6 +182,16 @@ class _MjcfModel:
         """Return where a joint starts; one of several coordinates starts where its body is."""
         scalar = self.model.jnt_type[j] in (SLIDE, HINGE)
         return float(self.model.qpos0[self.model.jnt_qposadr[j]]) if scalar else 0.0
+
+    def _start(self, j: int) -> dict[str, float]:
+        """Return where a joint starts; a free one, where its body is in the world."""
+        m, name = self.model, self.joints[j]
+        if m.jnt_type[j] == BALL:
+            return {}
+        if m.jnt_type[j] != FREE:
+            return {name: self._ref(j)}
+        pose = m.qpos0[m.jnt_qposadr[j] :][:7]
+        return pose_start(name, _pose(pose[:3], pose[3:]))
 
     def _add(self, urdf: UrdfWriter, body: int) -> None:
         m, joints = self.model, self.joints_of(body)
@@ -197,7 +208,16 @@ class _MjcfModel:
             urdf.joint(name, "fixed", (links[0], links[1]), placement)
         for k, j in enumerate(joints):
             kind, axis, limits = int(m.jnt_type[j]), m.jnt_axis[j], self._limits(j)
-            name = {SLIDE: "prismatic", HINGE: "revolute"}.get(kind, "floating")
+            if kind == FREE:  # its coordinates count from the world, not from where the body is
+                origin = pin.SE3.Identity()
+                urdf.joint(self.joints[j], "floating", (links[k], links[k + 1]), origin)
+                continue
+            if kind == BALL:
+                at = placement * _pose(m.jnt_pos[j])
+                urdf.joint(self.joints[j], "ball", (links[k], links[k + 1]), at)
+                placement = _pose(-m.jnt_pos[j])
+                continue
+            name = {SLIDE: "prismatic", HINGE: "revolute"}[kind]
             if kind == HINGE and "lower" not in limits:
                 name = "continuous"
             step = -self._ref(j) * axis
@@ -289,10 +309,12 @@ class _MjcfModel:
                 closures.append({"name": name, **self._linear(e, where)})
             elif kind in (CONNECT, WELD):
                 closures.append({"name": name, **self._frames(e)})
+            elif kind == TENDON:
+                closures.append({"name": name, **self._tendons(e, where)})
             else:
                 raise MechanismError(
-                    f"{where} is of kind {OTHER_EQUALITIES.get(kind, kind)}; valid: connect, weld, "
-                    'joint; set active="false", and write a [[closure]] in a mechanism.toml'
+                    f"{where} is of flexible bodies; valid: connect, weld, joint, tendon; set "
+                    'active="false", and write a [[closure]] in a mechanism.toml'
                 )
         return closures, notes
 
@@ -323,17 +345,51 @@ class _MjcfModel:
                 f"{where} holds joint '{self.joints[one]}' where it is; remove the joint from its "
                 "body"
             )
-        if any(higher):
-            raise MechanismError(
-                f"{where} is a curve, polycoef = {[c0, c1, *higher]}; only straight ones are read: "
-                "write it as a [[closure]] of kind function"
-            )
+        if any(higher):  # q₁ − r₁ = Σ c (q₂ − r₂)ᵏ as a polynomial of q₂
+            curve = np.polynomial.Polynomial([c0, c1, *higher])
+            curve = curve(np.polynomial.Polynomial([-self._ref(two), 1.0])) + self._ref(one)
+            return {
+                "kind": "polynomial",
+                "joints": [self.joints[one], self.joints[two]],
+                "coefficients": [float(c) for c in curve.coef],
+            }
         return {
             "kind": "linear",
             "joints": [self.joints[one], self.joints[two]],
             "ratios": [1.0, -c1],
             "offset": self._ref(one) + c0 - c1 * self._ref(two),
         }
+
+    def _tendons(self, e: int, where: str) -> dict[str, Any]:
+        """Return L₁ − L₁₀ = c₀ + c₁ (L₂ − L₂₀) of fixed tendons, each a sum of joints."""
+        m = self.model
+        c0, c1, *higher = (float(x) for x in m.eq_data[e][:5])
+        both = [int(m.eq_obj1id[e]), int(m.eq_obj2id[e])]
+        both = both if both[1] >= 0 else both[:1]
+        if any(higher) and len(both) > 1:
+            what = f"is a curve of tendons, polycoef = {[c0, c1, *higher]}; only straight ones are"
+            raise MechanismError(f"{where} {what} read: write a [[closure]] of kind function")
+        total, offset = dict[str, float](), c0
+        for tendon, factor in zip(both, (1.0, -c1), strict=False):
+            first, offset = (
+                int(m.tendon_adr[tendon]),
+                offset + factor * float(m.tendon_length0[tendon]),
+            )
+            for wrap in range(first, first + int(m.tendon_num[tendon])):
+                if m.wrap_type[wrap] != OF_JOINT:
+                    what = f"ties the spatial tendon '{m.tendon(tendon).name}'; only fixed ones are"
+                    raise MechanismError(f"{where} {what} read; write a [[closure]] by hand")
+                joint = self.joints[int(m.wrap_objid[wrap])]
+                total[joint] = total.get(joint, 0.0) + factor * float(m.wrap_prm[wrap])
+        total = {joint: ratio for joint, ratio in total.items() if ratio}
+        if len(total) < 2:
+            raise MechanismError(
+                f"{where} holds joint '{next(iter(total), '')}' where it is; remove the joint from "
+                "its body"
+            )
+        return {
+            "kind": "linear", "joints": [*total], "ratios": [*total.values()], "offset": offset,
+        }  # fmt: skip
 
 
 def _free(name: str, used: list[str]) -> str:

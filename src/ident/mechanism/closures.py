@@ -379,6 +379,45 @@ class LinearClosure(Closure):
         return Constraint(ca.dot(ca.SX(self.ratios), q) - self.offset, (f"{self.name}.1",), (unit,))
 
 
+@dataclass(frozen=True)
+class PolynomialClosure(Closure):
+    """q_a = Σ c_k q_bᵏ: cams and tendons of changing leverage."""
+
+    kind: ClassVar[str] = "polynomial"
+    keys: ClassVar[tuple[str, ...]] = ("joints", "coefficients")
+
+    joints: tuple[str, ...]  # a and b
+    coefficients: tuple[float, ...]  # from the constant on
+    rotational: bool = True  # of joint a, for the multiplier's unit
+
+    @property
+    def tied(self) -> tuple[str, ...]:  # type: ignore[override]
+        return self.joints
+
+    @classmethod
+    def read(cls, name: str, table: TomlTable, context: Context) -> PolynomialClosure:
+        joints, coefficients = table.words("joints"), table.vector("coefficients")
+        if len(joints) != 2 or len(set(joints)) != 2 or len(coefficients) < 2:
+            raise table.error(
+                f"{len(joints)} joints and {len(coefficients)} coefficients; two different joints "
+                "and at least two coefficients are expected, the constant first"
+            )
+        model, known = context.model, [*context.model.names][1:]
+        for joint in joints:
+            if joint not in known:
+                raise table.error(f"no joint '{joint}'; {one_of(joint, known)}")
+        turns = is_rotational(model, model.getJointId(joints[0]))
+        return cls(name, joints, coefficients, turns)
+
+    def constraint(self, placements: Sequence[Placement], joints: Coordinates) -> Constraint:
+        q_a, q_b = (joints[name] for name in self.joints)
+        value = ca.SX(0.0)
+        for c in reversed(self.coefficients):  # Horner
+            value = value * q_b + c
+        unit = "N m" if self.rotational else "N"
+        return Constraint(ca.vertcat(q_a - value), (f"{self.name}.1",), (unit,))
+
+
 class JointSymbols(dict[str | int, ca.SX]):
     """The argument of a user's closure function: `q["elbow"]`, or `q[0]`, the first joint."""
 
@@ -432,7 +471,8 @@ KINDS: dict[str, type[Closure]] = {
     closure.kind: closure
     for closure in (
         PointClosure, RevoluteClosure, PrismaticClosure, CylindricalClosure, UniversalClosure,
-        PlanarClosure, FixedClosure, DistanceClosure, LinearClosure, FunctionClosure,
+        PlanarClosure, FixedClosure, DistanceClosure, LinearClosure, PolynomialClosure,
+        FunctionClosure,
     )
 }  # fmt: skip
 

@@ -25,15 +25,13 @@ import pinocchio as pin
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
-from ident.files import BUILT_IN, HUGE, reader_of, regular
+from ident.files import BUILT_IN, HUGE, dialects, reader_of, regular
 
 LARGEST = 50_000_000  # work: bytes of a file
 FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf"}  # by root element
 MOST = 500  # work: joints, those that are fixed among them
-TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating")
-SEVERAL = {  # joints of several coordinates, and what they are a chain of; free and ball of MuJoCo
-    "floating": "three prismatic and three revolute", "planar": "two prismatic and one revolute",
-}  # fmt: skip
+TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating", "ball")
+SEVERAL = ("floating", "planar", "ball")  # joints of several coordinates
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # as C++ reads it, too
 TERMS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 NUMBERS = {  # attributes that are numbers, by element, with their defaults
@@ -62,22 +60,36 @@ class Description:
     notes: tuple[str, ...] = ()  # what was understood otherwise than it is written, in words
 
 
-def read_description(path: Path) -> Description:
-    """Read a URDF, a MuJoCo model or a format of another package."""
+@dataclass(frozen=True)
+class Extension:
+    """What a dialect of URDF adds to the tree."""
+
+    dialect: str  # its name; empty where it adds notes alone
+    closures: tuple[Mapping[str, Any], ...] = ()  # the rest as in `Description`
+    passive: tuple[str, ...] = ()
+    auxiliary: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def read_description(path: Path, *, beside: bool = True) -> Description:
+    """Read a URDF, a MuJoCo model or a format of another package.
+
+    `beside`: whether files that state loops are read beside a URDF.
+    """
     try:
         if (size := regular(path).stat().st_size) > LARGEST:
             raise MechanismError(f"{path}: {size} bytes; a URDF has at most {LARGEST}")
         data = path.read_bytes()
     except OSError as error:
         raise MechanismError(f"{path}: cannot be read: {error.strerror}") from None
-    return description_of(data, path)
+    return description_of(data, path, beside=beside)
 
 
-def description_of(data: bytes, path: Path) -> Description:
+def description_of(data: bytes, path: Path, *, beside: bool = True) -> Description:
     """Read as `read_description` does, given the file's content, or a URDF in its place."""
     suffix = path.suffix.lower()
     if suffix == ".urdf":
-        return Description(data)
+        return _with_dialects(data, path, beside)
     foreign = None if f"mechanism{suffix}" in BUILT_IN else reader_of("mechanism", suffix)
     if foreign is not None and b"<robot" not in data:
         content = foreign(path)
@@ -85,7 +97,26 @@ def description_of(data: bytes, path: Path) -> Description:
             content = content.encode()
         return Description(content, suffix[1:]) if isinstance(content, bytes) else content
     reader = reader_of("mechanism", FORMATS.get(str(parse_xml(data, str(path)).tag), ""))
-    return Description(data) if reader is None else reader(path, data)
+    return _with_dialects(data, path, beside) if reader is None else reader(path, data)
+
+
+def _with_dialects(data: bytes, path: Path, beside: bool) -> Description:
+    """Return a URDF with the loops, motors and ball joints that are stated in or beside it."""
+    robot = parse_urdf(data, str(path))
+    readings = (reader(robot, path, beside) for reader in dialects())
+    extensions: list[Extension] = [extension for extension in readings if extension is not None]
+    notes = tuple(note for extension in extensions for note in extension.notes)
+    names = [extension.dialect for extension in extensions if extension.dialect]
+    if not names:
+        return Description(data, notes=notes)
+    return Description(
+        urdf=etree.tostring(robot, xml_declaration=True, encoding="utf-8"),
+        format=" and ".join(names),
+        closures=tuple(closure for extension in extensions for closure in extension.closures),
+        passive=tuple(dict.fromkeys(x for extension in extensions for x in extension.passive)),
+        auxiliary=tuple(link for extension in extensions for link in extension.auxiliary),
+        notes=notes,
+    )
 
 
 def read_urdf(path: Path) -> etree._Element:
@@ -256,17 +287,9 @@ def lock(
             what = f"there is no joint '{name}' to be locked"
             raise MechanismError(f"{where}: {what}; {one_of(name, joints)}")
     for name, joint in joints.items():
-        chain = SEVERAL.get(joint.get("type", ""))
-        if chain and locked.get(name, 0) != 0:
+        if joint.get("type") in SEVERAL and locked.get(name, 0) != 0:
             what = f"joint '{name}' has several coordinates, so {locked[name]:g} is no place of it"
             raise MechanismError(f"{where}: {what}; only --lock {name}, where the file has it")
-        if chain and name not in locked:
-            raise MechanismError(
-                f"{where}: joint '{name}' is of type {joint.get('type')}, and a joint has one "
-                f"column; if it does not move in the log, --lock {name} (or [joints] locked = "
-                f"{{ {name} = 0 }}) fixes it where the file has it; else state it as {chain} "
-                "joints with massless links between them"
-            )
     pending = {name: joint for name, joint in joints.items() if joint.find("mimic") is not None}
     for _ in pending:  # one may mimic another that mimics
         for name, joint in pending.items():

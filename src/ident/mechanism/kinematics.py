@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -106,6 +107,12 @@ class Kinematics:
     def closure_joints(self) -> tuple[OwnJoint, ...]:
         """The closures' own joints."""
         return tuple(joint for constraint in self._constraints for joint in constraint.joints)
+
+    @cached_property
+    def rows_of_closures(self) -> tuple[slice, ...]:
+        """Which of the equations each closure has."""
+        ends = np.cumsum([0, *(len(constraint.names) for constraint in self._constraints)])
+        return tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
 
     def forces_of(self, name: str) -> list[int]:
         """Which multipliers are forces of a closure, given its name or that of an own joint."""

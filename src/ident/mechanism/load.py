@@ -9,17 +9,19 @@ import json
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from lxml import etree
 
 from ident.effects import KINDS, Effect, create, read_user_effect
 from ident.errors import MechanismError, missing_file, one_of
-from ident.files import TomlTable, read_toml, suffixes
+from ident.files import TomlTable, is_number, read_toml, suffixes
 from ident.log import Column
+from ident.mechanism.chains import BASE, ORDERS, chains_of, expand, floating_base, pose_names
 from ident.mechanism.closures import (
     Closure,
     Context,
@@ -45,16 +47,9 @@ from ident.mechanism.parameters import Bodies, read_consistency, read_covariance
 from ident.text import listed
 
 TOP = (
-    "urdf",
-    "gravity",
-    "joints",
-    "closure",
-    "parameters",
-    "multipliers",
-    "log",
-    "effect",
+    "urdf", "gravity", "base", "joints", "closure", "parameters", "multipliers", "log", "effect",
     "drives",
-)
+)  # fmt: skip
 GRAVITY = (0.0, 0.0, -9.81)  # range: [m/s²]
 LIMITLESS = 1e8  # range: from which a limit of a URDF is none
 CHANNELS = ("q", "v", "a", "tau")
@@ -103,14 +98,16 @@ def load(
         urdf = toml.parent / top.text("urdf")
         if not urdf.is_file():
             raise top.error(f"urdf = '{top.data['urdf']}': no such file in {toml.parent}")
-    for key in ("joints", "parameters", "multipliers", "log"):
+    for key in ("base", "joints", "parameters", "multipliers", "log"):
         top.table(key)
     closures, effects = (top.tables(key) for key in ("closure", "effect"))
-    source = read_description(urdf)
+    source = read_description(urdf, beside="closure" not in top.data)
     loops = (TomlTable(f"{urdf}: loop {i}", table) for i, table in enumerate(source.closures, 1))
     top = replace(top, data=stated(top.data, source))
     robot = parse_urdf(source.urdf, str(urdf))
-    locks, outside = lock(robot, _locked(top.table("joints"), locked or {}), str(urdf))
+    to_lock = _locked(top.table("joints"), locked or {})
+    chained = _expanded(robot, str(urdf), top, to_lock)
+    locks, outside = lock(robot, to_lock, str(urdf))
     tree = build_tree(robot, top.vector("gravity", 3), str(urdf))
     mimics = (TomlTable(f"{urdf}: mimic {table['joints'][0]}", table) for table in tree.mimics)
     bodies, joints = Bodies(tree.links), _tree_joints(tree)
@@ -118,10 +115,11 @@ def load(
     folder = (toml or urdf).parent
     context = Context(tree.model, folder, allow_code)
     passive, start = _passive_and_start(top.table("joints"), tree, joints, locks)
+    passive |= {*chained.passive} - {*locks}
     basis, parameters = top.table("multipliers"), top.table("parameters")
     basis.check("basis", "spacing")
     parameters.check("unknown", "bounds", "total_mass", "covariance")
-    asked = [link for link in bodies.links if link not in source.auxiliary]
+    asked = [link for link in bodies.links if link not in {*source.auxiliary, *chained.links}]
     if "unknown" in parameters:  # links of locked joints are part of others
         locked_joints = (joint for joint in robot.findall("joint") if joint.get("name") in locks)
         parts = {joint.find("child").get("link") for joint in locked_joints}
@@ -155,6 +153,7 @@ def load(
         urdf=urdf,
         toml=toml,
         locked=locks,
+        chains=chains_of(robot, str(urdf)),
         unmeasured=without,
         consistency=read_consistency(parameters, bodies),
         covariance=read_covariance(parameters, folder),
@@ -173,7 +172,8 @@ def load(
     mechanism = replace(mechanism, notes=notes, joints=(*joints, *closure_joints))
     for column in mechanism.columns:  # a mapped name that nothing reads would be ignored
         prefix, _, joint = column.partition(".")
-        if prefix in CHANNELS and joint not in {*mechanism.joint_index, *locks}:
+        named = {*mechanism.joint_index, *locks, *pose_names(mechanism.chains)}
+        if prefix in CHANNELS and joint not in named:
             valid = one_of(joint, mechanism.joint_index)
             raise top.error(f"[log] \"{column}\": no joint '{joint}'; {valid}")
     if "drives" in top:
@@ -199,6 +199,13 @@ def load(
         note = f"left out, since a locked joint does not move: {listed(still)}"
         mechanism = replace(mechanism, notes=(*mechanism.notes, note))
     return mechanism
+
+
+def source_of(mechanism: Mechanism) -> Description:
+    """Return what the file behind a mechanism says, and loops beside it if `load` reads them."""
+    toml = mechanism.toml
+    beside = toml is None or "closure" not in read_toml(toml)
+    return read_description(mechanism.urdf, beside=beside)
 
 
 def has_identified(path: Path) -> bool:
@@ -318,16 +325,49 @@ def _coordinates(section: TomlTable, key: str) -> TomlTable:
 def _passive_and_start(
     section: TomlTable, tree: Tree, joints: tuple[Joint, ...], locked: Collection[str]
 ) -> tuple[set[str], np.ndarray]:
-    section.check("passive", "start", "locked", "unmeasured")
+    section.check("passive", "start", "locked", "unmeasured", "order")
     q, places = pin.neutral(tree.model), {joint.name: joint.index for joint in joints}
     passive, start = section.words("passive"), section.table("start")
     for key, names in (("passive", passive), ("start", start.data)):
         for name in names:
-            if name not in places and name not in locked:
+            if name not in places and name not in locked and name.rpartition(".")[0] not in locked:
                 raise section.error(f"{key}: no joint '{name}'; {one_of(name, places)}")
     for name in {*start.data} & {*places}:
         q[places[name]] = start.number(name)
     return {*passive, *(mimic["joints"][0] for mimic in tree.mimics)}, q
+
+
+@dataclass(frozen=True)
+class _Chained:
+    """Scalar joints in the place of joints of several coordinates, and the links between them."""
+
+    passive: tuple[str, ...]
+    links: tuple[str, ...]
+
+
+def _expanded(
+    robot: etree._Element, where: str, top: TomlTable, locked: Collection[str]
+) -> _Chained:
+    """Replace floating, planar and ball joints of a `<robot>` by chains, with those of [base]."""
+    base, section = top.table("base", 'kind = "floating"'), top.table("joints")
+    base.check("kind", "order")
+    kind = base.text("kind", "fixed")
+    if kind not in ("fixed", "floating"):
+        raise base.error(f"kind = '{kind}'; {one_of(kind, ('floating', 'fixed'))}")
+    if kind == "floating":
+        floating_base(robot, where)
+    orders = section.table("order", 'ball = "zyx"')
+    named = {name: orders.text(name) for name in orders.data}
+    if "order" in base:
+        named[BASE] = base.text("order")
+    for name, order in named.items():
+        if order not in ORDERS:
+            raise section.error(f"order of '{name}' = '{order}'; {one_of(order, ORDERS)}")
+    before = {joint.get("name") for joint in robot.findall("joint")}
+    starts = {k: x for k, x in section.data.get("start", {}).items() if is_number(x)}
+    links = expand(robot, where, locked, named, starts)
+    after = (joint.get("name") for joint in robot.findall("joint"))
+    return _Chained(tuple(name for name in after if name not in before), tuple(links))
 
 
 def _unmeasured(

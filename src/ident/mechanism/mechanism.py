@@ -18,12 +18,14 @@ from ident.effects import KINDS, Correction, Effect, Sites, create, parse
 from ident.errors import MechanismError, one_of
 from ident.information import linear
 from ident.log import Column
+from ident.mechanism.assembly import CLOSED, Assembly, assemble
+from ident.mechanism.chains import Chain
 from ident.mechanism.closures import Closure, shifted
 from ident.mechanism.drives import parse_drives
 from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.parameters import Bodies, Consistency, Covariance
 
-CLOSED = 1e-9  # numerics: [rad | m] of Φ up to which a loop is assembled
+SHOWN = 6  # shown: open loops in a message
 GENERAL_STEP = 0.05  # range: [rad | m] from the assembled configuration to one in general position
 SHORTEST = 1e-6  # numerics: [m] of a length of the drawing that may be wrong
 DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
@@ -96,6 +98,7 @@ class Mechanism(Displayed):
         urdf: path of the URDF; toml: of its mechanism.toml, if it has one.
         notes: what was understood otherwise than it is written.
         locked: joints held at a coordinate [rad | m]; they are in none of the above.
+        chains: ball and floating joints, whose scalar joints are among `joints`.
         unmeasured: driven joints of a tree whose torque has no sensor: their equations, which the
             torques of no other joint need, are left out.
         consistency: bounds on parameters and the total mass, for a consistent fit.
@@ -119,6 +122,7 @@ class Mechanism(Displayed):
     notes: tuple[str, ...] = ()
     locked: Mapping[str, float] = field(default_factory=dict)
     unmeasured: tuple[str, ...] = ()
+    chains: tuple[Chain, ...] = ()
     consistency: Consistency = field(default_factory=Consistency)
     covariance: Covariance | None = None
 
@@ -200,25 +204,52 @@ class Mechanism(Displayed):
         return general if error < CLOSED else q
 
     @cached_property
+    def assembly(self) -> Assembly:
+        """The search for a configuration at which all closures hold, beginning at `start`."""
+        turning = np.ones(self.model.nv, dtype=bool)
+        for joint in self.joints:
+            if joint.in_tree:
+                turning[joint.index] = joint.rotational
+        return assemble(self.kinematics, self.start, turning)
+
+    @cached_property
     def assembled(self) -> np.ndarray:
         """The configuration (nq,) nearest to `start` at which all closures hold.
 
         Raises:
-            MechanismError: if the loops cannot be assembled from `start`.
+            MechanismError: if the loops cannot be assembled; it names those that stay open.
         """
-        q, error = self.kinematics.assemble(self.start)
-        if error < CLOSED:
-            return q
-        worst = np.abs(self.kinematics.closure_rows(q[None]).value[0])
-        at = int(worst.argmax())
-        name = self.kinematics.multipliers[at]
-        unit = {"N": " m", "N m": " rad"}.get(self.kinematics.units[at], "")  # λ does work along
+        if self.assembly.closed:
+            return self.assembly.q
+        gaps = sorted(self.assembly.gaps.items(), key=lambda item: -item[1])
+        still_open = [
+            f"'{name}' by {gap:.3g} {self._open_unit(name)}" for name, gap in gaps if gap >= CLOSED
+        ]
+        more = f" and {len(still_open) - SHOWN} more" if len(still_open) > SHOWN else ""
         locks = ", ".join(f"{joint} at {value:.4g}" for joint, value in self.locked.items())
         raise MechanismError(
-            f"{self.name}: the loops do not close from [joints] start: the equation '{name}' is "
-            f"left at {worst.max():.3g}{unit}; give a start near an assembled position, and check "
-            "the closures' frames" + f" and where joints are locked: {locks}" * bool(locks)
+            f"{self.name}: the loops do not close from [joints] start, nor from starts at random: "
+            f"open stay {', '.join(still_open[:SHOWN])}{more}; give a start near an assembled "
+            "position, and check the closures' frames"
+            + f" and where joints are locked: {locks}"
+            * bool(locks)
         )
+
+    def _open_unit(self, closure: str) -> str:
+        """Unit of what is left open of a closure: λ does work along it."""
+        rows = self.kinematics.rows_of_closures[[c.name for c in self.closures].index(closure)]
+        units = {{"N": "m", "N m": "rad"}.get(unit, "") for unit in self.kinematics.units[rows]}
+        return " or ".join(sorted(units))
+
+    @property
+    def found_start(self) -> dict[str, float]:
+        """The assembled coordinates [rad | m] to keep as [joints] start, where it was searched for
+        from elsewhere than the mechanism's own start; else empty.
+        """
+        if not self.closures or not self.assembly.closed or not self.assembly.starts:
+            return {}
+        at = {joint.name: self.assembly.q[joint.index] for joint in self.joints if joint.in_tree}
+        return {name: round(float(x), 6) + 0.0 for name, x in at.items()}
 
     # --- effects --------------------------------------------------------------------------------
 

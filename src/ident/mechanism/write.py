@@ -18,8 +18,8 @@ from ident.effects import KINDS, Effect
 from ident.effects.effect import Estimates
 from ident.errors import MechanismError
 from ident.files import write_all
-from ident.mechanism.description import Description, description_of, read_description
-from ident.mechanism.load import stated
+from ident.mechanism.description import Description, description_of
+from ident.mechanism.load import source_of, stated
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Covariance
 
@@ -82,12 +82,19 @@ def folder_files(
     values; `unknown` None leaves [parameters] as they are; of `estimates` a law's file is written.
     """
     document = _document(mechanism)
-    source = read_description(mechanism.urdf)
+    source = source_of(mechanism)
     urdf_name = mechanism.urdf.name
     if source.format != "urdf":  # mechanism.toml takes over the loops of the file
-        urdf = description_of(urdf, mechanism.urdf).urdf
+        if b"<robot" not in urdf:
+            urdf = description_of(urdf, mechanism.urdf).urdf
+        elif urdf == mechanism.urdf.read_bytes():  # as it is there, without what is beside it
+            urdf = source.urdf
         urdf_name = mechanism.urdf.with_suffix(".urdf").name
         _spell_out(document, mechanism, source)
+    if start := mechanism.found_start:  # the loops need not be assembled from afar again
+        joints, table = document.get("joints", {}), tomlkit.inline_table()
+        table.update(start | {**joints.get("start", {})})
+        document.setdefault("joints", tomlkit.table())["start"] = table
     document["urdf"] = urdf_name
     if unknown is None and document.get("parameters", {}).get("unknown") == []:
         unknown = mechanism.unknown  # of the folder of a fit, in which all is known
@@ -114,6 +121,14 @@ def folder_files(
         document["effect"] = _array(tables)
     files["mechanism.toml"] = tomlkit.dumps(document).encode()
     return files
+
+
+def understood_files(mechanism: Mechanism) -> dict[str, bytes]:
+    """Return the files of a folder that states what was understood of a mechanism's file: a URDF,
+    and a mechanism.toml with its loops, passive joints and the start that closes them.
+    """
+    effects = [(effect, effect.values) for effect in mechanism.effects]
+    return folder_files(mechanism, source_of(mechanism).urdf, effects, None, {})
 
 
 def _document(mechanism: Mechanism) -> tomlkit.TOMLDocument:

@@ -34,6 +34,7 @@ from ident.motion.signals import LogSignals, measure, runs, without_repeats
 from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
 from ident.motion.spline import Smoothed, grain, noise_level
 from ident.motion.state import State, wrenches
+from ident.motion.unforced import unforced_base
 from ident.text import some
 
 COMMANDS = {"ref": "servo", "current": "current", "voltage": "voltage"}  # and drives of them
@@ -207,6 +208,10 @@ def complete(
         replace(e, still=standstill(mechanism, signals, e, names))
         for signals, e in zip(measured, experiments, strict=True)
     )
+    if missing := unforced_base(mechanism, states):
+        if torques:
+            raise MotionError(missing)
+        notes.append(missing)
     return Motion(
         states, independent, band, worst, tuple(dict.fromkeys(notes)), tuple(read), mechanism
     )

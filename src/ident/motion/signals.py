@@ -15,6 +15,7 @@ from ident.effects import Effect, Signals
 from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
+from ident.motion.poses import scalar_columns
 from ident.motion.spline import ORDERS, Channel, grain, noise_level, rms
 from ident.text import listed, some
 
@@ -175,6 +176,8 @@ def measure(
     for name, source in mechanism.sources.items():
         if name != "t" and name not in columns and source.column in columns:
             columns[name] = source.scale * columns[source.column] + source.offset
+    if mechanism.chains:
+        scalar_columns(mechanism, log.name, log.t, columns)
     notes = list(log.repairs)
     for name in filter(is_signal, columns):
         if (lone := absurd_samples(columns[name])).size:

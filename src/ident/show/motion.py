@@ -278,6 +278,9 @@ def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
     joints = text_table([[*row, cell] for row, cell in rows])
     card = check_card(mechanism, motion, found, wrong)
     parts = [card.text(), [str(mechanism), *joints]]
+    if start := mechanism.found_start:
+        values = ", ".join(f'"{name}" = {value:g}' for name, value in start.items())
+        parts.append([f"the loops close at, to keep in mechanism.toml: start = {{ {values} }}"])
     if motion is not None:
         notes = *map(str, wrong), *beyond_limits(mechanism, motion)
         parts += [[f"note: {each}"] for each in notes if each not in card.line]
@@ -363,6 +366,7 @@ def check_json(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, 
         "joints": [{**joint, "assembled": at} for joint, at in joints],
         "closures": [{"name": each.name, "kind": each.kind} for each in mechanism.closures],
         "effects": [each.label for each in mechanism.effects],
+        "start": mechanism.found_start,
         "logs": [
             {
                 "log": e.name, "samples": len(e), "used": int(e.usable.sum()), "rate": e.rate,

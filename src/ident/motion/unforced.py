@@ -1,0 +1,63 @@
+"""A base that moves though nothing in the log moves it.
+
+    Γ_i p = 0     of slides i at the root that have no motor, no wrench, no closure and no effect
+
+is solved by masses of 0. It is a fact (momentum is conserved) only where the bodies' forces cancel:
+
+    |Σ_b Γ_ib π_b| against Σ_b |Γ_ib π_b|,     π of the file, rms over the motion
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import COUNT, regressor
+from ident.motion.state import State
+
+UNBALANCED = 0.5  # range: share of the bodies' forces that is left of their sum; a body alone has 1
+LOOKED_AT = 200  # work: samples of a log
+
+
+def unforced_base(mechanism: Mechanism, experiments: Sequence[State]) -> str:
+    """Return what is missing where a base moves without any force; "" where nothing is."""
+    slides = _free_slides(mechanism)
+    both = zip(mechanism.bodies.names, mechanism.prior, strict=True)
+    known = {name for name, x in both if name.endswith(".m") and x} - {*mechanism.unknown}
+    if not slides or mechanism.closures or known:
+        return ""
+    acting = {name for effect in mechanism.effects for name in effect.joints}
+    if acting & {*slides}:
+        return ""
+    for e in experiments:
+        if e.wrench is not None and np.any(e.wrench):
+            continue
+        some = np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // LOOKED_AT)]
+        gamma = regressor(mechanism.model, e.q[some], e.v[some], e.a[some])
+        rows = gamma[:, [mechanism.joint(name).index for name in slides]]
+        bodies = (rows * mechanism.prior).reshape(*rows.shape[:2], -1, COUNT).sum(axis=3)
+        net = np.sqrt(np.mean(bodies.sum(axis=2) ** 2))
+        total = np.sqrt(np.mean(np.abs(bodies).sum(axis=2) ** 2))
+        if net > UNBALANCED * total:
+            links = mechanism.bodies.links
+            heavy = [x for x in links if mechanism.prior[mechanism.bodies.columns(x)].any()]
+            return (
+                f"{e.name}: {mechanism.name} moves along {', '.join(slides)} and the log has no "
+                "force that moves or holds it, so every mass would come out as 0; log the forces "
+                f"on it as wrench.{(heavy or links)[0]}.fx … mz (thrust of rotors, forces of feet, "
+                'each at its own link), or what holds it is a [[closure]] to link = "world"'
+            )
+    return ""
+
+
+def _free_slides(mechanism: Mechanism) -> list[str]:
+    """Return passive slides with only passive joints between them and the ground."""
+    model, slides = mechanism.model, []
+    for index in range(1, model.njoints):
+        above = [model.names[i] for i in model.supports[index] if i > 0]
+        passive = all(name in mechanism.passive for name in above)
+        if passive and not mechanism.joint(model.names[index]).rotational:
+            slides.append(model.names[index])
+    return slides
