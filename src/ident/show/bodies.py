@@ -33,21 +33,27 @@ BODIES: tuple[Colour, ...] = (
     (178, 125, 134),
 )
 GROUND: Colour = (150, 150, 150)
+EFFECT: Colour = (214, 51, 132)  # of a named effect
 ENDS: tuple[Colour, Colour] = ((200, 30, 60), (30, 80, 200))  # of a closure's a and b
 UNKNOWN: Colour = (90, 90, 96)  # a joint of which no residual is known
 MESHES = (".stl", ".obj", ".ply", ".dae", ".glb", ".gltf", ".off")
 LARGEST = 100_000_000  # bytes of a mesh; a larger one would take long to be read
 SIDES = 12  # of a circle
+OPEN = 0.02  # numerics: share of edges with one face, beyond which a mesh has no inside
 HULL = 150  # directions in which the outermost points of a mesh are its hull
 ROD, DISC, BAR, BALL = 0.012, 0.022, 0.15, 0.012  # sizes of marks over the mechanism's size
+FACES = 600  # shown: of a mesh; a finer one is decimated
+DENSITY = 2700.0  # shown: [kg/m³] of the ball that stands for a payload: aluminium
+SMALLEST, LARGEST_BALL = 0.02, 0.08  # shown: of the mechanism's size, radius of that ball
+TURNS, STEPS, WIRE = 4, 12, 0.12  # shown: of a coil, its steps a turn, and wire over its radius
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A convex shape that moves with a joint of the mechanism's model.
+    """A closed surface that moves with a joint of the mechanism's model.
 
     Attributes:
-        kind: `body`, `joint` or `closure`; name: of its link, joint or closure.
+        kind: `body`, `joint`, `closure` or `effect`; name: of its link, joint, closure or effect.
         joint: its number in the model, 0 the ground.
         corners: (n, 3) [m] in the joint's frame; faces: (m, 3) numbers of corners, outward.
     """
@@ -67,19 +73,20 @@ def shapes_of(mechanism: Mechanism, q: np.ndarray) -> tuple[list[Shape], float, 
     shapes: list[Shape] = []
 
     def add(
-        kind: str, name: str, joint: int, place: pin.SE3, cloud: np.ndarray, colour: Colour
-    ) -> None:
-        corners, faces = hull(cloud)
+        kind: str, name: str, joint: int, place: pin.SE3, cloud: np.ndarray, colour: Colour,
+        faces: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
+        corners, faces = hull(cloud) if faces is None else (cloud, faces)
         corners = corners @ place.rotation.T + place.translation
         shapes.append(Shape(kind, name, joint, colour, corners, faces))
 
     drawn, notes = urdf_shapes(mechanism.urdf)
-    for link, place, cloud, colour in drawn:
+    for link, place, (cloud, faces), colour in drawn:
         joint = names.index(link) if link in names[1:] else 0
         if model.existBodyName(link):
             frame = model.frames[model.getBodyId(link)]
             joint, place = frame.parentJoint, frame.placement * place
-        add("body", link, joint, place, cloud, colour or colours[joint])
+        add("body", link, joint, place, cloud, colour or colours[joint], faces)
     points = sites(mechanism)
     size = _size(mechanism, q, [*((x.joint, x.corners) for x in shapes), *enumerate(points)])
     for joint in set(range(model.njoints)) - {shape.joint for shape in shapes}:
@@ -93,6 +100,29 @@ def shapes_of(mechanism: Mechanism, q: np.ndarray) -> tuple[list[Shape], float, 
         for frame, end in zip(closure.frames, ENDS, strict=True):
             add("closure", closure.name, frame.joint, frame.placement, sphere(BALL * size), end)
     return shapes, size, notes
+
+
+def payload_shape(
+    mechanism: Mechanism, link: str, mass: float, centre: np.ndarray, size: float
+) -> Shape:
+    """Return a ball of a payload's mass [kg] at its centre (3,) [m] in the frame of its joint."""
+    radius = (3 * abs(mass) / (4 * np.pi * DENSITY)) ** (1 / 3)
+    radius = float(np.clip(radius, SMALLEST * size, LARGEST_BALL * size))
+    joint = ("ground", *mechanism.bodies.links).index(link)
+    corners, faces = hull(sphere(radius))
+    return Shape("effect", f"payload:{link}", joint, EFFECT, corners + centre, faces)
+
+
+def coil_shape(mechanism: Mechanism, joint: str, name: str, size: float) -> Shape | None:
+    """Return a coil around a joint's axis; nothing of a joint that is none of the tree's."""
+    places = {title: (index, place) for title, _, index, place in pivots_of(mechanism)}
+    if joint not in places:
+        return None
+    index, place = places[joint]
+    corners, faces = coil(1.7 * DISC * size, 3.2 * DISC * size)
+    return Shape(
+        "effect", name, index, EFFECT, corners @ place.rotation.T + place.translation, faces
+    )
 
 
 # --- points (n, 3) [m] whose hull is a shape ------------------------------------------------------
@@ -117,6 +147,45 @@ def sphere(radius: float, count: int = SIDES * SIDES // 2) -> np.ndarray:
     z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
     r = np.sqrt(1 - z**2)
     return radius * np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+
+
+def coil(radius: float, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return corners and outward faces of a wire wound along z, its middle in the origin."""
+    turn = np.linspace(0.0, 2 * np.pi * TURNS, TURNS * STEPS + 1)
+    out = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    middle = radius * out + np.stack([0 * turn, 0 * turn, length * (turn / turn[-1] - 0.5)], axis=1)
+    up, wire = np.array([0.0, 0.0, 1.0]), WIRE * radius
+    ring = np.stack([wire * out, wire * up + 0 * out, -wire * out, -wire * up + 0 * out], axis=1)
+    corners = (middle[:, None] + ring).reshape(-1, 3)
+    faces = []
+    for k in range(len(turn) - 1):
+        for i in range(4):
+            a, b, c, d = 4 * k + i, 4 * k + (i + 1) % 4, 4 * k + 4 + i, 4 * k + 4 + (i + 1) % 4
+            faces += [(a, c, b), (b, c, d)]
+    return corners, np.array(faces)
+
+
+def decimated(
+    corners: np.ndarray, faces: np.ndarray, most: int = FACES
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a mesh of at most so many faces: corners of a cell of a grid are one, at their mean.
+
+    The grid is the finest that leaves few enough faces (vertex clustering, Rossignac and Borrel,
+    1993).
+    """
+    low, size = corners.min(axis=0), max(float(np.ptp(corners, axis=0).max()), 1e-12)
+    for cells in (256, 128, 96, 64, 48, 36, 28, 22, 17, 13, 10, 8, 6):
+        place = np.floor((corners - low) / size * cells).astype(int)
+        _, number, count = np.unique(place, axis=0, return_inverse=True, return_counts=True)
+        number = number.reshape(-1)
+        left = number[faces]
+        a, b, c = left.T
+        left = left[(a != b) & (b != c) & (c != a)]
+        left = left[np.unique(np.sort(left, axis=1), axis=0, return_index=True)[1]]
+        if len(left) <= most:
+            break
+    means = np.stack([np.bincount(number, x) for x in corners.T], axis=1) / count[:, None]
+    return means, left
 
 
 def hull(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -212,7 +281,8 @@ SIZES: dict[str, tuple[Callable[..., np.ndarray], dict[str, int]]] = {
     "cylinder": (cylinder, {"radius": 1, "length": 1}),
     "sphere": (sphere, {"radius": 1}),
 }
-Drawn = tuple[str, pin.SE3, np.ndarray, Colour | None]  # link, place in it, points, own colour
+Surface = tuple[np.ndarray, np.ndarray | None]  # corners, and faces; None: those of their hull
+Drawn = tuple[str, pin.SE3, Surface, Colour | None]  # link, place in it, surface, its own colour
 
 
 def urdf_shapes(urdf: Path) -> tuple[list[Drawn], list[str]]:
@@ -242,7 +312,7 @@ def urdf_shapes(urdf: Path) -> tuple[list[Drawn], list[str]]:
     return shapes, [f"{note}; --mesh-path DIR says where packages are"]
 
 
-def _shape(visual: etree._Element, urdf: Path) -> tuple[pin.SE3, np.ndarray]:
+def _shape(visual: etree._Element, urdf: Path) -> tuple[pin.SE3, Surface]:
     geometry, origin, where = visual.find("geometry"), visual.find("origin"), urdf.name
     place = pin.SE3.Identity()
     if origin is not None:
@@ -255,15 +325,30 @@ def _shape(visual: etree._Element, urdf: Path) -> tuple[pin.SE3, np.ndarray]:
             for key, each in values.items():
                 if min(each) <= 0:
                     raise MechanismError(f"{where}:{element.sourceline}: {key} must be above 0")
-            return place, points(*map(np.squeeze, values.values()))
+            return place, (points(*map(np.squeeze, values.values())), None)
         if element.tag == "mesh":
             scale = np.array(numbers(element, "scale", "1 1 1", 3, where))
             path = _mesh_file(element.get("filename") or "", urdf)
             try:
-                return place, coal.MeshLoader().load(str(path), scale).vertices()
+                return place, _mesh(path, scale)
             except ValueError:
                 raise MechanismError(f"mesh '{path.name}' cannot be read") from None
     raise MechanismError(f"{where}:{visual.sourceline}: no box, cylinder, sphere or mesh")
+
+
+def _mesh(path: Path, scale: np.ndarray) -> Surface:
+    """Return the surface of a mesh, decimated; one without faces, or open, is drawn as its hull."""
+    mesh = coal.MeshLoader().load(str(path), scale)
+    corners = np.array(mesh.vertices())
+    triangles = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
+    faces = np.array([(t[0], t[1], t[2]) for t in triangles], dtype=int).reshape(-1, 3)
+    if np.prod(scale) < 0:  # mirrored: outward is inward
+        faces = faces[:, ::-1]
+    _, number = np.unique(corners.round(9), axis=0, return_inverse=True)  # of an STL, each its own
+    edges = np.sort(number.reshape(-1)[faces][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    if not len(edges) or (np.unique(edges, axis=0, return_counts=True)[1] < 2).mean() > OPEN:
+        return corners, None
+    return decimated(corners, faces)
 
 
 def _mesh_file(name: str, urdf: Path) -> Path:

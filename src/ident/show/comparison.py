@@ -135,8 +135,8 @@ def comparison_files(c: Comparison, replay: Plotted | None = None) -> dict[str, 
         made_of(mechanism, motion, [Path(name) for name in residuals if Path(name).is_file()]),
     )
     title = f"{mechanism.name}: model against measurement"
-    front = first_screen(first, last, changed)
-    report = report_page(title, comparison_card(c), sections, front)
+    screen = first_screen(first, last, changed)
+    report = report_page(title, comparison_card(c), sections, screen.front, screen.machine)
     return {"report.html": report, "compare.json": json_bytes(comparison_json(c, replay))}
 
 

@@ -19,6 +19,7 @@ from ident.effects.library import by_kind, named
 from ident.files import json_bytes, jsonable, regular, write_all
 from ident.fit.identify import Comparison
 from ident.fit.residual import Failure
+from ident.fit.values import EffectValues
 from ident.show.card import Bar
 from ident.show.charts import BEFORE, MEASURED, NOW, Chart, Dots, Panel
 from ident.show.diagnosis import (
@@ -38,7 +39,7 @@ from ident.show.diagnosis import (
 )
 from ident.show.error_axis import ErrorAxis
 from ident.show.fit import fit_sections
-from ident.show.front import first_screen
+from ident.show.front import FirstScreen, first_screen
 from ident.show.html import (
     Block,
     Choice,
@@ -127,11 +128,7 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
         following += [code(each) for each in [planning(d)] if each]
     caption = "Joint by joint: held-out error, and what noise would leave"
     by_laws = bool(d.laws) and d.best is None  # what comes nearest matters less
-    m, felt = d.fit.mechanism, d.candidates[0].joint if d.best else ""
-    moved = dict(zip(m.bodies.links, [*m.model.names][1:], strict=True))  # by its joint
-    at = [(moved.get(x, x) if e.loaded_link else x, e) for e in d.group for x in e.joints]
-    marks = {joint if joint in m.joint_index else felt: e.label for joint, e in at}
-    marks = marks or {law.joint: f"formula: {law.joint}" for law in d.laws}
+    felt = d.candidates[0].joint if d.best else ""
     idle = unsupported_words(d) if d.verdict == "nothing" else []
     return (
         Section("Health of the data", [paragraph(each) for each in health_words(d)]),
@@ -145,14 +142,24 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
         *([what] if by_laws else []),
         Section("Invisible in this data", _invisible(d)),
         Section("In the model, but not supported", [paragraph(each) for each in idle]),
-        *fit_sections(d.fit, first=felt, marks=marks),
+        *fit_sections(d.fit, first=felt),
     )
 
 
-def front_blocks(d: Diagnosis) -> list[Block]:
+def marks_of(d: Diagnosis) -> dict[str, str]:
+    """Return words beside joints in 3-D: what is named, where it sits, or else the laws."""
+    m, felt = d.fit.mechanism, d.candidates[0].joint if d.best else ""
+    joint_of = dict(zip(m.bodies.links, [*m.model.names][1:], strict=True))
+    at = [(joint_of.get(x, x) if e.loaded_link else x, e) for e in d.group for x in e.joints]
+    marks = {joint if joint in m.joint_index else felt: e.label for joint, e in at}
+    return marks or {law.joint: f"formula: {law.joint}" for law in d.laws}
+
+
+def screen_of(d: Diagnosis) -> FirstScreen:
     """Return a joint with and without what is named, and the curve of that; without a name, the fit
     beside what it was before.
     """
+    marks = marks_of(d)
     fitted = [x for x in d.candidates if x.fit is not None and mark(d, x) == "*"]
     if d.best is not None and fitted:
         best = fitted[0]
@@ -161,15 +168,19 @@ def front_blocks(d: Diagnosis) -> list[Block]:
             best.effect.label,
             replace(best.fit.residual, name=f"with {best.effect.label}"),
         )
-        return first_screen(replace(d.fit.residual, name="as it is"), after, best.joint, label)
+        before = replace(d.fit.residual, name="as it is")
+        effects = [EffectValues(best.effect, best.parameters)]
+        return first_screen(before, after, best.joint, label, marks, effects)
     if d.laws:
         law = d.laws[-1]  # its fit has all of them
         after = replace(law.fit.residual, name=f"with the formula in {law.joint}")
-        blocks = first_screen(replace(d.fit.residual, name="as it is"), after, law.felt)
+        before = replace(d.fit.residual, name="as it is")
+        screen = first_screen(before, after, law.felt, marks=marks)
         curves = [x for x in d.curves if x.effect.joints == law.effect.joints]
-        return [*blocks[:1], *(plot_curve(x, law) for x in curves[:1])]
+        front = [*screen.front[:1], *(plot_curve(x, law) for x in curves[:1])]
+        return replace(screen, front=front)
     before = d.fit.residual_before if len(d.fit.columns) else d.fit.residual
-    return first_screen(before, d.fit.residual)
+    return first_screen(before, d.fit.residual, marks=marks)
 
 
 def _invisible(d: Diagnosis) -> list[Block]:
@@ -227,7 +238,8 @@ def write_diagnosis(
     """Write diagnosis.json, report.html with `sections` first, files of laws, and `more`."""
     title = f"{d.fit.mechanism.name}: diagnosis"
     with writing(folder):
-        report = report_page(title, card(d), (*sections, *diagnosis_sections(d)), front_blocks(d))
+        screen, every = screen_of(d), (*sections, *diagnosis_sections(d))
+        report = report_page(title, card(d), every, screen.front, screen.machine)
     files = {**diagnosis_files(d), **(more or {}), "report.html": report}
     return write_instead(d, Path(folder), files)
 

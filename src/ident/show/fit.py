@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -322,20 +322,18 @@ def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = (
     """Return the report of a fit, with further sections after those of its residual."""
     sections = fit_sections(fit, known, more)
     before = fit.residual_before if len(fit.columns) else fit.residual
-    front = [*first_screen(before, fit.residual)[:1], forest(fit)]
-    return report_page(f"{fit.mechanism.name}: identification", card(fit), sections, front)
+    screen = first_screen(before, fit.residual)
+    front = [*screen.front[:1], forest(fit)]
+    title = f"{fit.mechanism.name}: identification"
+    return report_page(title, card(fit), sections, front, screen.machine)
 
 
 def fit_sections(
-    fit: Fit,
-    known: Reactions | None = None,
-    more: Sequence[Section] = (),
-    first: str = "",
-    marks: Mapping[str, str] | None = None,
+    fit: Fit, known: Reactions | None = None, more: Sequence[Section] = (), first: str = ""
 ) -> tuple[Section, ...]:
     """Return warnings, parameters, errors, where it fails, multipliers, and what went in.
 
-    `first`: joint that comes first. `marks`: words beside joints of the mechanism in 3-D.
+    `first`: joint that comes first.
     """
     notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
     prior = fit.residual_before.predictions if len(fit.columns) else ()
@@ -345,7 +343,7 @@ def fit_sections(
         Section("Warnings", [items(notes)] if notes else []),
         Section("Parameters", _parameters(fit) if len(fit.columns) else ()),
         errors_section(error_table(fit)[1]),
-        *residual_sections(compared(fit), first, prior, marks),
+        *residual_sections(compared(fit), first, prior),
         *more,
         Section("Multipliers", _multipliers(fit, known)),
         understood(fit.mechanism, fit.motion),

@@ -8,8 +8,10 @@ the residual fall most:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -17,14 +19,20 @@ from markupsafe import Markup
 from ident.fit.prediction import Prediction
 from ident.fit.residual import Residual, zero_of
 from ident.fit.result import Fit
-from ident.fit.values import Value
+from ident.fit.values import EffectValues, Value
+from ident.mechanism import Mechanism
+from ident.show.bodies import Shape, coil_shape, payload_shape
 from ident.show.charts import BEFORE, BELOW, MEASURED, NOW, Chart, Line, Panel
 from ident.show.html import Block, piece
-from ident.show.residual import plot_map, time_label
+from ident.show.residual import plot_map, time_label, view_of_fit
+from ident.show.view import Ghosts
+from ident.simulate.ghost import drift
 from ident.text import rounded
 
 SHARE, SHORTEST, LONGEST = 0.2, 2.0, 6.0  # shown: of a log, and s, that the stretch is long
 FOREST = 12  # shown: identified values, the most certain first
+SPRINGS = ("spring", "elasticity", "cable")  # kinds that are drawn as a coil
+FILM = 240  # shown: pictures of the machine in a report
 HEIGHT = 3.2  # shown: inches of each of the two charts, which together fill a screen
 PERCENTILE_95 = 1.96  # level: standard errors of an interval of 95 %
 
@@ -97,25 +105,79 @@ def _name(residual: Residual) -> str:
     return f"{name[:40]}…" if len(name) > 41 else name
 
 
-def first_screen(before: Residual, now: Residual, joint: str = "", effect: str = "") -> list[Block]:
-    """Return the stretch of a joint, and its residual before, with the effect's own curve in it.
+@dataclass(frozen=True)
+class FirstScreen:
+    """What is seen first: right of the headline the curves, below it the machine."""
+
+    front: Sequence[Block] = ()
+    machine: Sequence[Block] = ()
+
+
+def first_screen(
+    before: Residual,
+    now: Residual,
+    joint: str = "",
+    effect: str = "",
+    marks: Mapping[str, str] | None = None,
+    effects: Sequence[EffectValues] = (),
+) -> FirstScreen:
+    """Return the stretch of a joint, and its residual before, with the effect's own curve in it,
+    and the machine that moves over this stretch.
 
     Args:
         before, now: residuals on one motion; the same one, where there is no earlier model.
         joint: default: the one whose error changed most.
         effect: label of an effect of `now` whose torque is drawn through the points.
+        marks: words beside joints of the machine; effects: with values, drawn where they sit.
     """
     joints = most_changed(before, now) if before is not now else []
     joints = joints or [failure.joint for failure in now.where]
     if not joints or not now.predictions:
-        return []
+        return FirstScreen()
     joint = joint if joint in joints else joints[0]
-    blocks: list[Block] = [plot_stretch(before, now, stretch_of(before, now, joint))]
+    stretch = stretch_of(before, now, joint)
+    blocks: list[Block] = [plot_stretch(before, now, stretch)]
     drawn = effect in now.traces[0].parts if effect and now.traces else False
     residual = now.without(effect) if drawn else before
     if now.traces and (chart := plot_map(residual, now, joint, effect * drawn, HEIGHT)):
         blocks.append(chart)
-    return blocks
+    machine = machine_of(before, now, stretch, marks or {joint: joint}, effects)
+    return FirstScreen(blocks, (machine,))
+
+
+def machine_of(
+    before: Residual,
+    now: Residual,
+    stretch: Stretch | None,
+    marks: Mapping[str, str],
+    effects: Sequence[EffectValues] = (),
+    most: int = FILM,
+) -> Any:
+    """Return the measured machine in 3-D with ghosts of the models before and now, over a stretch
+    of one log, or over all logs; a machine that cannot be simulated so has none.
+    """
+    ghosts = dict[int, Ghosts]()
+    for number, (old, new) in enumerate(zip(before.predictions, now.predictions, strict=True)):
+        if stretch is None or stretch.experiment == number:
+            samples = stretch.samples if stretch else slice(0, len(new.t))
+            pair = [new, new] if before is now else [old, new]
+            with suppress(np.linalg.LinAlgError):
+                positions, window = drift(pair, samples)
+                ghosts[number] = Ghosts(samples, positions, window)
+    view = view_of_fit(now, now.predictions, marks, most, ghosts)
+    shapes = [shape for x in effects if (shape := _effect_shape(now.model.mechanism, x, view.size))]
+    return replace(view, shapes=[*view.shapes, *shapes])
+
+
+def _effect_shape(mechanism: Mechanism, x: EffectValues, size: float) -> Shape | None:
+    """Return a ball for a payload and a coil for a spring; None for others, which are marked."""
+    values = {v.name.rpartition(".")[2]: v.value for v in x.parameters}
+    if x.effect.kind == "payload" and values.get("m"):
+        centre = np.array([values.get(f"m{axis}", 0.0) for axis in "xyz"]) / values["m"]
+        return payload_shape(mechanism, x.effect.joints[0], values["m"], centre, size)
+    if x.effect.kind in SPRINGS and x.effect.joints:
+        return coil_shape(mechanism, x.effect.joints[0], x.effect.label, size)
+    return None
 
 
 def main_effect(now: Residual, joint: str, effects: Sequence[str]) -> str:

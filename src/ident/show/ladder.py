@@ -29,8 +29,8 @@ from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import card, errors_with, short
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.error_axis import ErrorAxis
-from ident.show.front import first_screen, main_effect, most_changed
-from ident.show.html import Block, Section, Sheet, report_page, table
+from ident.show.front import FirstScreen, first_screen, main_effect, most_changed
+from ident.show.html import Section, Sheet, report_page, table
 from ident.show.verdict import noise_errors, verdict_line
 from ident.text import percent, rounded, significant, some, width, wrapped
 
@@ -180,7 +180,7 @@ def _code_name(step: Step) -> str:
 # --- report and files -----------------------------------------------------------------------------
 
 
-def front_blocks(history: History) -> list[Block]:
+def screen_of(history: History) -> FirstScreen:
     """Return the joint that changed most from the first rung to the last, and the curve of what
     changed it.
     """
@@ -189,8 +189,11 @@ def front_blocks(history: History) -> list[Block]:
     if len(history.fits) == 1:
         return first_screen(after, after)
     joint = (most_changed(before, now) or [now.where[0].joint])[0]
-    effect = main_effect(now, joint, [effect.label for effect in history.added])
-    return first_screen(replace(before, name="as given"), after, joint, effect)
+    labels = [effect.label for effect in history.added]
+    added = [values for values in history.fit.effects if values.effect.label in labels]
+    effect = main_effect(now, joint, labels)
+    before = replace(before, name="as given")
+    return first_screen(before, after, joint, effect, {joint: effect or joint}, added)
 
 
 def history_card(history: History) -> Card:
@@ -262,8 +265,9 @@ def write(history: History, place: str | Path) -> list[Path]:
     with writing(place):
         sections = (ladder, *diagnosis_sections(history.diagnosis))
         title = f"{history.mechanism.name}: grown model"
-        front, below = front_blocks(history), [table(rows(history), CAPTION, tied=False)]
-        report = report_page(title, history_card(history), sections, front, below)
+        screen = screen_of(history)
+        below = [table(rows(history), CAPTION, tied=False), *screen.machine]
+        report = report_page(title, history_card(history), sections, screen.front, below)
     data = {**diagnosis_files(history.diagnosis), "report.html": report}
     data["grow.json"] = json_bytes(history_json(history))
     written = write_instead(history.diagnosis, Path(place), model_files(history.fit) | data)

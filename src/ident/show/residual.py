@@ -435,10 +435,7 @@ def errors_section(rows: Sequence[Sequence[str]]) -> Section:
 
 
 def residual_sections(
-    c: Comparison,
-    first: str = "",
-    prior: Sequence[Prediction] = (),
-    marks: Mapping[str, str] | None = None,
+    c: Comparison, first: str = "", prior: Sequence[Prediction] = ()
 ) -> tuple[Section, ...]:
     """Return measured against predicted, where the models fail, and the sum taken apart.
 
@@ -448,7 +445,6 @@ def residual_sections(
     first = first or last.where[0].joint
     logs = [trace.name for trace in last.traces]
     shown = told_apart(c.residuals)
-    machine = view_of_fit(last, list(c.predictions.values())[-1], marks or {first: first})
     options: dict[str, list[Block]] = {}
     for failure in sorted(last.where, key=lambda failure: failure.joint != first):
         blocks: list[Block] = []
@@ -463,7 +459,7 @@ def residual_sections(
     every = [experiment.name for experiment in last.motion.experiments]
     torques = by_log(every, lambda i: plot_predictions(c, i, first, prior))
     return (
-        Section("Measured against predicted", (machine, *torques)),
+        Section("Measured against predicted", torques),
         Section("Residual maps", (paragraph(MAPS), Choice("Of which joint", options))),
         Section("The sum taken apart", parts),
     )
@@ -474,10 +470,13 @@ def view_of_fit(
     predictions: Sequence[Prediction],
     marks: Mapping[str, str],
     most: int = FILM,
+    ghosts: Mapping[int, Any] | None = None,
 ) -> Any:
-    """Return the mechanism in 3-D, joints coloured by the residual, with words beside joints."""
+    """Return the mechanism in 3-D, joints coloured by the residual, with words beside joints, and
+    with ghosts by the number of their log.
+    """
     e = residual.motion.experiments[:LOGS]
-    view = render(residual.model.mechanism, "view", e, predictions[:LOGS], most)
+    view = render(residual.model.mechanism, "view", e, predictions[:LOGS], most, ghosts)
     return replace(view, marks=marks)
 
 

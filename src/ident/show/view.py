@@ -34,6 +34,8 @@ CLOSED = 1e-7  # [m | rad] |Φ| of a closure that nobody would call open
 SHOWN = 6  # closures and notes that are listed
 HEIGHT = 480  # of a notebook's frame [px]
 SUFFIXES = (".html", ".htm")
+FRAME_RATE = 30.0  # shown: pictures a second of a stretch with ghosts
+GHOSTS = {"before": (217, 115, 13), "now": (42, 157, 92)}  # shown: as lines of charts
 MAP = "plasma"  # perceptually uniform, legible in grey and to the colour-blind
 SHADES = 17  # colours of the map
 COLD = 1e-3  # share of the residual below which no joint is to glow
@@ -55,6 +57,8 @@ class Film:
         at, force: points of action [m] and reaction forces [N] in world axes (n, K, 3), of each
             closure that ties two frames first on a, then on b; NaN where λ is not known.
         misfit: (n,) residual of each joint as a share of its rms torque, by name.
+        ghosts: (n, nq) where the machine would be by the models `before` and `now`; NaN where that
+            is not drawn.
     """
 
     name: str
@@ -64,21 +68,51 @@ class Film:
     at: np.ndarray
     force: np.ndarray
     misfit: Mapping[str, np.ndarray] = field(default_factory=dict)
+    ghosts: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)
 
 
-def film_of(mechanism: Mechanism, experiment: Any, prediction: Any, most: int) -> Film:
-    """Return at most some moments of an experiment, with `name`, `t` [s] and `q` (n, nq)."""
+@dataclass(frozen=True, eq=False)
+class Ghosts:
+    """Where models would take the machine over a stretch of one experiment.
+
+    Attributes:
+        samples: of the experiment, a slice of k.
+        positions: of the models before and now, (k, nq) each.
+        window: [s] from one restart at the measured position to the next.
+    """
+
+    samples: slice
+    positions: Sequence[np.ndarray]
+    window: float
+
+
+def film_of(
+    mechanism: Mechanism, experiment: Any, prediction: Any, most: int, ghosts: Ghosts | None = None
+) -> Film:
+    """Return at most `most` moments of an experiment, with `name`, `t` [s] and `q` (n, nq); of a
+    stretch with ghosts as many as are seen as motion.
+    """
     t, p = experiment.t, prediction
     moments = frames(t, most)
+    drawn = dict[str, np.ndarray]()
+    if ghosts is not None:
+        inside = np.arange(len(t))[ghosts.samples]
+        shown = frames(t[inside], max(most // 3, round(FRAME_RATE * float(np.ptp(t[inside])))))
+        moments = np.union1d(frames(t, most // 2), inside[shown])
+        at = moments - inside[0]
+        there = (at >= 0) & (at < len(inside))
+        for name, positions in zip(GHOSTS, ghosts.positions, strict=True):
+            drawn[name] = np.full((len(moments), positions.shape[1]), np.nan)
+            drawn[name][there] = positions[at[there]]
     q = np.asarray(experiment.q, float)[moments]
     rows = mechanism.kinematics.closure_rows(q)
     unknown = np.full((len(q), rows.rate.shape[1]), np.nan)
-    at, force = reactions(mechanism, q, unknown if p is None else p.multipliers[moments])
+    points, force = reactions(mechanism, q, unknown if p is None else p.multipliers[moments])
     gap = np.abs(rows.value).max(axis=1, initial=0.0)
-    film = Film(experiment.name, t[moments], q, gap, at, force)
+    film = Film(experiment.name, t[moments], q, gap, points, force, ghosts=drawn)
     if p is None:
         return film
     residual = np.where(p.usable[:, None], p.residual, np.nan)
@@ -154,6 +188,8 @@ class View:
         notes: what is shown otherwise than the files have it, or not at all.
         marks: words beside joints, by their names.
         charts: below the mechanism on its page, with a cursor that both share.
+        window: [s] after which ghosts begin anew at the measured position; 0 without ghosts.
+        stretch: number of the film, first and last time [s] of what is played by itself.
     """
 
     mechanism: Mechanism
@@ -163,6 +199,8 @@ class View:
     notes: tuple[str, ...] = ()
     marks: Mapping[str, str] = field(default_factory=dict)
     charts: tuple[Block, ...] = ()
+    window: float = 0.0
+    stretch: tuple[int, float, float] | None = None
 
     @property
     def words(self) -> str:
@@ -256,13 +294,31 @@ class View:
             "marks": dict(self.marks), "ramp": _ramp(SHADES), "unknown": UNKNOWN,
             "fov": float(ANGLE), "misfit": self.largest_misfit, "up": up, "direction": direction,
             "target": target, "half": half, "depth": depth, "arrays": list(arrays),
+            "ghosts": GHOSTS if self.window else {}, "stretch": self._played,
         }  # fmt: skip
         return script_json(content)
 
+    @property
+    def _played(self) -> list[float] | None:
+        """Number of the film, first and last time of its stretch as charts count them [s]."""
+        if self.stretch is None:
+            return None
+        number, *ends = self.stretch
+        zero = zero_of(self.films[number].t)
+        return [number, *(x - zero for x in ends)]
+
     def _film(self, film: Film, arrays: Arrays) -> dict[str, Any]:
         """Return times, poses, colours, gaps and arrows of a film, times as charts count them."""
-        R, origin = poses_of(self.mechanism.model, film.q)
-        poses = np.concatenate([R.reshape(*R.shape[:2], 9), origin], axis=2)
+        poses = self._poses(film.q)
+        drawn = {name: np.isfinite(q).all(axis=1) for name, q in film.ghosts.items()}
+        first = {name: int(x.argmax()) for name, x in drawn.items() if x.any()}
+        ghosts = {
+            name: {
+                "first": k,
+                "poses": arrays.place(self._poses(film.ghosts[name][drawn[name]]), "<f4"),
+            }
+            for name, k in first.items()
+        }
         tips = self._tips(film)
         places = range(film.at.shape[1])
         ends = np.nan_to_num(np.stack([film.at, tips], axis=2))
@@ -274,10 +330,15 @@ class View:
         gaps = [film.at[:, i : i + 2] for i in places[::2]]
         return {
             "name": film.name, "t": arrays.place(film.t - zero_of(film.t), "<f8"),
-            "poses": arrays.place(poses, "<f4"), "arrows": arrows,
+            "poses": arrays.place(poses, "<f4"), "arrows": arrows, "ghosts": ghosts,
             "gaps": [arrays.place(gap, "<f4") for gap in gaps],
             "misfit": {j: arrays.place(x, "<f4") for j, x in film.misfit.items()},
         }  # fmt: skip
+
+    def _poses(self, q: np.ndarray) -> np.ndarray:
+        """Return rotations and origins (n, joints, 12) of all joints."""
+        R, origin = poses_of(self.mechanism.model, q)
+        return np.concatenate([R.reshape(*R.shape[:2], 9), origin], axis=2)
 
     def _tips(self, film: Film) -> np.ndarray:
         """Return where the arrows of a film end (n, K, 3) [m]."""
@@ -350,8 +411,11 @@ def view_of(
     experiments: Sequence[Any] = (),
     predictions: Sequence[Any] = (),
     most: int = MOST,
+    ghosts: Mapping[int, Ghosts] | None = None,
 ) -> View:
-    """Return the mechanism along experiments, with reactions and residuals of their predictions."""
+    """Return the mechanism along experiments, with reactions and residuals of their predictions,
+    and with ghosts by the number of their experiment.
+    """
     notes: list[str] = []
     if not experiments:
         try:
@@ -366,5 +430,11 @@ def view_of(
         more.append(f"{nowhere}: λ acts along coordinates, at no place: no arrow is drawn")
     each = max(2, most // len(experiments))
     both = zip(experiments, predictions or [None] * len(experiments), strict=True)
-    films = tuple(film_of(mechanism, e, p, each) for e, p in both)
-    return View(mechanism, shapes, size, films, (*notes, *more))
+    ghosts = ghosts or {}
+    films = tuple(film_of(mechanism, e, p, each, ghosts.get(i)) for i, (e, p) in enumerate(both))
+    view = View(mechanism, shapes, size, films, (*notes, *more))
+    if not ghosts:
+        return view
+    number, ghost = next(iter(ghosts.items()))
+    ends = experiments[number].t[ghost.samples][[0, -1]]
+    return replace(view, window=ghost.window, stretch=(number, float(ends[0]), float(ends[1])))

@@ -8,6 +8,7 @@ function drawScene(scene, place, told) {
   const make = (tag, attributes) => Object.assign(document.createElement(tag), attributes)
   const canvas = make("canvas"), art = canvas.getContext("2d")
   const films = scene.films.map((film) => ({...film, t: numbers[film.t], poses: numbers[film.poses]}))
+  const beside = make("canvas"), shadow = beside.getContext("2d") // a ghost is drawn alone, then laid below the machine
   const bar = make("div", {className: "tools"})
   const play = make("button", {type: "button", textContent: "▶", title: "Play"})
   const time = make("input", {type: "range", step: "any", title: "Time [s]"})
@@ -44,7 +45,7 @@ function drawScene(scene, place, told) {
     const n = shape.corners.length / 3
     shape.middle = [0, 1, 2].map((i) => shape.corners.reduce((sum, x, j) => j % 3 === i ? sum + x / n : sum, 0))
   }
-  const ORDER = {body: 0, closure: 1, joint: 2}
+  const ORDER = {body: 0, closure: 1, joint: 2, effect: 3}
   const coloured = (pivot) => { // by the residual of the joint
     const share = pivot in film.misfit ? numbers[film.misfit[pivot]][k] / (scene.misfit || 1) : NaN
     return share >= 0 ? scene.ramp[Math.round(Math.min(share, 1) * (scene.ramp.length - 1))] : scene.unknown
@@ -82,35 +83,59 @@ function drawScene(scene, place, told) {
     back = unit(away)
     right = unit(cross(scene.up, back))
     over = cross(back, right)
-    const light = unit(plus(plus(back, right, 0.5), over, 0.8)), faces = []
+    const light = unit(plus(plus(back, right, 0.5), over, 0.8)), camera = plus(scene.target, away, fit)
     const joints = films[0].poses.length / films[0].t.length / 12
-    const posed = (joint, p) => {
-      const m = film.poses.subarray((k * joints + joint) * 12, (k * joints + joint) * 12 + 12)
+    const posed = (poses, moment, joint, p) => {
+      const m = poses.subarray((moment * joints + joint) * 12, (moment * joints + joint) * 12 + 12)
       return [0, 1, 2].map((i) => m[3 * i] * p[0] + m[3 * i + 1] * p[1] + m[3 * i + 2] * p[2] + m[9 + i])
     }
     const named = []
-    for (const shape of shapes) {
-      const rgb = shape.kind === "joint" ? coloured(shape.pivot) : shape.colour
-      const world = [], eye = []
-      for (let i = 0; i < shape.corners.length / 3; i++) {
-        world.push(posed(shape.joint, three(shape.corners, i)))
-        eye.push(eyed(world[i]))
+
+    function visible(poses, moment, drawn, colourOf) { // faces that look to the camera, the farthest first
+      const faces = []
+      for (const shape of drawn) {
+        const rgb = colourOf(shape), world = [], eye = []
+        for (let i = 0; i < shape.corners.length / 3; i++) {
+          world.push(posed(poses, moment, shape.joint, three(shape.corners, i)))
+          eye.push(eyed(world[i]))
+        }
+        for (let i = 0; i < shape.faces.length / 3; i++) {
+          const [a, b, c] = three(shape.faces, i), normal = cross(minus(world[b], world[a]), minus(world[c], world[a]))
+          if (dot(normal, minus(camera, world[a])) <= 0) continue // its back
+          const bright = 0.6 + 0.4 * Math.max(0, dot(unit(normal), light))
+          faces.push({order: ORDER[shape.kind], depth: eye[a][2] + eye[b][2] + eye[c][2], points: [a, b, c].map((j) => seen(eye[j])),
+                      colour: css(rgb, bright, shape.kind === "body" ? 0.85 : 1)})
+        }
       }
-      for (let i = 0; i < shape.faces.length / 3; i++) {
-        const [a, b, c] = three(shape.faces, i), normal = cross(minus(world[b], world[a]), minus(world[c], world[a]))
-        if (dot(normal, minus(plus(scene.target, away, fit), world[a])) <= 0) continue // its back
-        const bright = 0.6 + 0.4 * Math.max(0, dot(unit(normal), light))
-        faces.push({order: ORDER[shape.kind], depth: eye[a][2] + eye[b][2] + eye[c][2], points: [a, b, c].map((j) => seen(eye[j])),
-                    colour: css(rgb, bright, shape.kind === "body" ? 0.85 : 1)})
-      }
-      if (scene.marks[shape.pivot]) named.push([scene.marks[shape.pivot], seen(eyed(posed(shape.joint, shape.middle))), css(rgb, 1)])
+      return faces.sort((a, b) => a.order - b.order || b.depth - a.depth)
     }
-    faces.sort((a, b) => a.order - b.order || b.depth - a.depth)
-    for (const {points, colour} of faces) {
-      art.fillStyle = colour
-      art.beginPath()
-      points.forEach((p, i) => i ? art.lineTo(...p) : art.moveTo(...p))
-      art.fill()
+    function fill(context, faces) {
+      for (const {points, colour} of faces) {
+        context.fillStyle = colour
+        context.beginPath()
+        points.forEach((p, i) => i ? context.lineTo(...p) : context.moveTo(...p))
+        context.fill()
+      }
+    }
+
+    beside.width = canvas.width
+    beside.height = canvas.height
+    for (const [name, ghost] of Object.entries(film.ghosts)) { // what both models agree on is below the machine
+      const moment = k - ghost.first, poses = numbers[ghost.poses]
+      if (moment < 0 || moment >= poses.length / joints / 12) continue
+      shadow.setTransform(ratio, 0, 0, ratio, 0, 0)
+      shadow.clearRect(0, 0, width, height)
+      fill(shadow, visible(poses, moment, shapes.filter((each) => each.kind === "body" && each.joint > 0), () => scene.ghosts[name]))
+      art.globalAlpha = 0.6
+      art.drawImage(beside, 0, 0, width, height)
+      art.globalAlpha = 1
+    }
+    const faces = visible(film.poses, k, shapes, (shape) => shape.kind === "joint" ? coloured(shape.pivot) : shape.colour)
+    fill(art, faces)
+    for (const shape of shapes) {
+      if (!scene.marks[shape.pivot]) continue
+      const colour = css(shape.kind === "joint" ? coloured(shape.pivot) : shape.colour, 1)
+      named.push([scene.marks[shape.pivot], seen(eyed(posed(film.poses, k, shape.joint, shape.middle))), colour])
     }
     for (const gap of film.gaps) line(three(numbers[gap], 2 * k), three(numbers[gap], 2 * k + 1), "#777")
     for (const {colour, ends} of film.arrows) {
@@ -118,7 +143,7 @@ function drawScene(scene, place, told) {
     }
     art.font = "600 13px system-ui, sans-serif"
     // near its joint, where least is behind it
-    const triangles = faces.map(({points}) => points), taken = [] // boxes of the words written already
+    const triangles = faces.filter(({order}) => order < 3).map(({points}) => points), taken = [] // boxes of the words written already
     const inside = ([x, y]) => triangles.filter((t) => t.every(([x0, y0], i) => {
       const [x1, y1] = t[(i + 1) % 3] // seen from the front all turn alike
       return (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) <= 0
@@ -156,6 +181,14 @@ function drawScene(scene, place, told) {
       art.fill()
       art.stroke()
     }
+    Object.entries(scene.ghosts).forEach(([name, rgb], i) => {
+      art.fillStyle = css(rgb, 1)
+      art.fillText(name, 10, height - 10 - 18 * (Object.keys(scene.ghosts).length - i))
+    })
+    if (Object.keys(scene.ghosts).length) {
+      art.fillStyle = css([125, 132, 142], 1)
+      art.fillText("measured", 10, height - 10)
+    }
     now.textContent = `${film.t[k].toFixed(2)} s`
   }
 
@@ -183,14 +216,14 @@ function drawScene(scene, place, told) {
   }
   let playing = 0
   const stop = () => { cancelAnimationFrame(playing); playing = 0; play.textContent = "▶"; play.title = "Play" }
-  function start() {
-    let before = performance.now(), x = +time.value >= +time.max ? +time.min : +time.value
+  function start(until = +time.max) {
+    let before = performance.now(), x = +time.value >= until ? +time.min : +time.value
     const step = (clock) => {
       x += (clock - before) / 1000
       before = clock
-      at(Math.min(x, +time.max))
+      at(Math.min(x, until))
       told(film.name, +time.value)
-      if (x >= +time.max) stop(); else playing = requestAnimationFrame(step)
+      if (x >= until) stop(); else playing = requestAnimationFrame(step)
     }
     play.textContent = "❚❚"
     play.title = "Pause"
@@ -219,6 +252,12 @@ function drawScene(scene, place, told) {
   addEventListener("afterprint", repaint)
   paint()
   load(film)
+  if (scene.stretch) {
+    const [number, first, last] = scene.stretch
+    load(films[number])
+    at(first)
+    if (!matchMedia("(prefers-reduced-motion: reduce)").matches) start(last) // once, and stands where the stretch ends
+  }
   return (log, x) => {
     const other = films.find((each) => each.name === log)
     if (!other || playing) return
