@@ -279,7 +279,7 @@ def test_a_folded_report_prints_all_charts_as_wide_as_paper(browser, diagnosed):
     assert page.evaluate("halo") < 10  # pixels of the dark page, #14171c
     assert all(600 < width < 700 and marks > 10 for width, marks in printed), printed
     assert not page.locator("svg.picture").count()
-    assert page.locator("figure.chart:visible").first.bounding_box()["width"] > 1200
+    assert page.locator("main figure.chart:visible").first.bounding_box()["width"] > 1200
     page.close()
 
 

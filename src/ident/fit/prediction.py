@@ -96,25 +96,34 @@ class Prediction(TorqueParts):
             """Return measured torque, gravity, parts; joint signals; informed; moving."""
             u, rest = scene.samples.reduced(part), 0 * e.v[part]
             gravity = u.reduce(rigid_forces(model, e.q[part], rest, rest, point.pi))
-            rows = [self.measured[part], gravity, *(x[part] for x in self.parts.values())]
+            # most effects act on one coordinate: what is 0 throughout needs no filter
+            rows = [self.measured[part], gravity, *(self.parts[name][part][:, acts]
+                                                    for name, acts in acting.items())]  # fmt: skip
             direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
             joints = np.stack([e.y[part], e.yd[part], e.ydd[part], direction], axis=1)
-            return [np.stack(rows, axis=1), joints, informing(u, farthest), self.moving[part]]
+            return [np.hstack(rows), joints, informing(u, farthest), self.moving[part]]
 
+        acting = {name: np.flatnonzero(x.any(axis=0)) for name, x in self.parts.items()}
         d, J = self.measured.shape[1], e.y.shape[1]
-        empty = np.zeros((0, 2 + len(self.parts), d)), np.zeros((0, 4, J)), *2 * [np.zeros((0, d))]
+        series = 2 * d + sum(map(len, acting.values()))
+        empty = np.zeros((0, series)), np.zeros((0, 4, J)), *2 * [np.zeros((0, d))]
         pieces: list[list[np.ndarray]] = [[np.zeros(0), np.zeros(0, int), *empty]]
         for number, segment in enumerate(e.segments()):
-            for sample, series in Decimator.of(cutoff, e.rate).filtered(segment, make):
-                pieces.append([e.t[sample], np.full(len(sample), number), *series])
+            for sample, filtered in Decimator.of(cutoff, e.rate).filtered(segment, make):
+                pieces.append([e.t[sample], np.full(len(sample), number), *filtered])
         t, segments, torques, joints, opened, standing = (
             np.concatenate(x) for x in zip(*pieces, strict=True)
         )
         informed, moving = opened < STICKING, standing < STANDING
-        torques[:, :, scene.mechanism.unmeasured_rows] = 0.0  # no residual where none is measured
-        measured, gravity, *parts = torques.transpose(1, 0, 2)
+        measured, gravity = torques[:, :d], torques[:, d : 2 * d]
+        by_name, first = dict[str, np.ndarray](), 2 * d
+        for name, acts in acting.items():
+            by_name[name] = np.zeros((len(t), d))
+            by_name[name][:, acts] = torques[:, first : first + len(acts)]
+            first += len(acts)
+        for x in (measured, gravity, *by_name.values()):  # no residual where none is measured
+            x[:, scene.mechanism.unmeasured_rows] = 0.0
         q, v, a, direction = joints.transpose(1, 0, 2)
-        by_name = dict(zip(self.parts, parts, strict=True))
         return Trace(
             self.name, t, measured, by_name, informed & moving, segments, gravity, q, v, a,
             direction, informed,

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from ident.display import renders
+from ident.fit.identify import Comparison
 from ident.fit.prediction import Prediction
 from ident.fit.residual import Residual, zero_of
 from ident.fit.result import Fit
@@ -23,8 +25,8 @@ from ident.fit.values import EffectValues, Value
 from ident.mechanism import Mechanism
 from ident.show.bodies import Shape, coil_shape, payload_shape
 from ident.show.charts import BEFORE, BELOW, MEASURED, NOW, Chart, Line, Panel
-from ident.show.html import Block, piece
-from ident.show.residual import plot_map, time_label, view_of_fit
+from ident.show.html import Block, by_log, piece
+from ident.show.residual import compared, plot_map, plot_predictions, time_label, view_of_fit
 from ident.show.view import Ghosts
 from ident.simulate.ghost import drift
 from ident.text import rounded
@@ -32,7 +34,7 @@ from ident.text import rounded
 SHARE, SHORTEST, LONGEST = 0.2, 2.0, 6.0  # shown: of a log, and s, that the stretch is long
 FOREST = 12  # shown: identified values, the most certain first
 SPRINGS = ("spring", "elasticity", "cable")  # kinds that are drawn as a coil
-FILM = 240  # shown: pictures of the machine in a report
+FILM = 400  # shown: pictures of the machine in a report
 HEIGHT = 3.2  # shown: inches of each of the two charts, which together fill a screen
 PERCENTILE_95 = 1.96  # level: standard errors of an interval of 95 %
 
@@ -167,6 +169,30 @@ def machine_of(
     view = view_of_fit(now, now.predictions, marks, most, ghosts)
     shapes = [shape for x in effects if (shape := _effect_shape(now.model.mechanism, x, view.size))]
     return replace(view, shapes=[*view.shapes, *shapes])
+
+
+@renders(Comparison, "view")
+def view_page(c: Comparison, before: Residual | None = None) -> Any:
+    """Return the mechanism in 3-D beside charts of its torques, which share a cursor, with ghosts
+    of the first and the last model, or of one model `before` and now.
+    """
+    last = list(c.residuals.values())[-1]
+    first = before or next(iter(c.residuals.values()))
+    worst = last.where[0].joint
+    logs = [experiment.name for experiment in last.motion.experiments]
+    prior = before.predictions if before else ()
+    charts = by_log(logs, lambda i: plot_predictions(c, i, worst, prior))
+    machine = machine_of(first, last, None, {worst: worst}, most=2 * FILM)
+    return replace(machine, charts=charts, stretch=None)
+
+
+def view_of_one(fit: Fit) -> Any:
+    """Return the page of a fit, with a ghost of the model as it was before."""
+    before = fit.residual_before if len(fit.columns) else None
+    return view_page(compared(fit), before)
+
+
+renders(Fit, "view")(view_of_one)
 
 
 def _effect_shape(mechanism: Mechanism, x: EffectValues, size: float) -> Shape | None:

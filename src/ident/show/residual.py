@@ -480,20 +480,6 @@ def view_of_fit(
     return replace(view, marks=marks)
 
 
-@renders(Comparison, "view")
-def view_page(c: Comparison) -> Any:
-    """Return the mechanism in 3-D above charts of its torques, which share a cursor."""
-    residual = list(c.residuals.values())[-1]
-    worst = residual.where[0].joint
-    logs = [experiment.name for experiment in residual.motion.experiments]
-    charts = by_log(logs, lambda i: plot_predictions(c, i, worst))
-    machine = view_of_fit(residual, list(c.predictions.values())[-1], {worst: worst}, 2 * FILM)
-    return replace(machine, charts=charts)
-
-
-renders(Fit, "view")(lambda fit: view_page(compared(fit)))
-
-
 def all_parts(residuals: Models) -> dict[str, list[list[str]]]:
     """Return the tables of the parts of the sum, of several models with their names."""
     shown = told_apart(residuals)

@@ -25,7 +25,7 @@ from ident.mechanism import Mechanism
 from ident.mechanism.closures import FrameClosure, Placement
 from ident.show.bodies import ENDS, UNKNOWN, Shape, poses_of, shapes_of, sites, tied
 from ident.show.charts import Arrays, script_json
-from ident.show.html import Block, Section, piece, report_page
+from ident.show.html import Block, piece, report_page
 from ident.show.local import Place
 
 MOST = 1000  # pictures of all films
@@ -349,8 +349,7 @@ class View:
     def html(self) -> str:
         """A page with the mechanism and its charts: no server, no network."""
         title = f"{self.mechanism.name} in 3-D"
-        # one section, in which the mechanism stays in view
-        return report_page(title, "", (Section("Machine", (self, *self.charts)),)).decode()
+        return report_page(title, "", (), self.charts, (self,)).decode()
 
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the page, whole or not at all.

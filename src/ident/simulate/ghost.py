@@ -18,6 +18,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from ident.fit.prediction import Prediction
 from ident.mechanism.parameters import rigid_forces
+from ident.motion.signals import runs
 
 LONGEST = 0.5  # shown: [s] from one restart to the next
 SPREAD = 0.3  # shown: of a joint's travel, that a ghost leaves the measured position by at most
@@ -51,10 +52,10 @@ def deviation_rate(prediction: Prediction, samples: slice) -> tuple[np.ndarray, 
 
 
 def drift(
-    predictions: Sequence[Prediction], samples: slice = slice(None)
+    predictions: Sequence[Prediction], samples: slice = slice(None), longest: float = LONGEST
 ) -> tuple[list[np.ndarray], float]:
     """Return positions (n, nq) of each model's ghost over some samples of one experiment, and the
-    time [s] from one restart to the next, the same for all of them.
+    time [s] from one restart to the next, the same for all of them and at most the `longest`.
     """
     first = predictions[0]
     every = max(1, int(first.scene.e.rate / RATE))
@@ -64,14 +65,17 @@ def drift(
     rates = [deviation_rate(p, thin) for p in predictions]
     q = first.scene.e.q[thin]
     travel = np.ptp(q, axis=0)
-    window = LONGEST
+    window = longest
     for a, L in rates:
         size = np.percentile(np.abs(np.einsum("nvd,nd->nv", L, a)), PERCENTILE, axis=0)
         moving = (size > 0) & (travel > 0)
         if moving.any():
             window = min(window, float(np.sqrt(2 * SPREAD * (travel / size)[moving]).min()))
-    number = np.floor((t - t[0]) / window).astype(int)
-    starts = [0, *(np.flatnonzero(np.diff(number)) + 1), len(t)]
+    length = max(2, round(window * (len(t) - 1) / float(t[-1] - t[0]))) if len(t) > 1 else 2
+    edges = {0, len(t)}
+    for segment in runs(first.usable[thin]):
+        edges |= {*range(segment.start, segment.stop, length), segment.stop}
+    starts = sorted(edges)
     ghosts = []
     for p, (a, L) in zip(predictions, rates, strict=True):
         u = np.zeros_like(a)

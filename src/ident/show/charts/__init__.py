@@ -274,7 +274,7 @@ class Chart:
     @property
     def height(self) -> int:
         """Height [pixel] of the live chart."""
-        return 70 + sum(max(map(_pixels, row)) for row in self.rows)
+        return (30 if self.stretch else 70) + sum(max(map(_pixels, row)) for row in self.rows)
 
     def __str__(self) -> str:
         return self.words

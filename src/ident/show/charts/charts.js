@@ -174,7 +174,8 @@ function drawChart(chart, place, pointed = null) { // pointed(x): the pointer is
       named(axis, names, fitting(panel.y, panel.height - 30), {visible: !inner})
     }
     if (panel.logarithmic_x) {
-      const ticks = Array.from({length: 24}, (_, i) => Number(`1e${i - 18}`))
+      const [low, high] = (panel.x_range ?? [1e-18, 1e6]).map(Math.log10), step = Math.ceil((high - low) / (across < 450 ? 4 : 8))
+      const ticks = Array.from({length: 24}, (_, i) => Number(`1e${Math.floor(high) - i * step}`))
       fig.xaxes[0].setv({ticker: new Bokeh.FixedTicker({ticks}), major_label_overrides: new Map(ticks.map((x) => [x, plain(String(x))]))})
     }
     if (panel.logarithmic) { // numbers below 1 too, as few as there is room for
