@@ -1,4 +1,8 @@
-"""Installs the project with its test tools into .venv and runs every check. Needs only Python.
+"""Installs the project with its test tools into .venv-test and runs every check. Needs only Python.
+
+The environment is the tests' own, so that the one that a user works in stays as it is. What decides
+must not depend on the processor: a sample of the numerical tests runs again with the arithmetic of
+two other ones, of older and newer instructions.
 
 On Debian, as root, it installs the browser that reports are opened in as well; without one, those
 tests are skipped and say so.
@@ -9,6 +13,7 @@ python3 tests/run.py --slow     the long suites as well
 
 import importlib.util
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -16,7 +21,8 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-BIN = ROOT / ".venv" / ("Scripts" if os.name == "nt" else "bin")
+ENVIRONMENT = ROOT / ".venv-test"
+BIN = ENVIRONMENT / ("Scripts" if os.name == "nt" else "bin")
 FIRST = (
     ("pip", "install", "--quiet", "--editable", ".[test]"),
     ("ruff", "format", "--check", "."),
@@ -25,6 +31,10 @@ FIRST = (
 TYPES = ("mypy",)  # beside the tests, which leave a core alone where they wait
 # files in their order: the longest are not the last, where a worker would wait for them
 TESTS = ("pytest", "-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder")
+
+CORES = ("Haswell", "Sandybridge")  # kernels of OpenBLAS, which any x86 since 2013 runs
+SAMPLE = (*TESTS, "tests/kernel", "tests/truth", "--every", "20", "-p", "no:cacheprovider")
+X86 = ("x86_64", "AMD64")
 
 SYSTEM = ("chromium", "python3-venv")  # packages: the browser, and what makes environments
 
@@ -47,10 +57,12 @@ def system() -> None:
     print(f"could not install {', '.join(missing)}: tests that need them are skipped", flush=True)
 
 
-def started(tool: str, *arguments: str, **options: object) -> subprocess.Popen[str]:
+def started(tool: str, *arguments: str, core: str = "", **options: object) -> subprocess.Popen[str]:
     # workers share the cores; processes that tests start need not compile the package anew
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
-    print("+", tool, *arguments, flush=True)
+    if core:
+        environment["OPENBLAS_CORETYPE"] = core
+    print("+", *filter(None, [core]), tool, *arguments, flush=True)
     command = [str(BIN / "python"), "-m", tool, *arguments]
     return subprocess.Popen(command, cwd=ROOT, env=environment, text=True, **options)
 
@@ -64,7 +76,7 @@ def failed(tool: str, status: int) -> bool:
 def main() -> int:
     system()
     if not (BIN / "python").exists():
-        venv.create(ROOT / ".venv", with_pip=True)
+        venv.create(ENVIRONMENT, with_pip=True)
     for check in FIRST:
         if failed(check[0], status := started(*check).wait()):
             return status
@@ -72,7 +84,9 @@ def main() -> int:
     with started(*TYPES, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as types:
         tests = started(*TESTS, *long).wait()
         print(types.communicate()[0], end="", flush=True)
-    return int(failed("pytest", tests) | failed("mypy", types.returncode))
+    cores = CORES if platform.machine() in X86 else ()
+    others = [failed(f"pytest as {core}", started(*SAMPLE, core=core).wait()) for core in cores]
+    return int(failed("pytest", tests) | failed("mypy", types.returncode) | any(others))
 
 
 if __name__ == "__main__":

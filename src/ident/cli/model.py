@@ -276,6 +276,11 @@ def excite(
     periods: int = setting("How often the motion is repeated.", "N", default=3),
     rate: float = setting("Samples a second.", "HZ", default=100.0),
     harmonics: int = setting("Harmonics of the Fourier series.", "N", default=5),
+    around: Paths = setting(
+        "Begin in the middle of this log's motion, and keep its range and speed where the URDF has "
+        "none.",
+        "LOG",
+    ),
     range_: Texts = setting("Range in place of the URDF's.", "JOINT=LOWER:UPPER", "--range"),
     speed: Texts = setting("Largest speed of all drives or of one joint.", BOUND),
     acceleration: Texts = setting("Largest acceleration; a URDF has no such limit.", BOUND),
@@ -306,9 +311,12 @@ def excite(
     from ident.fit.files import read_fit, unfiltered_errors
     from ident.show.card import place_of
 
-    mechanism = model.load(logs=[])  # a motion of the arm: hands are held
+    mechanism = model.load(logs=around or [])  # without a log, hands are held
     output_file(out, LOGS)
     output_file(plot, CHARTS)
+    motion = None
+    if around:  # torques are not asked for
+        motion = MotionOptions(model.mechanism).motion(mechanism, around, torques=False)
     remaining, values = {}, {}
     if fitted := (model.mechanism / "fit.json").is_file():  # of `identify`, or of `grow`
         of_drives = unfiltered_errors(model.mechanism).items()
@@ -346,6 +354,7 @@ def excite(
             separate=separate,
             noise=remaining | named(noise, "--noise", "write NAME=NUMBER, as elbow=1.5", finite),
             values=values,
+            around=motion,
             balance=balance,
             tries=tries,
             seed=seed,

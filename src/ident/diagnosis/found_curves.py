@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.diagnosis.candidates import CandidateColumns, Contest
-from ident.diagnosis.law_search import normal_equations, solved
+from ident.diagnosis.law_search import inverse_root, normal_equations
 from ident.diagnosis.laws import FoundLaw, LossComparison
 from ident.diagnosis.search import Selection
 from ident.effects import Effect, Signals
@@ -105,7 +105,8 @@ def curve_of(
         trials.append((regression.refit_with(C), effect, shape, C))
     refit, effect, shape, C = min(trials, key=lambda trial: float(trial[0].loss.sum()))
     S, g = normal_equations(regression, C)
-    inverse, theta = solved(S, np.eye(len(S))), solved(S, g)
+    root = inverse_root(S)
+    theta = root @ (root.T @ g)
     coordinates = sorted(
         {p.coordinate for p, c in zip(regression.parts, C, strict=True) if c.any()}
     )
@@ -114,7 +115,7 @@ def curve_of(
     )
     x, B = _on_grid(effect, shape)
     torque = B @ theta
-    half = BAND * np.sqrt(noise * np.einsum("nu,uv,nv->n", B, inverse, B))
+    half = BAND * np.sqrt(noise) * np.linalg.norm(B @ root, axis=1)
     weights = [regression.weight[part.coordinate] for part in regression.parts]
     squares = sum(float(np.sum((c @ theta * w) ** 2)) for w, c in zip(weights, C, strict=True))
     compare = LossComparison(refit.affected_coordinates, contest.decision.rival_se)

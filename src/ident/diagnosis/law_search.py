@@ -164,12 +164,21 @@ def fall(S: Array, g: Array) -> float:
     return float(g @ solved(S, g))
 
 
-def solved(S: Array, g: Array) -> Array:
-    """S⁺ g in the directions that are new."""
+def inverse_root(S: Array) -> Array:
+    """Return F (u, r) with S⁺ = F Fᵀ in the r directions that are new.
+
+    Variances b S⁺ bᵀ = |b F|² are never negative, whatever rounding has made of S (u, u).
+    """
     size = np.sqrt(np.where(np.diag(S) > 0, np.diag(S), 1.0))
     values, V = np.linalg.eigh(S / size[:, None] / size)
     good = values > NEW_DIRECTION
-    return np.asarray(((V[:, good] / values[good]) @ (V[:, good].T @ (g.T / size).T)).T / size).T
+    return np.asarray(V[:, good] / np.sqrt(values[good]) / size[:, None])
+
+
+def solved(S: Array, g: Array) -> Array:
+    """Return S⁺ g in the directions that are new."""
+    root = inverse_root(S)
+    return np.asarray(root @ (root.T @ g))
 
 
 REFINED_TERMS = 32  # work: terms whose constants are refined

@@ -25,10 +25,12 @@ from scipy.linalg import cho_factor, cho_solve
 
 from ident.display import Progress, no_progress
 from ident.errors import MotionError, check_whole
+from ident.excite.around import around_motion
 from ident.excite.design import DesignProblem, ExcitingMotion
 from ident.excite.excitation import Criterion, Excitation, with_rivals
 from ident.excite.limits import Limits
 from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
 
 DRAWS = 25  # work: random motions, the best of which each search starts from
 ROUND, STEPS = 30, 150  # work: steps of every search, and of the best one after these, at most
@@ -48,6 +50,7 @@ def excite(
     separate: tuple[str, str] | None = None,
     noise: Mapping[str, float] | None = None,
     values: Mapping[str, float] | None = None,
+    around: Motion | None = None,
     balance: float = 0.5,
     tries: int = 4,
     seed: int = 0,
@@ -69,6 +72,8 @@ def excite(
         noise: expected of the torques, by drive [N m | N]; default 1 % of the limit of torque.
         values: of parameters that are to be identified, as of an earlier fit: in place of the
             mechanism's masses, and of effects, whose torque then counts in the limits.
+        around: a motion of the machine: home is in its middle, and it gives the range and speed of
+            joints that have no limit.
         balance: weight of the condition number beside the log-determinant; 0 ignores it.
         tries: searches, each from the best of 25 random motions; the best of them is finished.
         seed: of these; the same seed gives the same motion.
@@ -105,10 +110,13 @@ def excite(
                 f"separate {separate!r}; valid: two effects, as ('drag:a', 'viscous:a')"
             )
         mechanism = with_rivals(mechanism, separate)
+    limits = limits or Limits()
+    if around is not None:
+        mechanism, limits = around_motion(mechanism, limits, around)
     say = progress or no_progress
     say(f"random motions of {mechanism.name}", 0.0)
     problem = DesignProblem(
-        mechanism, limits or Limits(), duration / periods, harmonics, noise or {}, seed, values
+        mechanism, limits, duration / periods, harmonics, noise or {}, seed, values
     )
     criterion = problem.criterion(separate, balance)
 

@@ -184,6 +184,8 @@ class ChannelEquations:
         """The unknowns (k,) of right-hand sides c (d, r), with weights 1/size (d,), fitted to all
         rows or to all but those of a block.
         """
+        if not self.k:  # everything is known
+            return np.zeros(0)
         k, key = self.k, (block, *np.round(np.log(size), 2))
         others = self.total if block is None else self.total - self.gram_of(block)
         if key not in self.memo:  # R of the Cholesky factors, for unit columns

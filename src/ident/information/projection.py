@@ -311,6 +311,7 @@ class Projection:
         """θ (k,) of the model's columns and (XᵀX)⁻¹ (k, k), weighted; of the smallest norm."""
         A = np.concatenate([self._taken(p, self.model) for p in self.parts])
         b = np.concatenate([p.Y[:, 0] * self.weight[p.coordinate] for p in self.parts])
-        inverse = linear.pinv(A.T @ A, rcond=RANK, hermitian=True)
-        size = self.size[self.model]
-        return (inverse @ (A.T @ b)) / size, inverse / size[:, None] / size
+        # of a factor, not of normal equations: no variance is negative then
+        root = linear.pinv(np.asarray(np.linalg.qr(A, mode="r")), rcond=RANK**0.5)
+        root /= self.size[self.model][:, None]
+        return root @ (root.T @ (A.T @ b * self.size[self.model])), root @ root.T
