@@ -184,7 +184,7 @@ def with_bodies(mechanism: ident.Mechanism, change) -> ident.Mechanism:
         c = body[1:4] / body[0]
         shift = body[0] * (c @ c * np.eye(3) - np.outer(c, c))
         model.inertias[i] = pin.Inertia(body[0], c, symmetric(body[4:]) - shift)
-    return mechanism.alike(model=model)
+    return mechanism.with_same_kinematics(model=model)
 
 
 def eigenvalues(bodies: np.ndarray) -> np.ndarray:

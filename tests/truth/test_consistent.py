@@ -44,7 +44,7 @@ def with_prior(mechanism, change):
     for i in range(1, model.njoints):
         body = change(i - 1, model.inertias[i].toDynamicParameters())
         model.inertias[i] = pin.Inertia.FromDynamicParameters(body)
-    return mechanism.alike(model=model)
+    return mechanism.with_same_kinematics(model=model)
 
 
 @pytest.fixture(scope="module")
