@@ -29,7 +29,8 @@ def test_a_given_range_and_speed_stay():
     motion = ident.complete(mechanism, ident.read_log(ROBOTS / "arm" / "run.csv"))
     given = Limits(range={"yaw": (-0.1, 0.1)}, speed=0.5)
     _, limits = around_motion(mechanism, given, motion)
-    assert limits.range["yaw"] == (-0.1, 0.1) and limits.speed == 0.5
+    assert limits.range["yaw"] == (-0.1, 0.1)
+    assert limits.speed == 0.5
 
 
 def test_no_variance_is_negative_where_normal_equations_are_not_definite():
