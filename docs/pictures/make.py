@@ -1,7 +1,7 @@
 """Makes pictures anew: the report of a diagnosis and the page of `ident monitor` as a browser shows
 them, and charts.
 
-    python docs/pictures/make.py
+    python docs/pictures/make.py [moving]
 
 The machine is the one of `ident demo --seed 1`; charts are of the robots that are shipped. Needs
 playwright and chromium.
@@ -40,11 +40,16 @@ OFFLINE = (
 )  # fmt: skip
 PERIODS, REPEATED = 10.0, 5  # s of whole periods of the shipped log, and how often it is repeated
 FRICTION, CHANGED, NOISE = 0.3, 20.0, 0.015  # N m in the elbow, s from which on; of the torques
+FRAMES = 15  # pictures a second of the moving one
 LESS = "#where-it-fails, .scene, .tools { display: none !important }"
 
 
 def main() -> None:
-    """Diagnose, show, photograph."""
+    """Diagnose, show, photograph; with the word `moving` only the moving picture."""
+    if sys.argv[1:] == ["moving"]:
+        with tempfile.TemporaryDirectory() as folder, sync_playwright() as p:
+            moving(p.chromium.launch(executable_path=CHROMIUM, args=list(OFFLINE)), Path(folder))
+        return
     with tempfile.TemporaryDirectory() as folder:
         report = diagnosed(Path(folder))
         with sync_playwright() as p:
@@ -52,6 +57,7 @@ def main() -> None:
             page = browser.new_page(viewport={"width": WIDTH, "height": 3000}, color_scheme="light")
             page.goto(report.as_uri())
             png = shot(page)
+            moving(browser, Path(folder))
             watched = monitored(browser, Path(folder))
             browser.close()
     picture = Image.open(io.BytesIO(png)).convert("RGB")
@@ -67,6 +73,37 @@ def save(picture: Image.Image, path: Path) -> None:
     few = picture.quantize(COLOURS, dither=Image.Dither.NONE)
     few.save(path, optimize=True)
     print(f"{path.name}: {picture.width} × {picture.height}, {path.stat().st_size} bytes")
+
+
+def moving(browser: Browser, folder: Path) -> None:
+    """The first screen of a grown model of the arm, whose machine moves with the model's ghosts."""
+    mechanism = ident.load(ROBOTS / "arm")
+    with contextlib.chdir(folder):
+        ident.grow(mechanism, ident.complete(mechanism, ROBOTS / "arm" / "run.csv")).write("grown")
+    page = browser.new_page(
+        viewport={"width": 1400, "height": 900}, color_scheme="light", reduced_motion="reduce"
+    )
+    page.goto((folder / "grown" / "report.html").as_uri())
+    page.wait_for_timeout(3000)  # charts are drawn
+    slider = page.locator("figure.scene input")
+    first, last = page.evaluate(
+        "[...document.querySelectorAll('script[id^=data-]')]"
+        ".map(e => JSON.parse(e.textContent).stretch).find(Array.isArray).slice(1)"
+    )
+    pictures = []
+    for moment in np.arange(first, last, 1 / FRAMES):
+        slider.fill(str(moment))
+        slider.dispatch_event("input")
+        page.wait_for_timeout(60)
+        picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+        pictures.append(picture.resize((1050, 675), Image.Resampling.LANCZOS))
+    path, between = PICTURE.with_name("moving.webp"), round(1000 / FRAMES)
+    pictures[0].save(
+        path, save_all=True, append_images=pictures[1:], duration=between, loop=0, quality=60,
+        method=4,
+    )  # fmt: skip
+    print(f"{path.name}: {len(pictures)} pictures, {path.stat().st_size} bytes")
+    page.close()
 
 
 def law() -> Chart:

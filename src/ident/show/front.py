@@ -35,7 +35,7 @@ SHARE, SHORTEST, LONGEST = 0.2, 2.0, 6.0  # shown: of a log, and s, that the str
 FOREST = 12  # shown: identified values, the most certain first
 SPRINGS = ("spring", "elasticity", "cable")  # kinds that are drawn as a coil
 FILM = 400  # shown: pictures of the machine in a report
-HEIGHT = 3.2  # shown: inches of each of the two charts, which together fill a screen
+HEIGHT = 2.6  # shown: inches of each of the two charts, which leave room for the machine
 PERCENTILE_95 = 1.96  # level: standard errors of an interval of 95 %
 
 

@@ -266,8 +266,9 @@ def write(history: History, place: str | Path) -> list[Path]:
         sections = (ladder, *diagnosis_sections(history.diagnosis))
         title = f"{history.mechanism.name}: grown model"
         screen = screen_of(history)
-        below = [table(rows(history), CAPTION, tied=False), *screen.machine]
-        report = report_page(title, history_card(history), sections, screen.front, below)
+        below = [table(rows(history), CAPTION, tied=False)]  # so the machine has room on the right
+        front = [*screen.front, *screen.machine]
+        report = report_page(title, history_card(history), sections, front, below)
     data = {**diagnosis_files(history.diagnosis), "report.html": report}
     data["grow.json"] = json_bytes(history_json(history))
     written = write_instead(history.diagnosis, Path(place), model_files(history.fit) | data)
