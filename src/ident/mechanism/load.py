@@ -42,6 +42,7 @@ from ident.mechanism.description import (
     read_description,
 )
 from ident.mechanism.drives import read_drives
+from ident.mechanism.idle import spins
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
 from ident.mechanism.parameters import Bodies, read_consistency, read_covariance
 from ident.text import listed
@@ -88,6 +89,38 @@ def load(
             path / "identified", allow_code=allow_code, locked=locked, unmeasured=unmeasured
         )
         return _unknown_again(known, path / "fit.json")
+    mechanism = _read(path, allow_code, locked or {}, unmeasured)
+    turned = spins(mechanism)
+    if not turned:
+        return mechanism
+    start = mechanism.found_start  # so that the same configuration is found again
+    angles = {spin.joint: spin.value for spin in turned}
+    mechanism = _read(path, allow_code, locked or {}, unmeasured, angles, start)
+    unseen = {name for spin in turned for name in spin.unseen} & {*mechanism.unknown}
+    rods = listed(dict.fromkeys(link for spin in turned for link in spin.links))
+    at = listed(f"{name} = {value:.4g}" for name, value in angles.items())
+    note = f"{rods} can turn about themselves, which moves nothing else: {at} rad held"
+    if unseen:
+        note += f", and {len(unseen)} parameters that only such a turn shows stay as they are"
+    return replace(
+        mechanism,
+        unknown=tuple(name for name in mechanism.unknown if name not in unseen),
+        notes=(*mechanism.notes, note),
+    )
+
+
+def _read(
+    path: Path,
+    allow_code: bool,
+    locked: Mapping[str, float | None],
+    unmeasured: Collection[str],
+    idle: Mapping[str, float] | None = None,
+    begin: Mapping[str, float] | None = None,
+) -> Mechanism:
+    """Return the mechanism as `load` does; `idle` turns of rods are locked there as well, and the
+    search for an assembled configuration may `begin` elsewhere than the file says.
+    """
+    idle = idle or {}
     toml = _toml_of(path)
     top, urdf, name = TomlTable(str(path)), path, path.stem
     if toml is not None:
@@ -105,7 +138,10 @@ def load(
     loops = (TomlTable(f"{urdf}: loop {i}", table) for i, table in enumerate(source.closures, 1))
     top = replace(top, data=stated(top.data, source))
     robot = parse_urdf(source.urdf, str(urdf))
-    to_lock = _locked(top.table("joints"), locked or {})
+    to_lock = _locked(top.table("joints"), {**locked, **idle})
+    if begin:
+        joints_data = {**top.data["joints"], "start": {**begin}}
+        top = replace(top, data={**top.data, "joints": joints_data})
     chained = _expanded(robot, str(urdf), top, to_lock)
     locks, outside = lock(robot, to_lock, str(urdf))
     tree = build_tree(robot, top.vector("gravity", 3), str(urdf))
@@ -153,6 +189,7 @@ def load(
         urdf=urdf,
         toml=toml,
         locked=locks,
+        idle=tuple(idle),
         chains=chains_of(robot, str(urdf)),
         unmeasured=without,
         consistency=read_consistency(parameters, bodies),
@@ -161,7 +198,8 @@ def load(
     names = [closure.name for closure in mechanism.closures]
     if twice := [name for name in names if names.count(name) > 1]:
         raise top.error(f"two closures are named '{twice[0]}'")
-    at = ", ".join(f"{name} at {value:.4g}" for name, value in locks.items())
+    still = {name: value for name, value in locks.items() if name not in idle}
+    at = ", ".join(f"{name} at {value:.4g}" for name, value in still.items())
     locking = f"locked: {at}" if at else ""
     remarks = [unused_toml(urdf, toml), *source.notes, *tree.notes, locking, *outside]
     closure_joints = (
@@ -179,14 +217,14 @@ def load(
     if "drives" in top:
         for drive in read_drives(top.table("drives"), mechanism.driven):
             mechanism = mechanism + drive
-    still: list[str] = []
+    without_joint: list[str] = []
     for table in effects:
         kind, joints = table.text("kind"), table.data.get("joint", "")
         if kind not in KINDS and "file" not in table:
             valid = f'{one_of(kind, KINDS)}; one of your own needs file = "….py"'
             raise table.error(f"there is no effect '{kind}'; {valid}")
         if isinstance(joints, str) and {*locks} & {*joints.replace(" ", "").split(",")}:
-            still.append(f"{kind}:{joints}")  # its file is not run
+            without_joint.append(f"{kind}:{joints}")  # its file is not run
             continue
         try:
             effect = _effect(table, context)
@@ -195,8 +233,8 @@ def load(
             mechanism = mechanism + effect
         except MechanismError as error:
             raise (error if table.where in str(error) else table.error(str(error))) from None
-    if still:
-        note = f"left out, since a locked joint does not move: {listed(still)}"
+    if without_joint:
+        note = f"left out, since a locked joint does not move: {listed(without_joint)}"
         mechanism = replace(mechanism, notes=(*mechanism.notes, note))
     return mechanism
 
@@ -327,7 +365,10 @@ def _passive_and_start(
 ) -> tuple[set[str], np.ndarray]:
     section.check("passive", "start", "locked", "unmeasured", "order")
     q, places = pin.neutral(tree.model), {joint.name: joint.index for joint in joints}
-    passive, start = section.words("passive"), section.table("start")
+    start = section.table("start")
+    # a chain has no motor, whether it is named here or not
+    chained = {name.rpartition(".")[0] for name in places}
+    passive = [x for x in section.words("passive") if x in places or x not in chained]
     for key, names in (("passive", passive), ("start", start.data)):
         for name in names:
             if name not in places and name not in locked and name.rpartition(".")[0] not in locked:

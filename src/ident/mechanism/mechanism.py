@@ -98,6 +98,7 @@ class Mechanism(Displayed):
         urdf: path of the URDF; toml: of its mechanism.toml, if it has one.
         notes: what was understood otherwise than it is written.
         locked: joints held at a coordinate [rad | m]; they are in none of the above.
+        idle: those of the locked joints whose turn is a rod's about itself.
         chains: ball and floating joints, whose scalar joints are among `joints`.
         unmeasured: driven joints of a tree whose torque has no sensor: their equations, which the
             torques of no other joint need, are left out.
@@ -122,6 +123,7 @@ class Mechanism(Displayed):
     notes: tuple[str, ...] = ()
     locked: Mapping[str, float] = field(default_factory=dict)
     unmeasured: tuple[str, ...] = ()
+    idle: tuple[str, ...] = ()
     chains: tuple[Chain, ...] = ()
     consistency: Consistency = field(default_factory=Consistency)
     covariance: Covariance | None = None

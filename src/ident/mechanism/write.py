@@ -98,6 +98,8 @@ def folder_files(
     document["urdf"] = urdf_name
     if unknown is None and document.get("parameters", {}).get("unknown") == []:
         unknown = mechanism.unknown  # of the folder of a fit, in which all is known
+    if mechanism.idle and unknown is None and "unknown" not in document.get("parameters", {}):
+        document.setdefault("parameters", tomlkit.table())["unknown"] = [*mechanism.unknown]
     if unknown is not None:
         document["parameters"] = {"unknown": list(unknown)}
     files = {urdf_name: urdf}
