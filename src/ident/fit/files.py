@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +21,9 @@ from ident.errors import FitError, MechanismError, missing_file, one_of
 from ident.files import json_bytes, regular, write_all
 from ident.fit.findings import LEAST_MASS, bodies_with_unknowns
 from ident.fit.prediction import Reactions
+from ident.fit.residual import Residual, residual_of
 from ident.fit.result import Fit
+from ident.fit.shapes import initial
 from ident.fit.values import ALPHA, BaseValue, Changes, Value
 from ident.information.blocks import Error
 from ident.mechanism.load import source_of
@@ -251,6 +254,20 @@ class Saved:
     def dynamic_parameters(self) -> np.ndarray:
         """All bodies' ten parameters (10 · bodies,), in Γ's order."""
         return self.point.pi
+
+
+_residuals_before: WeakKeyDictionary[Fit, Residual] = WeakKeyDictionary()
+
+
+def residual_before(fit: Fit) -> Residual:
+    """Return the residual of the earlier fit on a fit's motion, without one that of the URDF's own
+    numbers; it is made once a fit.
+    """
+    if fit not in _residuals_before:
+        point = initial(fit.mechanism, fit.motion)
+        before = fit.earlier or Saved("URDF", fit.mechanism, point)
+        _residuals_before[fit] = residual_of(before, fit.motion)
+    return _residuals_before[fit]
 
 
 def read_fit(path: str | Path, mechanism: Mechanism, *, allow_code: bool = False) -> Saved:

@@ -328,15 +328,6 @@ class Fit(Charted):
         """Residual at the rows of the regression, its parts, and where the model fails."""
         return residual_of(self)
 
-    @cached_property
-    def residual_before(self) -> Residual:
-        """Residual of the earlier fit on this motion; without one, of the URDF's own numbers."""
-        from ident.fit.files import Saved  # a fit.json read back is made of a fit
-        from ident.fit.shapes import initial
-
-        point = initial(self.mechanism, self.motion)
-        return residual_of(self.earlier or Saved("URDF", self.mechanism, point), self.motion)
-
     def predict(self, motion: Motion | None = None) -> list[Prediction]:
         """Return torques, the sum taken apart and multipliers, for this motion or another one."""
         return predict(self.mechanism, self.motion if motion is None else motion, self.point)

@@ -17,6 +17,7 @@ from ident.diagnosis.unobservable import name_of
 from ident.display import renders, writing
 from ident.effects.library import by_kind, named
 from ident.files import json_bytes, jsonable, regular, write_all
+from ident.fit.files import residual_before
 from ident.fit.identify import Comparison
 from ident.fit.residual import Failure
 from ident.fit.values import EffectValues
@@ -179,7 +180,7 @@ def screen_of(d: Diagnosis) -> FirstScreen:
         curves = [x for x in d.curves if x.effect.joints == law.effect.joints]
         front = [*screen.front[:1], *(plot_curve(x, law) for x in curves[:1])]
         return replace(screen, front=front)
-    before = d.fit.residual_before if len(d.fit.columns) else d.fit.residual
+    before = residual_before(d.fit) if len(d.fit.columns) else d.fit.residual
     return first_screen(before, d.fit.residual, marks=marks)
 
 

@@ -12,7 +12,7 @@ from ident.display import renders
 from ident.errors import FitError
 from ident.faults.data_checks import Health
 from ident.fit.consistency import Binding
-from ident.fit.files import Saved, write_fit, write_urdf
+from ident.fit.files import Saved, residual_before, write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Reactions
 from ident.fit.result import Fit
@@ -228,7 +228,7 @@ def card(fit: Fit) -> Card:
     elif not len(fit.columns):  # nothing is unknown: the model is as it was
         before, change = {}, ""
     else:
-        before = fit.residual_before.errors
+        before = residual_before(fit).errors
         # the URDF's numbers, or those of the fit that wrote the mechanism
         own = "the URDF's own" if fit.mechanism.covariance is None else "the earlier"
         change = f"of {short(earlier.name)}" if earlier else f"of {own} numbers"
@@ -321,7 +321,7 @@ renders(Fit, "urdf")(write_urdf)
 def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = ()) -> bytes:
     """Return the report of a fit, with further sections after those of its residual."""
     sections = fit_sections(fit, known, more)
-    before = fit.residual_before if len(fit.columns) else fit.residual
+    before = residual_before(fit) if len(fit.columns) else fit.residual
     screen = first_screen(before, fit.residual)
     front = [*screen.front[:1], forest(fit)]
     title = f"{fit.mechanism.name}: identification"
@@ -336,7 +336,7 @@ def fit_sections(
     `first`: joint that comes first.
     """
     notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
-    prior = fit.residual_before.predictions if len(fit.columns) else ()
+    prior = residual_before(fit).predictions if len(fit.columns) else ()
     changed = [html_table(*each[::-1]) for each in change_tables(fit.changes, 120).items()]
     return (
         Section("What has changed", changed),

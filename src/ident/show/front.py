@@ -17,6 +17,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ident.display import renders
+from ident.fit.files import residual_before
 from ident.fit.identify import Comparison
 from ident.fit.prediction import Prediction
 from ident.fit.residual import Residual, zero_of
@@ -188,7 +189,7 @@ def view_page(c: Comparison, before: Residual | None = None) -> Any:
 
 def view_of_one(fit: Fit) -> Any:
     """Return the page of a fit, with a ghost of the model as it was before."""
-    before = fit.residual_before if len(fit.columns) else None
+    before = residual_before(fit) if len(fit.columns) else None
     return view_page(compared(fit), before)
 
 
