@@ -1,0 +1,239 @@
+"""What is exported: a mechanism with the value of every parameter, as simulators see machines.
+
+    M(q) q̇' + h(q, q̇) + Σ E_k c_k + Jᵀλ = Wᵀτ      all at their values, corrections applied
+
+Lengths, gravity and positions are corrected, so that a target writes what it is given: `geometry`
+moves places, `gravity_tilt` turns gravity, `encoder_offset` is the coordinate at which a joint is
+in the pose of the drawing. Of bodies that cannot exist the nearest possible ones are taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from ident.effects import Effect
+from ident.equations.unknowns import Point
+from ident.errors import MechanismError, one_of
+from ident.fit.files import Saved
+from ident.fit.result import Fit
+from ident.mechanism.description import joint_axis
+from ident.mechanism.mechanism import Joint, Mechanism
+from ident.mechanism.parameters import COUNT, about_origin, pseudo_inertia, split
+from ident.simulate.inverse import point_of
+from ident.simulate.plant import constant_correction
+
+SMALL = 1e-12  # numerics: [kg, kg m²] of a body that is none
+OF_THE_LOG = ("delay", "drift_of_clock")  # kinds that are of how a log was made, not of the machine
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body in its joint's frame."""
+
+    mass: float  # [kg]
+    centre: np.ndarray  # (3,) [m]
+    inertia: np.ndarray  # (3, 3) [kg m²] about the centre
+
+    @classmethod
+    def of(cls, pi: np.ndarray) -> Body:
+        """Take ten dynamic parameters (10,) about the frame's origin."""
+        m, moments, L = split(pi)
+        centre = moments / m if m else np.zeros(3)
+        return cls(m, centre, L - about_origin(m, moments))
+
+    @property
+    def none(self) -> bool:
+        """Whether nothing is there."""
+        return abs(self.mass) < SMALL and bool(np.abs(self.inertia).max() < SMALL)
+
+    def at(self, placement: pin.SE3) -> Body:
+        """Return the body in a frame in which its own is at `placement`."""
+        R = placement.rotation
+        return Body(self.mass, placement.act(self.centre), R @ self.inertia @ R.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A moving link with the joint that moves it."""
+
+    name: str
+    joint: Joint
+    parent: int  # index into `Machine.links`; −1: the ground
+    placement: pin.SE3  # of the joint in its parent's frame, at q = 0
+    axis: np.ndarray  # (3,) in the joint's frame
+    pi: np.ndarray  # (10,) dynamic parameters, without payloads
+    offset: float = 0.0  # true coordinate less the one that is logged [rad | m]
+
+    @property
+    def body(self) -> Body:
+        """The rigid body."""
+        return Body.of(self.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class Machine:
+    """A mechanism at its values.
+
+    Attributes:
+        mechanism: with lengths and gravity corrected, effects at values in `point`.
+        links: moving links in the order of q.
+        point: values of all parameters.
+        substituted: links whose identified bodies cannot exist, with the nearest in their place.
+    """
+
+    mechanism: Mechanism
+    links: tuple[Link, ...]
+    point: Point
+    substituted: tuple[str, ...] = ()
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def name(self) -> str:
+        """Of the mechanism."""
+        return self.mechanism.name
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """(3,) [m/s²]."""
+        return np.array(self.mechanism.model.gravity.linear)
+
+    @cached_property
+    def by_joint(self) -> Mapping[str, Link]:
+        """The links by their joints' names."""
+        return {link.joint.name: link for link in self.links}
+
+    @cached_property
+    def values(self) -> Mapping[str, Mapping[tuple[str, ...], dict[str, float]]]:
+        """Parameters of effects by short name: by kind, then joints; those of no size left out."""
+        found: dict[str, dict[tuple[str, ...], dict[str, float]]] = {}
+        for effect in self.mechanism.effects:
+            c, shape = self.point.of(effect)
+            values = dict(zip((u.name for u in effect.unknowns), map(float, c), strict=True))
+            settings = {name: effect.setting(name) for name in effect.settings}
+            if any(values.values()) or effect.corrects:
+                found.setdefault(effect.kind, {})[effect.joints] = {**settings, **values, **shape}
+        return found
+
+    def value(self, kind: str, joint: str, name: str) -> float:
+        """Return a parameter of an effect at one joint, 0 where there is none."""
+        return self.values.get(kind, {}).get((joint,), {}).get(name, 0.0)
+
+    def payloads(self, link: str) -> np.ndarray | None:
+        """Return the ten parameters (10,) of the payload on a link, if there is one."""
+        found = self.values.get("payload", {}).get((link,))
+        return None if found is None else np.array([*found.values()])
+
+    def total(self, link: Link) -> np.ndarray:
+        """Return the ten parameters (10,) of a link with its payload."""
+        payload = self.payloads(link.name)
+        return link.pi if payload is None else link.pi + payload
+
+    def separate_payload(self, link: Link) -> bool:
+        """Whether both the link and its payload are possible bodies, so that each is one."""
+        payload = self.payloads(link.name)
+        return payload is not None and possible(payload) and possible(link.pi)
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """The assembled configuration (nq,)."""
+        return self.mechanism.assembled
+
+
+def possible(pi: np.ndarray) -> bool:
+    """Return whether ten parameters (10,) are those of a body that can exist."""
+    P = pseudo_inertia(pi)
+    return bool(pi[0] > 0 and np.linalg.eigvalsh(P)[0] > -1e-9 * np.abs(P).max())
+
+
+def machine_of(
+    model: Fit | Saved | Mechanism,
+    values: Mapping[str, float] | None = None,
+    without: Sequence[str] = (),
+) -> Machine:
+    """Return a mechanism, or that of a fit, at the values of all its parameters.
+
+    Args:
+        model: a fit, one read back, or a mechanism whose effects have values.
+        values: other values of parameters, by full name.
+        without: effects that are left out, as `payload:tool`.
+
+    Raises:
+        MechanismError: for an effect without a value, or a name that is not there.
+    """
+    mechanism = model if isinstance(model, Mechanism) else model.mechanism
+    substituted: tuple[str, ...] = ()
+    if isinstance(model, Fit):
+        nearest = model.possible
+        point = model.point if nearest is None else model.problem.point_at(nearest.x)
+        substituted = nearest.links if nearest else ()
+    elif isinstance(model, Saved):
+        point = model.possible or model.point
+        substituted = _changed_links(model)
+    else:
+        point = Point.prior(mechanism)
+    for label in without:
+        mechanism = mechanism.without(label)
+    given = {**(values or {})}
+    pi = mechanism.bodies.with_values(point.pi, given)
+    known = {full for effect in mechanism.effects for full in effect.names}
+    for name in given:
+        if name not in known:
+            raise MechanismError(
+                f"{mechanism.name}: no parameter '{name}'; "
+                f"{one_of(name, [*known, *mechanism.bodies.names])}"
+            )
+    point = point_of(mechanism, {**_of(point, known), **given}, pi)
+    corrected, offsets = mechanism, dict[str, float]()
+    for effect in mechanism.effects:
+        correction = constant_correction(effect, point)
+        corrected = corrected.corrected(correction)
+        offsets |= {name: float(np.ravel(dq)[0]) for name, dq in correction.dq.items()}
+    return Machine(corrected, _links(corrected, point, offsets), point, substituted)
+
+
+def _of(point: Point, names: set[str]) -> dict[str, float]:
+    return {name: float(x) for name, x in point.values.items() if name in names}
+
+
+def _changed_links(saved: Saved) -> tuple[str, ...]:
+    if saved.possible is None:
+        return ()
+    both = zip(
+        saved.mechanism.bodies.links, saved.point.pi.reshape(-1, COUNT),
+        saved.possible.pi.reshape(-1, COUNT), strict=True,
+    )  # fmt: skip
+    return tuple(link for link, a, b in both if not np.allclose(a, b))
+
+
+def _links(
+    mechanism: Mechanism, point: Point, offsets: Mapping[str, float]
+) -> tuple[Link, ...]:
+    model, links = mechanism.model, []
+    joints = {joint.name: joint for joint in mechanism.joints}
+    for index in range(1, model.njoints):
+        if model.joints[index].nq != 1:
+            raise MechanismError(
+                f"{mechanism.name}: joint '{model.names[index]}' has several coordinates, which no "
+                "target holds; lock it: --lock " + model.names[index]
+            )
+        name, link = model.names[index], mechanism.bodies.links[index - 1]
+        pi = point.pi[mechanism.bodies.columns(link)]
+        links.append(
+            Link(
+                link, joints[name], model.parents[index] - 1, model.jointPlacements[index].copy(),
+                joint_axis(model, index), pi, offsets.get(name, 0.0),
+            )
+        )  # fmt: skip
+    return tuple(links)
+
+
+def without_effects(machine: Machine, effects: Sequence[Effect]) -> Machine:
+    """Return the machine without some of its effects."""
+    labels = {effect.label for effect in effects}
+    rest = tuple(e for e in machine.mechanism.effects if e.label not in labels)
+    return replace(machine, mechanism=replace(machine.mechanism, effects=rest))
