@@ -31,6 +31,7 @@ DURATION = 3.0  # range: [s] of the motion that numbers are fitted to
 RATE = 500.0  # range: [Hz] at which motions are compared
 STEPS = 6  # work: of Gauss–Newton
 DIFFERENCE = 1e-3  # numerics: of a parameter's size, for forward differences
+PULL = 3e-3  # numerics: of the largest column: what no motion tells stays at its physical value
 ENOUGH = 1e-3  # numerics: relative fall of the sum of squares below which the search ends
 PHYSICAL = 0.02  # shown: relative change from which a number is said to be no longer physical
 TOLERANCE = 1e-8  # numerics: of the exact motion
@@ -84,7 +85,7 @@ def bare(machine: Machine) -> Mechanism:
         for effect in machine.mechanism.effects
         if not effect.corrects and not effect.not_integrable and not effect.reads()
     ]
-    return replace(machine.mechanism, effects=tuple(effects))
+    return replace(machine.drawing, effects=tuple(effects))
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,23 +221,32 @@ def fit_numbers(
         start, size = np.append(start, numbers.soft or 0.02), np.append(size, 2 * numbers.step)
     x, now = start, motion(start) - exact.q
     before = cost = float(np.sum(now**2))
+    pull = 0.0
+
+    def penalty(x: np.ndarray) -> np.ndarray:
+        return pull * (x - start) / size
+
     for k in range(STEPS if len(x) else 0):
         progress("fitting to the target's law", k / STEPS)
         h = DIFFERENCE * size * (50.0 if fit_soft else 1.0) ** (np.arange(len(x)) == len(x) - 1)
         columns = [(motion(x + h * e) - exact.q - now).ravel() / h[i] for i, e in enumerate(np.eye(len(x)))]
         J = np.stack(columns, axis=1) * size
-        step = np.linalg.lstsq(J, -now.ravel(), rcond=1e-4)[0] * size
+        pull = pull or PULL * float(np.linalg.norm(J, axis=0).max())
+        A = np.vstack([J, pull * np.eye(len(x))])
+        b = np.concatenate([-now.ravel(), -penalty(x)])
+        step = np.linalg.lstsq(A, b, rcond=None)[0] * size
+        cost = float(np.sum(now**2) + np.sum(penalty(x) ** 2))
         for share in (1.0, 0.5, 0.2, 0.05):
             trial = np.maximum(x + share * step, 0.0)
             if fit_soft:
                 trial[-1] = max(trial[-1], 2 * numbers.step)
             rest = motion(trial) - exact.q
-            if np.isfinite(rest).all() and np.sum(rest**2) < cost:
+            new_cost = float(np.sum(rest**2) + np.sum(penalty(trial) ** 2))
+            if np.isfinite(rest).all() and new_cost < cost:
                 break
         else:
             break
-        fall = 1 - float(np.sum(rest**2)) / cost
-        x, now, cost = trial, rest, float(np.sum(rest**2))
+        fall, x, now = 1 - new_cost / cost, trial, rest
         if fall < ENOUGH:
             break
     new, at = made(x)
@@ -246,7 +256,11 @@ def fit_numbers(
         for (name, word), old, value in zip(keys, start, x, strict=False)
     }
     count = exact.q.size
-    return Fitted(new, at, np.sqrt(before / count), np.sqrt(cost / count), changed)
+    return Fitted(new, at, _rms(before, count), _rms(float(np.sum(now**2)), count), changed)
+
+
+def _rms(total: float, count: int) -> float:
+    return float(np.sqrt(total / count))
 
 
 def error_of(text: bytes, laws: Mapping[str, JointLaws], machine: Machine, exact: Exact) -> dict[str, float]:

@@ -318,7 +318,7 @@ def _nearest(
 
 def felt_inertia(machine: Machine) -> dict[str, float]:
     """Return by joint the inertia [kg m² | kg] that its drive feels at the start."""
-    mechanism, q = machine.mechanism, machine.start
+    mechanism, q = machine.drawing, machine.start
     model = mechanism.model.copy()
     for link in machine.links:
         index = model.getJointId(link.joint.name)

@@ -10,13 +10,12 @@ in the pose of the drawing. Of bodies that cannot exist the nearest possible one
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
-from ident.effects import Effect
 from ident.equations.unknowns import Point
 from ident.errors import MechanismError, one_of
 from ident.fit.files import Saved
@@ -28,7 +27,6 @@ from ident.simulate.inverse import point_of
 from ident.simulate.plant import constant_correction
 
 SMALL = 1e-12  # numerics: [kg, kg m²] of a body that is none
-OF_THE_LOG = ("delay", "drift_of_clock")  # kinds that are of how a log was made, not of the machine
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,17 +78,18 @@ class Machine:
     """A mechanism at its values.
 
     Attributes:
-        mechanism: with lengths and gravity corrected, effects at values in `point`.
+        mechanism: as it was given, with its effects.
+        drawing: the same with lengths and gravity corrected by them.
         links: moving links in the order of q.
         point: values of all parameters.
         substituted: links whose identified bodies cannot exist, with the nearest in their place.
     """
 
     mechanism: Mechanism
+    drawing: Mechanism
     links: tuple[Link, ...]
     point: Point
     substituted: tuple[str, ...] = ()
-    notes: tuple[str, ...] = field(default=())
 
     @property
     def name(self) -> str:
@@ -100,7 +99,7 @@ class Machine:
     @property
     def gravity(self) -> np.ndarray:
         """(3,) [m/s²]."""
-        return np.array(self.mechanism.model.gravity.linear)
+        return np.array(self.drawing.model.gravity.linear)
 
     @cached_property
     def by_joint(self) -> Mapping[str, Link]:
@@ -141,7 +140,7 @@ class Machine:
     @cached_property
     def start(self) -> np.ndarray:
         """The assembled configuration (nq,)."""
-        return self.mechanism.assembled
+        return self.drawing.assembled
 
 
 def possible(pi: np.ndarray) -> bool:
@@ -193,7 +192,7 @@ def machine_of(
         correction = constant_correction(effect, point)
         corrected = corrected.corrected(correction)
         offsets |= {name: float(np.ravel(dq)[0]) for name, dq in correction.dq.items()}
-    return Machine(corrected, _links(corrected, point, offsets), point, substituted)
+    return Machine(mechanism, corrected, _links(corrected, point, offsets), point, substituted)
 
 
 def _of(point: Point, names: set[str]) -> dict[str, float]:
@@ -231,9 +230,3 @@ def _links(
         )  # fmt: skip
     return tuple(links)
 
-
-def without_effects(machine: Machine, effects: Sequence[Effect]) -> Machine:
-    """Return the machine without some of its effects."""
-    labels = {effect.label for effect in effects}
-    rest = tuple(e for e in machine.mechanism.effects if e.label not in labels)
-    return replace(machine, mechanism=replace(machine.mechanism, effects=rest))

@@ -200,7 +200,7 @@ class _Writer:
 
     def _closures(self, tendon: etree._Element, equality: etree._Element) -> None:
         solver = {"solref": words([self.numbers.closure, 1]), "solimp": STIFF}
-        for closure in self.machine.mechanism.closures:
+        for closure in self.machine.drawing.closures:
             if closure.kind not in CLOSURES:
                 raise MechanismError(
                     f"closure '{closure.name}' of kind {closure.kind}: MuJoCo has no such "
@@ -277,7 +277,7 @@ class _Writer:
         )  # fmt: skip
 
     def _placed(self, frame: Frame, q: np.ndarray) -> pin.SE3:
-        model = self.machine.mechanism.model
+        model = self.machine.drawing.model
         data = model.createData()
         pin.forwardKinematics(model, data, q)
         return data.oMi[frame.joint] * frame.placement
