@@ -19,6 +19,7 @@ ORDER = (
     ("fit",),
     ("diagnosis",),
     ("simulate",),
+    ("export",),
     ("excite",),
     ("montecarlo",),
     ("streams",),

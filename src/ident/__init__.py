@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
     __version__: str
 
-VERBS = frozenset(("effects", "excite", "simulate"))  # packages that are functions' names, too
+VERBS = frozenset(
+    ("effects", "excite", "export", "simulate")
+)  # packages that are functions' names, too
 
 
 class _Ident(ModuleType):

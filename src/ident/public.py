@@ -9,6 +9,7 @@ from ident.effects import Effect, read_user_effect, user_effect
 from ident.effects import create as effect
 from ident.errors import FitError, IdentError, LogError, MechanismError, MotionError
 from ident.excite import Excitation, Limits, excite
+from ident.export import Export, export
 from ident.fit import Fit, identify
 from ident.fit.files import Saved, read_fit, write_fit
 from ident.fit.identify import Comparison, compare
@@ -39,16 +40,18 @@ from ident.streams.online import Online, Snapshot
 
 compare, complete, diagnose = watched(compare), watched(complete), watched(diagnose)
 diagnose_each, excite, explore = watched(diagnose_each), watched(excite), watched(explore)
+export = watched(export)
 gather, grow, identify = watched(gather), watched(grow), watched(identify)
 integrate, monte_carlo, replay = watched(integrate), watched(monte_carlo), watched(replay)
 
 __all__ = [
     "PD", "Alarm", "Column", "Comparison", "ComputedTorque", "Consistency", "Diagnosis", "Effect",
-    "Excitation", "Exploration", "Fit", "FitError", "Gathered", "Health", "History", "IdentError",
-    "Limits", "Log", "LogError", "Mechanism", "MechanismError", "Monitor", "MonteCarlo", "Motion",
-    "MotionError", "Multipliers", "Noise", "Online", "Replay", "Residual", "Run", "Saved",
+    "Excitation", "Exploration", "Export", "Fit", "FitError", "Gathered", "Health", "History",
+    "IdentError", "Limits", "Log", "LogError", "Mechanism", "MechanismError", "Monitor",
+    "MonteCarlo", "Motion", "MotionError", "Multipliers", "Noise", "Online", "Replay", "Residual",
+    "Run", "Saved",
     "Snapshot", "Torques", "Verdicts", "absolute", "compare", "complete", "diagnose",
-    "diagnose_each", "effect", "effects", "excite", "explore", "gather", "grow", "health",
+    "diagnose_each", "effect", "effects", "excite", "explore", "export", "gather", "grow", "health",
     "identify", "integrate", "load", "monte_carlo", "read_fit", "read_log",
     "read_user_effect", "replay", "residual_of", "simulate", "user_effect", "where", "write_fit",
 ]  # fmt: skip

@@ -93,10 +93,16 @@ class XmlEdit:
             self._new[(element.start, name)] = "\0"
             del element.attributes[name]
 
-    def insert(self, parent: Element, tag: str, attributes: dict[str, str], last: bool = False) -> None:
-        """Add an empty element as the first (or last) child of another one, on a line of its own."""
+    def insert(
+        self, parent: Element, tag: str, attributes: dict[str, str], last: bool = False
+    ) -> None:
+        """Add an empty element as the first (or last) child of another one, on its own line."""
         text = " ".join([tag, *(f"{name}={quoteattr(x)}" for name, x in attributes.items())])
-        self._inserted.setdefault(parent.start * 2 + last, []).append(f"<{text}/>".encode())
+        self.insert_text(parent, f"<{text}/>", last)
+
+    def insert_text(self, parent: Element, text: str, last: bool = False) -> None:
+        """Add the text of an element in the same way."""
+        self._inserted.setdefault(parent.start * 2 + last, []).append(text.encode())
 
     def result(self) -> bytes:
         """Return the bytes of the changed file."""

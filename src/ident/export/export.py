@@ -127,9 +127,7 @@ def export(
     )  # fmt: skip
     product = target.write(job)
     notes = [*_substituted(machine), *product.notes]
-    made = Export(
-        target, machine, product.translation, product.files, path.parent, tuple(notes)
-    )
+    made = Export(target, machine, product.translation, product.files, path.parent, tuple(notes))
     if not replayed:
         return made
     if motion is None:
@@ -149,9 +147,7 @@ def _check_like(target: Target, like: Path, out: Path) -> None:
         raise IdentError(f"--out {out}: is the file of --like, which stays; give another name")
 
 
-def _motion_of(
-    model: Fit | Saved | Mechanism, mechanism: Mechanism, log: object
-) -> Motion | None:
+def _motion_of(model: Fit | Saved | Mechanism, mechanism: Mechanism, log: object) -> Motion | None:
     if isinstance(log, Motion):
         return log
     if log is None:
@@ -196,7 +192,5 @@ def _replays(
 
 def largest_error(replays: Replay, model: str) -> float:
     """Return the largest error of a model's motion over joints, as a share of the way."""
-    shares = [
-        error.relative or 0.0 for run in replays.runs[model] for error in run.errors.values()
-    ]
+    shares = [error.relative or 0.0 for run in replays.runs[model] for error in run.errors.values()]
     return float(np.nanmax(shares, initial=0.0))

@@ -1,8 +1,8 @@
 """Numbers of a simulator's own laws with which it moves as the machine does.
 
 MuJoCo's dry friction is soft and its damping implicit, both depend on the step: with true values a
-motion is off by 0.5 mrad at 1 ms. The numbers θ = (damping, frictionloss, armature of each joint,
-time constant of friction) are therefore those whose motion is nearest to the exact one, under the
+motion is off by 0.5 mrad at 1 ms. The numbers θ = (damping, frictionloss of each joint, time
+constant of friction) are therefore those whose motion is nearest to the exact one, under the
 same controller:
 
     θ = argmin Σ_k |q(t_k; θ) − q_exact(t_k)|²        (Gauss–Newton on rollouts, θ ≥ 0)
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,9 @@ class Fitted:
     numbers: Numbers
     before: float  # rms [rad | m] of the motion with the physical values
     after: float  # the same with the fitted ones
-    changed: Mapping[str, tuple[float, float]]  # physical and fitted value by name, where they differ
+    changed: Mapping[
+        str, tuple[float, float]
+    ]  # physical and fitted value by name, where they differ
 
     @property
     def notes(self) -> list[str]:
@@ -72,10 +75,13 @@ def controller(machine: Machine) -> dict[str, tuple[float, float]]:
             continue
         servo = machine.values.get("servo", {}).get((name,))
         m = inertia[name]
-        gains[name] = (
-            (servo["kp"], servo["kd"]) if servo else (BANDWIDTH**2 * m, 2 * BANDWIDTH * m)
-        )
+        gains[name] = (servo["kp"], servo["kd"]) if servo else (BANDWIDTH**2 * m, 2 * BANDWIDTH * m)
     return gains
+
+
+def servos(machine: Machine) -> bool:
+    """Return whether the file has position servos, whose damping then is part of its law."""
+    return bool(machine.values.get("servo"))
 
 
 def bare(machine: Machine) -> Mechanism:
@@ -95,8 +101,10 @@ class Exact:
     t: np.ndarray  # (n,)
     q: np.ndarray  # (n, links) true coordinates
     gains: Mapping[str, tuple[float, float]]
-    command: Callable[[np.ndarray], np.ndarray]  # times (m,) → Kp q_ref + Kd v_ref (m, drives)
-    start: tuple[np.ndarray, np.ndarray]  # q, v (links,)
+    # times (m,), step [s] → Kp q_ref + Kd v_ref (m, drives), rates half a step later, where the
+    # implicit method takes them
+    command: Callable[[np.ndarray, float], np.ndarray]
+    start: tuple[np.ndarray, np.ndarray, np.ndarray]  # q, v, a (links,)
 
 
 def exact_motion(
@@ -131,10 +139,13 @@ def exact_motion(
         v = q.derivative() if rate is None else CubicSpline(reference.t, rate)
         series.append((kp, kd, q, v))
 
-    def command(t: np.ndarray) -> np.ndarray:
-        return np.stack([kp * q(t) + kd * v(t) for kp, kd, q, v in series], axis=1)
+    later = 0.0 if servos(machine) else 0.5  # a servo's damping is in the file, as it is
 
-    return Exact(run.t, run.y[:, tree], gains, command, (run.y[0, tree], run.yd[0, tree]))
+    def command(t: np.ndarray, dt: float) -> np.ndarray:
+        return np.stack([kp * q(t) + kd * v(t + later * dt) for kp, kd, q, v in series], axis=1)
+
+    start = run.y[0, tree], run.yd[0, tree], run.ydd[0, tree]
+    return Exact(run.t, run.y[:, tree], gains, command, start)
 
 
 class Rollouts:
@@ -150,22 +161,23 @@ class Rollouts:
         constant = {name: b for name, x in laws.items() if (b := bias_of(x))}
         return self.of_model(with_controllers(text, self.exact.gains, constant))
 
-    def of_model(self, model: object) -> np.ndarray:
+    def of_model(self, model: Any) -> np.ndarray:
         """Return the same of a model with controllers, the drives' first."""
         exact = self.exact
-        at_q, at_v = joint_places(model, self.names)  # type: ignore[arg-type]
-        qpos, qvel = np.zeros(model.nq), np.zeros(model.nv)  # type: ignore[attr-defined]
-        qpos[at_q], qvel[at_v] = exact.start[0] - self.offsets, exact.start[1]
-        dt = float(model.opt.timestep)  # type: ignore[attr-defined]
+        at_q, at_v = joint_places(model, self.names)
+        qpos, qvel = np.zeros(model.nq), np.zeros(model.nv)
+        dt = float(model.opt.timestep)
+        q0, v0, a0 = exact.start
+        qpos[at_q], qvel[at_v] = q0 - self.offsets, v0 - 0.5 * dt * a0
         span = float(exact.t[-1] - exact.t[0])
         times = exact.t[0] + dt * np.arange(int(np.ceil(span / dt - 1e-9)) + 1)
-        control = np.zeros((len(times) - 1, model.nu))  # type: ignore[attr-defined]
-        command = exact.command(times[:-1])
+        control = np.zeros((len(times) - 1, model.nu))
+        command = exact.command(times[:-1], dt)
         # coordinates of the file are true ones less the encoders' offsets
         kp = [exact.gains[name][0] for name in exact.gains]
         offset = [self.machine.by_joint[name].offset for name in exact.gains]
         control[:, : command.shape[1]] = command - np.multiply(kp, offset)
-        q, v = simulated(model, qpos, qvel, control)  # type: ignore[arg-type]
+        q, v = simulated(model, qpos, qvel, control)
         from scipy.interpolate import CubicHermiteSpline
 
         states = CubicHermiteSpline(times, q[:, at_q] + self.offsets, v[:, at_v])
@@ -196,7 +208,7 @@ def fit_numbers(
     keys = [
         (name, word)
         for name, laws in translation.laws.items()
-        for word in ("viscous", "coulomb", "armature")
+        for word in ("viscous", "coulomb", *(["armature"] if servos(translation.machine) else []))
         if getattr(laws, word) > 0
     ]
     inertia = felt_inertia(translation.machine)
@@ -205,7 +217,8 @@ def fit_numbers(
     def made(x: np.ndarray) -> tuple[Translation, Numbers]:
         laws = dict(translation.laws)
         for (name, word), value in zip(keys, x, strict=False):
-            laws[name] = replace(laws[name], **{word: float(value)})
+            number: dict[str, Any] = {word: float(value)}
+            laws[name] = replace(laws[name], **number)
         constant = max(float(x[-1]), 2 * numbers.step) if fit_soft else numbers.soft
         return replace(translation, laws=laws), replace(numbers, soft=constant)
 
@@ -229,7 +242,9 @@ def fit_numbers(
     for k in range(STEPS if len(x) else 0):
         progress("fitting to the target's law", k / STEPS)
         h = DIFFERENCE * size * (50.0 if fit_soft else 1.0) ** (np.arange(len(x)) == len(x) - 1)
-        columns = [(motion(x + h * e) - exact.q - now).ravel() / h[i] for i, e in enumerate(np.eye(len(x)))]
+        columns = [
+            (motion(x + h * e) - exact.q - now).ravel() / h[i] for i, e in enumerate(np.eye(len(x)))
+        ]
         J = np.stack(columns, axis=1) * size
         pull = pull or PULL * float(np.linalg.norm(J, axis=0).max())
         A = np.vstack([J, pull * np.eye(len(x))])
@@ -263,7 +278,9 @@ def _rms(total: float, count: int) -> float:
     return float(np.sqrt(total / count))
 
 
-def error_of(text: bytes, laws: Mapping[str, JointLaws], machine: Machine, exact: Exact) -> dict[str, float]:
+def error_of(
+    text: bytes, laws: Mapping[str, JointLaws], machine: Machine, exact: Exact
+) -> dict[str, float]:
     """Return by joint the rms [rad | m] between a model's motion and the exact one."""
     compiled(text)
     off = Rollouts(machine, exact).motion(text, laws) - exact.q

@@ -159,9 +159,7 @@ def _exact(machine: Machine, joint: str, words: Vocabulary) -> JointLaws:
 def _sayable(machine: Machine, effect: Effect, words: Vocabulary) -> bool:
     if effect.kind == "cable":
         return effect.setting("degree") <= words.degree
-    if effect.corrects and effect.implicit:
-        return False
-    return True
+    return not (effect.corrects and effect.implicit)
 
 
 # --- sizes ----------------------------------------------------------------------------------------
@@ -180,7 +178,7 @@ def nominal_motion(mechanism: Mechanism) -> Motion:
     q0 = mechanism.assembled
     error: IdentError | None = None
     for amplitude in AMPLITUDES:
-        columns = {}
+        columns: dict[str, np.ndarray] = {}
         for i, name in enumerate(joints):
             joint, w = mechanism.joint(name), 2 * np.pi * FREQUENCY * (1 + 0.3 * i)
             span = min(amplitude, 0.25 * (joint.upper - joint.lower)) * (
@@ -227,7 +225,7 @@ class _Measured:
         if joint is None or effect.corrects:
             return self._of_correction(effect, where), None
         c, shape = self.machine.point.of(effect)
-        torque, q, v, still, signs = [], [], [], [], []
+        torque, q, v, signs = (list[np.ndarray]() for _ in range(4))
         for scene in self.scenes:
             use = scene.e.usable
             torque.append((scene.samples.columns(effect, shape)[:, i] @ c)[use])
@@ -264,7 +262,13 @@ class _Measured:
         rotational = effect.rotational
         units = ("N m", "rad") if rotational else ("N", "m")
         return Lost(
-            effect.label, where, size * as_torque, largest * as_torque, size * as_torque, size, units
+            effect.label,
+            where,
+            size * as_torque,
+            largest * as_torque,
+            size * as_torque,
+            size,
+            units,
         )
 
 
@@ -332,14 +336,15 @@ def felt_inertia(machine: Machine) -> dict[str, float]:
         i = link.joint.index
         M[i, i] += machine.value("rotor_inertia", link.joint.name, "Ia")
     if not mechanism.closures:
-        return {link.joint.name: float(M[link.joint.index, link.joint.index]) for link in machine.links}
+        return {
+            link.joint.name: float(M[link.joint.index, link.joint.index]) for link in machine.links
+        }
     J = mechanism.kinematics.closure_rows(q[None]).rate[0]
     Z = linear.svd(J)[2][mechanism.rank :].T
     mobility = Z @ linear.pinv(Z.T @ M @ Z, 1e-9) @ Z.T
     diagonal = np.diag(mobility)
     return {
-        link.joint.name: float(1 / max(diagonal[link.joint.index], 1e-12))
-        for link in machine.links
+        link.joint.name: float(1 / max(diagonal[link.joint.index], 1e-12)) for link in machine.links
     }
 
 

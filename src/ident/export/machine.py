@@ -45,6 +45,11 @@ class Body:
         return cls(m, centre, L - about_origin(m, moments))
 
     @property
+    def six(self) -> np.ndarray:
+        """(6,) xx, yy, zz, xy, xz, yz of its inertia."""
+        return self.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+    @property
     def none(self) -> bool:
         """Whether nothing is there."""
         return abs(self.mass) < SMALL and bool(np.abs(self.inertia).max() < SMALL)
@@ -209,9 +214,7 @@ def _changed_links(saved: Saved) -> tuple[str, ...]:
     return tuple(link for link, a, b in both if not np.allclose(a, b))
 
 
-def _links(
-    mechanism: Mechanism, point: Point, offsets: Mapping[str, float]
-) -> tuple[Link, ...]:
+def _links(mechanism: Mechanism, point: Point, offsets: Mapping[str, float]) -> tuple[Link, ...]:
     model, links = mechanism.model, []
     joints = {joint.name: joint for joint in mechanism.joints}
     for index in range(1, model.njoints):
@@ -229,4 +232,3 @@ def _links(
             )
         )  # fmt: skip
     return tuple(links)
-

@@ -381,7 +381,7 @@ def actuator(
 ) -> dict[str, str]:
     """Return the attributes of a joint's actuator, its element under `tag`.
 
-        force = gain · control − constant − kp q − kd q̇
+    force = gain · control − constant − kp q − kd q̇
     """
     name, values = link.joint.name, machine.values
     servo = values.get("servo", {}).get((name,))
@@ -415,10 +415,9 @@ def actuator(
 
 
 def _inertial(body: etree._Element, inertia: Body) -> None:
-    I = inertia.inertia
     etree.SubElement(
         body, "inertial", pos=words(inertia.centre), mass=words([inertia.mass]),
-        fullinertia=words([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]),
+        fullinertia=words(inertia.six),
     )  # fmt: skip
 
 

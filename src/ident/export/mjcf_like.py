@@ -23,7 +23,8 @@ from ident.files import regular
 from ident.mechanism.description import words
 
 EQUAL = 1e-9  # numerics: relative difference below which a number of the file is right already
-DEGREES = 180 / np.pi
+SIZE = 1e-3  # numerics: [m] of a body, by which a change of its centre is measured
+DEGREES = 180 / np.pi  # range: of a radian
 JOINTS = ("joint", "freejoint")
 
 
@@ -91,9 +92,7 @@ class LikeMjcf:
                 j = model.joint(link.joint.name).id
                 body = int(model.jnt_bodyid[j])
                 R, p = data.xmat[body].reshape(3, 3).copy(), data.xpos[body].copy()
-                frames.append(
-                    pin.SE3(R, p).inverse() * own.oMi[tree.getJointId(link.joint.name)]
-                )
+                frames.append(pin.SE3(R, p).inverse() * own.oMi[tree.getJointId(link.joint.name)])
             found.append(frames)
         for name, one, other in zip(names, *found, strict=True):
             last = self._is_last(name)
@@ -140,9 +139,7 @@ class LikeMjcf:
 
     # --- joints ---------------------------------------------------------------------------------
 
-    def _joint(
-        self, edit: XmlEdit, element: Element, wanted: dict[str, str], name: str
-    ) -> None:
+    def _joint(self, edit: XmlEdit, element: Element, wanted: dict[str, str], name: str) -> None:
         model = self.model
         j = [model.joint(i).name for i in range(model.njnt)].index(name)
         dof = int(model.jnt_dofadr[j])
@@ -208,7 +205,7 @@ class LikeMjcf:
         self._write_inertia(edit, body, Body.of(wanted))
 
     def _fixed(self, body: int) -> np.ndarray:
-        """Return the ten parameters of a fixed body and those fixed to it, in its parent's frame."""
+        """Return the ten parameters of a fixed body and those fixed to it, in its parent."""
         model = self.model
         total = self._present(body)
         for child in range(body + 1, model.nbody):
@@ -227,8 +224,7 @@ class LikeMjcf:
         return _dynamic(float(model.body_mass[body]), np.array(model.body_ipos[body]), inertia)
 
     def _write_inertia(self, edit: XmlEdit, body: Element, new: Body) -> None:
-        I = new.inertia
-        full = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
+        full = [*new.six]
         inertial = body.find("inertial")
         compiler = edit.root.find("compiler")
         if compiler is not None and compiler.attributes.get("inertiafromgeom") == "true":
@@ -240,8 +236,10 @@ class LikeMjcf:
         diagonal = "diaginertia" in inertial.attributes and not np.any(full[3:])
         turned = [key for key in ("quat", "axisangle", "xyaxes", "zaxis", "euler")
                   if key in inertial.attributes]  # fmt: skip
+        old = _numbers(inertial.attributes.get("pos", "0 0 0"))
         for key, value in values.items():
-            edit.set(inertial, key, value)
+            if key != "pos" or np.abs(old - new.centre).max() > EQUAL * SIZE:
+                edit.set(inertial, key, value)
         for key in turned:
             edit.remove(inertial, key)
         if diagonal:
@@ -285,6 +283,10 @@ class LikeMjcf:
             for key in ("kp", "kv", "forcerange", "gainprm", "biastype", "biasprm"):
                 if key in wanted:
                     edit.set(element, key, wanted[key])
+
+
+def _numbers(text: str) -> np.ndarray:
+    return np.array([float(x) for x in text.split()])
 
 
 def _moved(pi: np.ndarray, placement: pin.SE3) -> np.ndarray:

@@ -37,7 +37,9 @@ def write(job: Job) -> Product:
             notes += result.notes
         except IdentError as error:
             notes.append(
-                INSTALLED if "needs MuJoCo" in str(error) else f"numbers are the physical ones: {error}"
+                INSTALLED
+                if "needs MuJoCo" in str(error)
+                else f"numbers are the physical ones: {error}"
             )
     name = job.out.name
     return Product({name: make(translation, numbers)}, translation, tuple(notes))

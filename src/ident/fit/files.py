@@ -353,10 +353,10 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
 
     def point_of(values: Mapping[str, float | None]) -> Point:
         given = {name: float(value) for name, value in values.items() if value is not None}
-        start = Point(grown.bodies.with_values(grown.prior, {**given}), given)
-        return start.at(grown, columns, start.unknowns(columns))
+        return Point(grown.bodies.with_values(grown.prior, {**given}), given)
 
-    point, nearest = point_of(values), data.get("possible")
+    start, nearest = point_of(values), data.get("possible")
+    point = start.at(grown, columns, start.unknowns(columns))
     possible = None if nearest is None else point_of({**values, **nearest["parameters"]})
     cutoff = filtered["cutoff"] if (filtered := data.get("filter")) else "auto"
     errors = data.get("error") or {}
@@ -422,21 +422,29 @@ def identified_urdf(fit: Fit, *, possible: bool = True) -> bytes:
     else:
         pi = fit.columns.dynamic_parameters(mechanism, nearest.x)
     text, where = source_of(mechanism).urdf, str(mechanism.urdf)
+    inertials = link_inertials(mechanism, pi, bodies_with_unknowns(mechanism))
+    return with_inertials(text, where, inertials)
+
+
+def link_inertials(
+    mechanism: Mechanism, pi: np.ndarray, links: Iterable[str]
+) -> dict[str, np.ndarray | None]:
+    """Return by link of a URDF the ten parameters (10,) that its own `<inertial>` says, None for
+    one that is left out, so that some bodies have parameters `pi` (10 · bodies,).
+    """
     inertials: dict[str, np.ndarray | None] = {}
-    for link in bodies_with_unknowns(mechanism):
+    for link in links:
         body = pi[mechanism.bodies.columns(link)]
         joint = mechanism.bodies.links.index(link) + 1
-        of_link = body - (fixed := fixed_parameters(mechanism.model, joint))
-        rest, of_body = (
-            np.linalg.eigvalsh(pseudo_inertia(parameters))[0] for parameters in (of_link, body)
-        )
+        own = body - (fixed := fixed_parameters(mechanism.model, joint))
+        rest, whole = (np.linalg.eigvalsh(pseudo_inertia(each))[0] for each in (own, body))
         # without its fixed links it must have mass, and be possible if the body is
-        if fixed.any() and not (of_link[0] > 0 and (rest > 0 or of_body <= 0)):
-            of_link = body  # nothing is left for the link itself: it takes the whole body
-            links = (f for f in mechanism.model.frames if f.type == pin.FrameType.BODY)
-            inertials |= dict.fromkeys(f.name for f in links if f.parentJoint == joint)
-        inertials[link] = of_link
-    return with_inertials(text, where, inertials)
+        if fixed.any() and not (own[0] > 0 and (rest > 0 or whole <= 0)):
+            own = body  # nothing is left for the link itself: it takes the whole body
+            frames = (f for f in mechanism.model.frames if f.type == pin.FrameType.BODY)
+            inertials |= dict.fromkeys(f.name for f in frames if f.parentJoint == joint)
+        inertials[link] = own
+    return inertials
 
 
 def _with_masses(fit: Fit) -> np.ndarray:

@@ -184,12 +184,17 @@ class _MjcfModel:
         return float(self.model.qpos0[self.model.jnt_qposadr[j]]) if scalar else 0.0
 
     def _start(self, j: int) -> dict[str, float]:
-        """Return where a joint starts; a free one, where its body is in the world."""
+        """Return where a joint starts, in the key `start` if there is one, as in models that
+        `ident export` writes; a free one, where its body is in the world.
+        """
         m, name = self.model, self.joints[j]
         if m.jnt_type[j] == BALL:
             return {}
         if m.jnt_type[j] != FREE:
-            return {name: self._ref(j)}
+            keys = [m.key(k).name for k in range(m.nkey)]
+            if "start" not in keys:
+                return {name: self._ref(j)}
+            return {name: float(m.key_qpos[keys.index("start")][m.jnt_qposadr[j]])}
         pose = m.qpos0[m.jnt_qposadr[j] :][:7]
         return pose_start(name, _pose(pose[:3], pose[3:]))
 

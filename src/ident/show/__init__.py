@@ -7,6 +7,7 @@ from ident.display import Displayed, render, renderer, renders
 MODULES = {
     "diagnosis": ("diagnosis", "diagnosis_report", "experiment", "ladder"),
     "excite": ("simulate",),
+    "export": ("export",),
     "fit": ("comparison", "fit", "residual"),
     "log": ("motion",),
     "mechanism": ("motion", "view"),

@@ -1,0 +1,191 @@
+"""MuJoCo models: every parameter through the file and back, and the motion of the machine."""
+
+import difflib
+
+import mujoco
+import numpy as np
+import pytest
+from robots import public_robot
+
+import ident
+from ident.export.export import export
+from ident.export.fitted import bare, error_of, exact_motion
+from ident.export.laws import nominal_motion
+from ident.export.mjcf import spring_of
+from ident.log import Log
+
+KINDS = ("viscous", "coulomb", "rotor_inertia")
+
+
+def machine(robots, name):
+    mechanism = ident.load(robots / name)
+    labels = {effect.label for effect in mechanism.effects}
+    for kind in KINDS:
+        for joint in mechanism.driven:
+            if f"{kind}:{joint}" not in labels:
+                mechanism = mechanism.with_effect(f"{kind}:{joint}")
+    random = np.random.default_rng(5)
+    values = {n: float(random.uniform(0.03, 0.15)) for e in mechanism.effects for n in e.names}
+    return mechanism, values
+
+
+@pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar", "slider_crank"])
+def test_every_parameter_through_the_file_and_back(name, robots, tmp_path):
+    mechanism, values = machine(robots, name)
+    made = export(mechanism, "mjcf", values=values, fitted=False, out=tmp_path / "x.xml")
+    (path,) = made.write()
+    assert made.lost == ()
+    model = mujoco.MjModel.from_xml_path(str(path))
+    for joint in mechanism.driven:
+        at = model.joint(joint).dofadr[0]
+        assert model.dof_damping[at] == pytest.approx(values[f"viscous.{joint}.Fv"], rel=1e-9)
+        assert model.dof_frictionloss[at] == pytest.approx(values[f"coulomb.{joint}.Fc"], rel=1e-9)
+        assert model.dof_armature[at] == pytest.approx(
+            values[f"rotor_inertia.{joint}.Ia"], rel=1e-9
+        )
+    again = ident.load(path)
+    heavy = [link.name for link in made.machine.links if not link.body.none]
+    for link in heavy:
+        own, new = (m.prior[m.bodies.columns(link)] for m in (mechanism, again))
+        np.testing.assert_allclose(new, own, rtol=1e-9, atol=1e-9 * np.abs(own).max())
+    np.testing.assert_allclose(again.model.gravity.linear, mechanism.model.gravity.linear)
+    assert again.degrees_of_freedom == mechanism.degrees_of_freedom
+
+
+@pytest.mark.parametrize(("name", "most"), [("arm", 1e-4), ("four_bar", 1e-3)])
+def test_another_motion_than_the_fitted_one(name, most, robots):
+    mechanism, values = machine(robots, name)
+    made = export(mechanism, "mjcf", values=values)
+    (e,) = nominal_motion(bare(made.machine)).experiments
+    columns = {f"q.{j}": e.y[::-1, mechanism.joint_index[j]] for j in mechanism.driven}
+    other = exact_motion(made.machine, Log.from_arrays("other", e.t, columns))
+    text = made.text.encode()
+    errors = error_of(text, made.translation.laws, made.machine, other)
+    assert max(errors.values()) < most
+
+
+def test_a_polynomial_of_the_position_is_mujocos():
+    stiffness, rest = spring_of((0.3, -1.2, 0.4, 2.0))
+    q = np.linspace(-1, 1, 9)
+    x = q - rest
+    wanted = 0.3 - 1.2 * q + 0.4 * q**2 + 2.0 * q**3
+    np.testing.assert_allclose(sum(k * x ** (i + 1) for i, k in enumerate(stiffness)), wanted)
+
+
+LIKE = """<mujoco model="one">
+  <!-- kept -->
+  <worldbody>
+    <body name="l" pos="0 0 1">
+      <joint name="j" axis="0 1 0" damping="0.5"   range="-90 90"/>  <!-- a joint -->
+      <inertial pos="0 0 .2" mass="2" diaginertia=".1 .1 .01"/>
+      <geom type="sphere" size=".1"/>
+      <body name="tip" pos="0 0 .4">
+        <inertial pos="0 0 0" mass=".1" diaginertia=".01 .01 .01"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="j"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def changed_lines(before, after):
+    both = difflib.ndiff(before.splitlines(), after.splitlines())
+    return [line for line in both if line[:1] in "+-"]
+
+
+def test_like_changes_only_the_lines_that_change(tmp_path):
+    path = tmp_path / "one.xml"
+    path.write_text(LIKE)
+    mechanism = ident.load(path)
+    effects = ["viscous:j", "coulomb:j", "spring:j"]
+    for effect in effects:
+        mechanism = mechanism.with_effect(effect)
+    values = {"viscous.j.Fv": 0.5, "coulomb.j.Fc": 0.0, "spring.j.k": 0.0, "spring.j.b": 0.0}
+
+    def made(**more):
+        given = {**values, **more}
+        return export(mechanism, "mjcf", like=path, values=given, fitted=False,
+                      out=tmp_path / "new.xml").text  # fmt: skip
+
+    assert made() == LIKE
+    text = made(**{"spring.j.k": 2.0, "spring.j.b": -1.0, "coulomb.j.Fc": 0.25})
+    lines = changed_lines(LIKE, text)
+    assert len(lines) == 2
+    assert all("<joint" in line for line in lines)
+    assert "<!-- a joint -->" in text
+    model = mujoco.MjModel.from_xml_string(text)
+    assert model.qpos_spring[0] == pytest.approx(0.5)  # in degrees in the file
+    heavier = made(**{"l.m": 3.0})
+    assert [line for line in changed_lines(LIKE, heavier) if "<inertial" not in line] == []
+    own = mujoco.MjModel.from_xml_string(heavier)
+    assert own.body_mass.sum() == pytest.approx(3.0)
+
+
+def test_like_with_other_names_says_the_nearest(tmp_path):
+    path = tmp_path / "one.xml"
+    path.write_text(LIKE)
+    mechanism = ident.load(path)
+    other = tmp_path / "other.xml"
+    other.write_text(LIKE.replace('="j"', '="J"'))
+    with pytest.raises(ident.MechanismError, match="nearest: j → J"):
+        export(mechanism, "mjcf", like=other, out=tmp_path / "new.xml")
+
+
+def test_what_cannot_be_said_has_its_size(robots):
+    mechanism, values = machine(robots, "arm")
+    mechanism = mechanism.with_effect("ripple:elbow")
+    ripple = {"ripple.elbow.A": 0.3, "ripple.elbow.B": 0.4, "ripple.elbow.N": 9.0}
+    made = export(mechanism, "mjcf", values={**values, **ripple}, fitted=False)
+    (lost,) = made.lost
+    assert (lost.label, lost.where) == ("ripple:elbow", "elbow")
+    assert lost.largest <= 0.55
+    assert lost.before == pytest.approx(0.5 / np.sqrt(2), rel=0.2)
+
+
+def test_urdf_says_two_numbers_and_lists_the_rest(robots, tmp_path):
+    mechanism, values = machine(robots, "arm")
+    made = export(mechanism, "urdf", values=values, out=tmp_path / "x.urdf")
+    assert {each.label for each in made.lost} == {f"rotor_inertia:{j}" for j in mechanism.driven}
+    source = mechanism.urdf.read_text()
+    lines = changed_lines(source, made.text)
+    assert all("<dynamics" in line for line in lines)
+    assert len(lines) == len(mechanism.driven)
+
+
+def test_loops_are_refused_where_there_are_none(robots):
+    mechanism, values = machine(robots, "four_bar")
+    with pytest.raises(ident.MechanismError, match="export to mjcf or c"):
+        export(mechanism, "urdf", values=values)
+
+
+def test_public_robots(tmp_path):
+    for name in ("ur5", "panda"):
+        mechanism = ident.load(public_robot(name, tmp_path / name))
+        text = export(mechanism, "mjcf", fitted=False).text
+        model = mujoco.MjModel.from_xml_string(text)
+        assert model.nv == mechanism.model.nv
+
+
+def test_a_step_too_long_for_the_drive(robots):
+    mechanism, values = machine(robots, "arm")
+    mechanism = mechanism.with_effect("servo:wrist")
+    drive = {"servo.wrist.kp": 500.0, "servo.wrist.kd": 1.0}
+    with pytest.raises(ident.IdentError, match=r"at most --step"):
+        export(mechanism, "mjcf", values={**values, **drive}, step=0.05, fitted=False)
+
+
+def test_unknown_targets_settings_and_files(robots, tmp_path):
+    mechanism, values = machine(robots, "arm")
+    for arguments, text in (
+        ({"to": "mjfc"}, "mjcf"),
+        ({"to": "mjcf", "speed": 3}, "no setting 'speed'"),
+        ({"to": "mjcf", "step": 0.0}, "between 0 and 1"),
+        ({"to": "mjcf", "like": tmp_path / "no.xml"}, "no such file"),
+        ({"to": "mjcf", "values": {"viscous.elbow.Fw": 1.0}}, "no parameter"),
+        ({"to": "mjcf", "without": ["payload:tool"]}, "no effect"),
+    ):
+        with pytest.raises(ident.IdentError, match=text):
+            export(mechanism, **{"values": values, **arguments})
