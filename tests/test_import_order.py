@@ -6,7 +6,7 @@ from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parents[1] / "src"
 ORDER = (
-    ("errors", "progress", "display"),
+    ("errors", "progress", "display", "lazy", "threads"),
     ("files", "text", "finding"),
     ("information", "pool"),  # know no robot
     ("log",),

@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import polars as pl
 from scipy.interpolate import interp1d
 
 from ident.display import Displayed, Progress, render
@@ -17,6 +16,7 @@ from ident.errors import FitError, check_whole, line_of, one_of
 from ident.files import Written
 from ident.fit import Fit, identify
 from ident.fit.values import BaseValue, Value
+from ident.lazy import lazy
 from ident.log import Log, read_log
 from ident.mechanism.mechanism import Mechanism, Multipliers
 from ident.motion import complete
@@ -24,6 +24,11 @@ from ident.pool import Workers
 from ident.simulate.integrate import AnyLog
 from ident.simulate.inverse import CHANNELS as USUAL
 from ident.simulate.inverse import noisy, noisy_columns, random_of
+
+if TYPE_CHECKING:
+    import polars as pl
+else:
+    pl = lazy("polars")
 
 SAMPLES = 5  # range: between the paper's hat functions without a basis: 5 ms of its 1 ms samples
 

@@ -28,6 +28,7 @@ import cloudpickle
 from ident.display import Progress, part
 from ident.errors import IdentError, check_whole, line_of
 from ident.files import version
+from ident.threads import ONE_THREAD
 
 TRIES = 3  # work: of a task whose process dies
 IDLE = 300  # range: [s] after which a process that has nothing to do ends
@@ -42,9 +43,6 @@ EMPTY = 60  # range: [s] without any worker after which the run is given up
 LOOK = 1  # range: [s] between looks at whether there are workers
 # whose results and pickles differ between versions; as pip and conda call them
 NUMERICAL = {"NumPy": ("numpy",), "Pinocchio": ("pin", "pinocchio"), "CasADi": ("casadi",)}
-LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB_MAXIMUM", "NUMEXPR")
-# two processes with two threads of linear algebra each are slower on two cores than with one each
-ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in LIBRARIES}
 
 Function = Callable[[Any, Any], Any]
 Tasks = Iterator[tuple[int, Any]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 import sys
@@ -9,8 +10,6 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from functools import partial
 from itertools import chain
-
-import numpy as np
 
 WIDTH = 100  # shown: characters of a line, where no terminal is narrower
 NARROW = 40  # shown: of a terminal, in which nothing is set narrower
@@ -23,12 +22,12 @@ def rounded(value: float, stderr: float | None) -> str:
     """Return a value with the digits that its standard error justifies: `0.2003 ± 0.0004`."""
     if stderr is None:
         return significant(value, 5)
-    if not np.isfinite(stderr):
+    if not math.isfinite(stderr):
         return f"{significant(value, 5)} ± ?"
     if stderr == 0:
         return f"{value:.9g}"
-    digits = int(np.floor(np.log10(abs(value) / stderr))) + 2 if value else 2
-    texts = f"{value:.{int(np.clip(digits, 2, 12))}g}", f"{stderr:.2g}"
+    digits = math.floor(math.log10(abs(value) / stderr)) + 2 if value else 2
+    texts = f"{value:.{min(max(digits, 2), 12)}g}", f"{stderr:.2g}"
     small = abs(value) < LARGE  # hundreds and thousands as they are read, not as 1e+02
     return " ± ".join(f"{float(text):.0f}" if small and "e+" in text else text for text in texts)
 

@@ -196,8 +196,10 @@ def _show(
     written: list[Path] = []
     if out is not None:
         written = gathered.write(out, known) if gathered else write_fit(fit, out, known)
-    outcome: object = fit_json(fit)
-    if not json:
+    outcome: object = ""
+    if json:
+        outcome = fit_json(fit)
+    else:
         outcome = gathered.summary if gathered else summary(fit)
         outcome = f"{outcome}\n\n{known}" if known else outcome
     conclude(outcome, written, gathered.notes if gathered else fit.warnings)

@@ -13,7 +13,6 @@ from itertools import permutations
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from ident.effects.effect import NOWHERE, UNITS, Bounds, Effect, Shape, Signals, Unknown, unit_of
 from ident.effects.joint import direction
@@ -219,6 +218,8 @@ class PastSpeed(Effect):
     fades = True
 
     def columns(self, s: Signals) -> np.ndarray:
+        from scipy.linalg import solve_banded  # takes 0.2 s to import
+
         # x_i − (1 − k) x_{i−1} = k v_i, x_0 = v_0; scipy.signal takes half a second to be imported
         v, step = s.v[:, 0], float(np.median(np.diff(s.t))) if len(s.t) > 1 else 1.0
         memories = []

@@ -28,7 +28,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_solve_banded
 
 from ident.equations.filter import STANDING, Decimator, filtered_windows
 from ident.equations.rows import (
@@ -42,6 +41,7 @@ from ident.equations.rows import (
 )
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
+from ident.information.lapack import solve_cholesky_banded
 from ident.information.time_bases import Basis, Chunk, Elimination, eliminate
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.neighbours import Neighbours
@@ -156,7 +156,7 @@ def _spread(spline: Spline, t: np.ndarray, taps: np.ndarray | None, step: float)
                 np.add.at(B[:, i, order], (row, (first + r) * per_factor + i), values[:, r])
     P = np.zeros((n, d, 3, d, 3))
     for k, lower in enumerate(spline.factors):
-        solved = cho_solve_banded((lower[:, :size], True), B.reshape(-1, size).T).T
+        solved = solve_cholesky_banded(lower[:, :size], B.reshape(-1, size).T).T
         columns = slice(k * per_factor, (k + 1) * per_factor)
         P[:, columns, :, columns] = np.einsum("nirk,njsk->nirjs", B, solved.reshape(B.shape))
     return P

@@ -18,7 +18,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.linalg import lapack
 
 from ident.effects import Effect
 from ident.equations.table import Table
@@ -26,6 +25,8 @@ from ident.faults.fault import Fault
 from ident.information.chance import BEYOND, LEAVES, LOUD
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
+from ident.information.lapack import lapack
+from ident.information.linear import nonnegative
 from ident.mechanism.parameters import regressor
 
 FAR = 7  # work: shifts round the log by so many parts of it: torques of another time
@@ -201,12 +202,10 @@ class ChannelEquations:
         G = self.limits[0] / scale
         slack = G @ x + self.limits[1]
         if (slack < 0).any():  # the dual problem: min ½|Lᵀμ + L⁻¹ slack|² over μ ≥ 0
-            from scipy.optimize import nnls  # takes 0.2 s to import
-
             GH, _ = lapack.dpotrs(R, G.T)
             dual = G @ GH
             L = np.linalg.cholesky(dual + (1e-12 * np.trace(dual) or 1.0) * np.eye(len(dual)))
-            x = x + GH @ nnls(L.T, -lapack.dtrtrs(L, slack, lower=1)[0])[0]
+            x = x + GH @ nonnegative(L.T, -lapack.dtrtrs(L, slack, lower=1)[0])
         return np.asarray(x / scale)
 
     def rows_of(self, cause: Fault) -> Array:

@@ -6,12 +6,11 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
-import polars as pl
 
 from ident.display import render
 from ident.effects import KINDS, Effect, read_user_effect
@@ -26,11 +25,17 @@ from ident.fit.result import Fit
 from ident.fit.shapes import initial
 from ident.fit.values import ALPHA, BaseValue, Changes, Value
 from ident.information.blocks import Error
+from ident.lazy import lazy
 from ident.mechanism.load import source_of
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Covariance, fixed_parameters, pseudo_inertia
 from ident.mechanism.urdf import with_inertials
 from ident.motion import Motion
+
+if TYPE_CHECKING:
+    import polars as pl
+else:
+    pl = lazy("polars")
 
 SCHEMA = "ident.fit/1"
 

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import polars as pl
 
 from ident.display import render
 from ident.effects import Effect
@@ -37,10 +36,16 @@ from ident.fit.values import (
 )
 from ident.information.blocks import Error, Information, Squares
 from ident.information.estimate import Estimate
+from ident.lazy import lazy
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Covariance
 from ident.motion import Motion
+
+if TYPE_CHECKING:
+    import polars as pl
+else:
+    pl = lazy("polars")
 
 LONG = 40  # shown: characters of a name that tells where each effect is
 ROUNDING = 1e-6  # numerics: relative error below which a residual is rounding and interpolation

@@ -42,6 +42,7 @@ from ident.information.blocks import Information, Squares
 from ident.information.estimate import Estimate, estimate
 from ident.information.left_out import LeftOut
 from ident.information.linear import Array, Triangle
+from ident.information.student import tail_quantile
 
 # level: standard errors of no correlation beyond which neighbouring blocks are alike
 CORRELATED = 1.3
@@ -434,6 +435,4 @@ def zscore(D: Array) -> float:
 
 def credible_t(hypotheses: int, blocks: int) -> float:
     """Standard errors that the best of untrue hypotheses exceeds with chance ALPHA (Bonferroni)."""
-    from scipy.special import stdtrit  # scipy.stats takes half a second to import
-
-    return -float(stdtrit(blocks - 1, ALPHA / hypotheses))
+    return tail_quantile(ALPHA / hypotheses, blocks - 1)

@@ -17,9 +17,9 @@ from typing import Literal
 import clarabel
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from ident.errors import FitError
+from ident.information.lapack import lapack
 from ident.information.linear import Array, Triangle
 
 TOLERANCE = 1e-9  # numerics

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import lapack
 
 from ident.errors import FitError
 from ident.information import linear
+from ident.information.lapack import lapack
 from ident.information.linear import Array, Index, Triangle, merged_by_support, weighted_total
 
 _EPS = float(np.finfo(float).eps)

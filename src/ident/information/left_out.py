@@ -18,11 +18,11 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import lapack
 
 from ident.information import linear
 from ident.information.blocks import Information
 from ident.information.estimate import Estimate
+from ident.information.lapack import lapack
 from ident.information.linear import Array
 
 ALONE = 1e10  # numerics: ‖(I − G)⁻¹‖ from which some direction is determined by these blocks alone

@@ -20,11 +20,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import lapack
 
 from ident.errors import FitError
+from ident.information.lapack import lapack
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -231,6 +230,8 @@ def svd(A: Array, full_matrices: bool = True) -> tuple[Array, Array, Array]:
         return U, s, Vt
     except np.linalg.LinAlgError:
         _check_finite(A)
+    import scipy.linalg  # takes 0.2 s to import
+
     U, s, Vt = scipy.linalg.svd(A, full_matrices, lapack_driver="gesvd")
     return U, s, Vt
 
@@ -253,6 +254,8 @@ def lstsq(A: Array, b: Array, rcond: float | None = None) -> tuple[Array, int]:
     except np.linalg.LinAlgError:
         _check_finite(A, b)
         small = np.finfo(float).eps * max(A.shape) if rcond is None else rcond
+        import scipy.linalg  # takes 0.2 s to import
+
         x, _, rank, _ = scipy.linalg.lstsq(A, b, cond=small, lapack_driver="gelss")
     return np.asarray(x), int(rank)
 
@@ -274,3 +277,35 @@ def inverse(H: Array) -> Array:
     return np.asarray(
         (vectors * (good / np.where(good, values, 1.0))[:, None, :]) @ vectors.transpose(0, 2, 1)
     )
+
+
+def nonnegative(A: Array, b: Array) -> Array:
+    """Return x ≥ 0 of least |A x − b|, for a few unknowns; FitError if it does not end.
+
+    Source: C. Lawson, R. Hanson, Solving Least Squares Problems, 1974, ch. 23. As
+    `scipy.optimize.nnls`, whose package takes 0.3 s to import.
+    """
+    n = A.shape[1]
+    x, free, blocked = np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    least = 1e-12 * max(float(np.abs(A.T @ b).max(initial=0.0)), 1e-300)
+    for _ in range(10 * (n + 1)):
+        slope = np.where(free | blocked, -np.inf, A.T @ (b - A @ x))
+        if not n or slope.max() <= least:
+            return x
+        entering, before = int(slope.argmax()), x
+        free[entering] = True
+        while free.any():
+            s = np.zeros(n)
+            s[free] = lstsq(A[:, free], b)[0]
+            negative = free & (s <= 0)
+            if not negative.any():
+                x = s
+                break
+            share = (x[negative] / (x[negative] - s[negative])).min()
+            x = x + share * (s - x)
+            free &= ~(negative & (x <= 1e-15 * np.abs(x).max(initial=0.0)))
+            x[~free] = 0.0
+        # one that leaves at once is as good as zero, until another one changes
+        blocked = blocked.copy() if np.array_equal(x, before) else np.zeros(n, dtype=bool)
+        blocked[entering] = not free[entering]
+    raise FitError("least squares with x ≥ 0 found no end; look for absurd values with ident check")

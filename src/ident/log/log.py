@@ -16,13 +16,18 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import polars as pl
 from numpy.typing import ArrayLike
 
 from ident.display import Displayed
 from ident.errors import LogError, one_of
+from ident.lazy import lazy
 from ident.log.storage import write_table
 from ident.log.table import Array, Column, RawTable, check_name, frame_table, renamed
+
+if TYPE_CHECKING:
+    import polars as pl
+else:
+    pl = lazy("polars")
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,17 +21,23 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from ident.errors import LogError, missing_file
 from ident.files import regular
+from ident.lazy import lazy
 from ident.log import storage
 from ident.log.log import Log
 from ident.log.read import LogFile, file_errors, log_file
 from ident.log.table import EMPTY, Column, RawTable, first_tick, renamed, table_of
+
+if TYPE_CHECKING:
+    import polars as pl
+else:
+    pl = lazy("polars")
 
 BLOCK = 1 << 24  # work: bytes of a text that are in memory together
 STRIDE = 1024  # work: rows of a CSV file from one kept place to the next

@@ -9,15 +9,21 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import polars as pl
 
 from ident.errors import LogError, one_of
 from ident.files import check_size, reader_of, regular, suffixes
+from ident.lazy import lazy
 from ident.log import storage
 from ident.log.log import Log
 from ident.log.table import Column, RawTable, frame_table, is_frame, table_of_arrays
+
+if TYPE_CHECKING:
+    import polars as pl
+else:
+    pl = lazy("polars")
 
 BAG = (".mcap", ".db3")  # ROS 2 bags, whose topics are chosen
 HEAD = 1 << 16  # work: bytes of a text from which its number of rows is estimated

@@ -9,26 +9,34 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+import warnings
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from ident.errors import LogError
 from ident.files import atomic_write, check_size
-from ident.log.table import Array, RawTable, table_of, table_of_arrays
+from ident.lazy import lazy
+from ident.log.table import Array, RawTable, check_name, table_of, table_of_arrays
+
+if TYPE_CHECKING:
+    import polars as pl
+else:
+    pl = lazy("polars")
 
 BOM = b"\xef\xbb\xbf"
 SEPARATORS = {b",": "','", b";": "';'", b"\t": "tab"}
 MISQUOTED = "quotes inside cells that do not enclose the whole cell; remove or double them"
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 LINE = re.compile(rb"([^\r\n]*)(\r\n|\r|\n|\Z)")
+PLAIN = b"0123456789+-.eE,\n"  # of a file of numbers alone
+SMALL = 2_000_000  # work: bytes of a file that is read before polars would be imported
 QUOTED = re.compile(rb'"[^"]*"')
 
 
@@ -70,7 +78,10 @@ def _head(line: bytes, before: bytes, number: int, end: int, file: str) -> Head:
         raise LogError(f"{place}: no separator between the column names; valid: {valid}")
     if line.count(b'"') % 2:
         raise LogError(f"{place}: a quote is opened and not closed; close it")
-    names = tuple(name or "" for name in _frame(line, separator, file).row(0))
+    if b'"' in line:
+        names = tuple(name or "" for name in _frame(line, separator, file).row(0))
+    else:
+        names = tuple(name.decode() for name in line.rstrip(b"\r\n").split(separator))
     if all(NUMBER.fullmatch(name) for name in names):
         hint = "name the columns in the first line: t, q.<joint>, ..."
         if before.lstrip()[:1] == b"#" and before.count(separator) == len(names) - 1:
@@ -81,6 +92,11 @@ def _head(line: bytes, before: bytes, number: int, end: int, file: str) -> Head:
 
 def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) -> RawTable:
     """Return the columns of whole lines of a CSV file, with `before` lines of it before them."""
+    if (columns := _plain_numbers(text, head)) is not None:
+        for name in columns:
+            check_name(file, name)
+        count = len(next(iter(columns.values())))
+        return RawTable(file, columns, lines=np.arange(count) + before + 1)
     lines, width = text.splitlines(), len(head.names)
     filled = filled_lines(lines)
     if not len(filled):
@@ -101,6 +117,38 @@ def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) 
         notes.append(f"{blank} blank lines left out, first at line {first}")
     series = [column.alias(name) for name, column in zip(head.names, frame, strict=True)]
     return table_of(file, series, filled + before + 1, notes)
+
+
+def _plain_numbers(text: bytes, head: Head) -> dict[str, NDArray[np.float64]] | None:
+    """The columns of a small file of which each cell holds a number; None for any other file, whose
+    reader takes as long to be imported as such a file to be read.
+    """
+    names, width = [name.strip() for name in head.names], len(head.names)
+    if len(text) > SMALL or text.translate(None, PLAIN) or not all(names):
+        return None
+    cells = text.rstrip(b"\n")
+    rows = cells.count(b"\n") + 1
+    if len({*names}) < width or cells.count(b",") != rows * (width - 1) or head.separator != b",":
+        return None
+    flat = b"," + cells.replace(b"\n", b",") + b","
+    if b",," in flat:
+        return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # NumPy warns of a cell that is no number
+            values = np.fromstring(cells.replace(b"\n", b",").decode(), sep=",")
+    except (DeprecationWarning, ValueError):
+        return None
+    if values.size != rows * width or not _even(cells, width):
+        return None
+    return dict(zip(names, np.ascontiguousarray(values.reshape(rows, width).T), strict=True))
+
+
+def _even(cells: bytes, width: int) -> bool:
+    """Whether all lines have as many cells."""
+    codes = np.frombuffer(cells, dtype=np.uint8)
+    ends = np.flatnonzero((codes == ord(",")) | (codes == ord("\n")))
+    return bool((codes[ends][width - 1 :: width] == ord("\n")).all())
 
 
 def filled_lines(lines: Sequence[bytes]) -> NDArray[np.int64]:

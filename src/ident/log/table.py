@@ -6,13 +6,18 @@ import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from ident.errors import LogError, one_of
+from ident.lazy import lazy
+
+if TYPE_CHECKING:
+    import polars as pl
+else:
+    pl = lazy("polars")
 
 Array = NDArray[np.float64]
 
@@ -231,10 +236,9 @@ def table_of_arrays(file: str, arrays: Mapping[str, Any]) -> RawTable:
 
 def is_frame(thing: object) -> bool:
     """Return whether it is a data frame of polars or pandas, whatever it holds."""
-    of_pandas = type(thing).__module__.split(".")[0] == "pandas"
-    return isinstance(thing, pl.DataFrame | pl.LazyFrame) or (
-        of_pandas and type(thing).__name__ == "DataFrame"
-    )
+    package = type(thing).__module__.split(".")[0]
+    kinds = {"polars": ("DataFrame", "LazyFrame"), "pandas": ("DataFrame",)}
+    return type(thing).__name__ in kinds.get(package, ())
 
 
 def frame_table(name: str, frame: Any, mapped: Collection[str] = ()) -> RawTable:

@@ -12,17 +12,22 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
-import polars as pl
-from scipy.linalg import block_diag
 
 from ident.effects import KINDS
 from ident.effects.joint import Payload
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import HUGE, TomlTable, is_number
+from ident.lazy import lazy
 from ident.mechanism import batched
+
+if TYPE_CHECKING:
+    import polars as pl
+else:
+    pl = lazy("polars")
 
 UNITS = {number.name: number.units[0] for number in Payload.unknowns}  # of a body as of a payload
 DYNAMIC = tuple(UNITS)
@@ -163,7 +168,9 @@ class Covariance:
 
     def __add__(self, other: Covariance) -> Covariance:
         """Errors of both, of different parameters, that have nothing in common."""
-        matrix = block_diag(self.matrix, other.matrix)
+        n = len(self.names)
+        matrix = np.zeros((n + len(other.names),) * 2)
+        matrix[:n, :n], matrix[n:, n:] = self.matrix, other.matrix
         return Covariance((*self.names, *other.names), matrix)
 
     def csv(self) -> bytes:

@@ -17,9 +17,9 @@ from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from ident.information.chance import LOUD
+from ident.information.lapack import cholesky_banded, solve_cholesky_banded
 from ident.information.time_bases import Basis
 
 DEGREE = 5  # range
@@ -271,8 +271,8 @@ def solved(basis: Basis, rows: Sequence[Observations], d: int) -> Spline:
         for r in range(len(D) - k):
             rough[k, r : count - len(D) + 1 + r] += D[r] * D[r + k]
         normal[k * d] += BRIDGE * normal[0].max() * np.repeat(rough[k], d)
-    lower = cholesky_banded(normal, lower=True, check_finite=False)
-    c = cho_solve_banded((lower, True), right, check_finite=False).reshape(count, d)
+    lower = cholesky_banded(normal)
+    c = solve_cholesky_banded(lower, right).reshape(count, d)
     return Spline(basis, c, (lower,))
 
 

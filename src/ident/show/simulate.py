@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import polars as pl
 
 from ident.display import renders
 from ident.excite.excitation import Excitation, LimitUse
 from ident.files import json_bytes
+from ident.lazy import lazy
 from ident.montecarlo import SUMS, MonteCarlo
 from ident.motion import complete
 from ident.show.charts import BELOW, MEASURED, PRIOR, RESIDUAL, Chart, Level, Line, Mark, Panel
@@ -20,6 +20,11 @@ from ident.show.motion import made_of, understood
 from ident.simulate.integrate import Run
 from ident.simulate.replay import Replay
 from ident.text import listed, percent, shortened, significant
+
+if TYPE_CHECKING:
+    import polars as pl
+else:
+    pl = lazy("polars")
 
 TRANSITIONS = 12  # that are printed
 LIMITING = 0.95  # share of a limit from which it is marked as the one that limits the motion

@@ -9,10 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import polars as pl
 
 from ident.diagnosis import Diagnosis, diagnose
 from ident.diagnosis.candidates import Decision
@@ -24,12 +23,18 @@ from ident.files import json_bytes
 from ident.fit import identify
 from ident.information.chance import ALPHA, RIVAL
 from ident.information.estimate import MATERIAL
+from ident.lazy import lazy
 from ident.log.read import distinct
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import complete
 from ident.motion.recipe import AUTO
 from ident.pool import Workers
 from ident.streams.logs import Given, excerpt, log_paths, summarise
+
+if TYPE_CHECKING:
+    import polars as pl
+else:
+    pl = lazy("polars")
 
 
 @dataclass(frozen=True)

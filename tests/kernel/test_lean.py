@@ -1,0 +1,46 @@
+"""What stands in for parts of SciPy that take long to be imported, against SciPy itself."""
+
+import numpy as np
+import pytest
+from scipy.linalg import cho_solve_banded
+from scipy.linalg import cholesky_banded as of_scipy
+from scipy.optimize import nnls
+from scipy.special import stdtrit
+
+from ident.information.lapack import cholesky_banded, lapack, solve_cholesky_banded
+from ident.information.linear import nonnegative
+from ident.information.student import tail_quantile
+
+
+@pytest.mark.parametrize("nu", [1, 2, 3, 9, 40, 400])
+@pytest.mark.parametrize("p", [0.4, 0.05, 1e-3, 1e-7])
+def test_quantiles_of_student_are_scipys(nu, p):
+    assert tail_quantile(p, nu) == pytest.approx(-stdtrit(nu, p), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_nonnegative_least_squares_is_scipys(seed):
+    rng = np.random.default_rng(seed)
+    A, b = rng.standard_normal((8, 5)), rng.standard_normal(8)
+    if seed % 3 == 0:  # columns that depend on each other
+        A[:, 4] = A[:, 0] + A[:, 1]
+    found, (right, size) = nonnegative(A, b), nnls(A, b)
+    assert (found >= 0).all()
+    assert np.linalg.norm(A @ found - b) == pytest.approx(size, abs=1e-10)
+    if seed % 3:
+        np.testing.assert_allclose(found, right, atol=1e-10)
+
+
+def test_banded_factors_are_scipys():
+    rng = np.random.default_rng(0)
+    bands = rng.standard_normal((4, 30))
+    bands[0] = 9.0 + np.abs(bands[0])
+    b = rng.standard_normal((30, 3))
+    L = cholesky_banded(bands)
+    np.testing.assert_allclose(L[:, :20], of_scipy(bands, lower=True)[:, :20])
+    right = cho_solve_banded((of_scipy(bands, lower=True), True), b)
+    np.testing.assert_allclose(solve_cholesky_banded(L, b), right)
+    bands[0] = -1.0
+    with pytest.raises(np.linalg.LinAlgError):
+        cholesky_banded(bands)
+    assert lapack.dtpqrt
