@@ -22,7 +22,6 @@ from ident.fit.values import Change, Changes
 from ident.information.blocks import Error
 from ident.show.card import OTHER, SAME, Card, bars_of, enough, good_enough, next_command
 from ident.show.charts import BELOW, MEASURED, Chart, Line, Panel
-from ident.show.front import first_screen, most_changed
 from ident.show.html import Block, Section, Sheet, by_log, report_page, table
 from ident.show.motion import made_of, understood
 from ident.show.residual import (
@@ -65,6 +64,8 @@ def comparison_sheet(c: Comparison) -> Sheet:
 
 def comparison_card(c: Comparison) -> Card:
     """Return the models, and how far the error falls from the first, or its fit, to the last."""
+    from ident.show.front import most_changed  # pages only: it is slow to import
+
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
     shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
     alone, (_, errors) = first is last, judged(c, last.name)
@@ -121,6 +122,8 @@ def _error_columns(c: Comparison) -> dict[str, Mapping[str, Error]]:
 @renders(Comparison, "files")
 def comparison_files(c: Comparison, replay: Plotted | None = None) -> dict[str, bytes]:
     """Return report.html and compare.json, with the simulated motions if they are given."""
+    from ident.show.front import first_screen, most_changed  # pages only: it is slow to import
+
     residuals = c.residuals
     first, last = (list(residuals.values())[i] for i in (0, -1))
     mechanism, motion = first.model.mechanism, first.motion

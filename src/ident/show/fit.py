@@ -21,7 +21,6 @@ from ident.information.blocks import Error
 from ident.show.card import Card, bars_of, body_words, doubts_of, enough, good_enough, next_command
 from ident.show.charts import PRIOR, Chart, Dots, Panel
 from ident.show.comparison import change_tables, changes_line, plot_forces
-from ident.show.front import first_screen, forest
 from ident.show.html import Block, Section, Sheet, by_log, folded, items, paragraph, report_page
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
@@ -320,6 +319,8 @@ renders(Fit, "urdf")(write_urdf)
 @renders(Fit, "report")
 def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = ()) -> bytes:
     """Return the report of a fit, with further sections after those of its residual."""
+    from ident.show.front import first_screen, forest  # pages only: it is slow to import
+
     sections = fit_sections(fit, known, more)
     before = residual_before(fit) if len(fit.columns) else fit.residual
     screen = first_screen(before, fit.residual)
