@@ -38,8 +38,9 @@ class Spin:
 
 def spins(mechanism: Mechanism) -> list[Spin]:
     """Return the turns of rods about themselves, each with the angle to hold."""
-    freedom = mechanism.closures and mechanism.degrees_of_freedom - len(mechanism.driven)
-    if not freedom or freedom < 0 or not mechanism.assembly.closed:
+    if not mechanism.closures or not mechanism.assembly.closed:
+        return []
+    if mechanism.degrees_of_freedom <= len(mechanism.driven):
         return []
     model, q = mechanism.model, mechanism.general
     J = mechanism.kinematics.closure_rows(q[None]).rate[0]
