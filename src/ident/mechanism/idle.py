@@ -125,7 +125,7 @@ def _held_twice(mechanism: Mechanism, moves: np.ndarray, balanced: bool) -> bool
             chain.append(above)
         if moves[i] != moves[above]:
             places += 1
-            balls += len(chain) > 1
+            balls += sum(mechanism.joint(model.names[k]).rotational for k in chain) > 1
     for closure in mechanism.closures:
         places += len({bool(moves[frame.joint]) for frame in closure.frames}) > 1
     return places > 1 and (balls > 0 or balanced)
