@@ -398,6 +398,7 @@ def monte_carlo(
     columns = noisy_columns(log, channels)
     if reactions is not None and not isinstance(reactions, Log):
         reactions = read_log(reactions)
+    mechanism = mechanism.with_calibration("exact")  # the noise alone is studied
     known = truth_of(mechanism, log, truth, reactions)
     plan = TrialPlan(mechanism, log, applied, known, columns, int(seed))
     workers = Workers(jobs, scheduler, False, progress)

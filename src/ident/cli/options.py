@@ -104,6 +104,13 @@ Spacing = Annotated[float | None, option("Distance of the basis' knots in second
 Absolute = Annotated[bool, option("Work in absolute coordinates, six a body.", None, "--absolute")]
 Plot = Annotated[Path | None, option("Draw it into this .png, .svg, .pdf or .html.", "FILE")]
 Seed = Annotated[int, option("Seed of the noise.", "N", min=0)]
+Calibrated = Annotated[
+    list[str] | None,
+    option(
+        "How well it is calibrated, one standard deviation: tau=0.5%,q=0.1deg,clock=exact; exact.",
+        "TEXT",
+    ),
+]
 Json = Annotated[
     bool, option("Print one line of JSON, the content of the file, not text.", None, "--json")
 ]
@@ -130,6 +137,7 @@ class MechanismOptions:
     lock: Lock = None
     unmeasured: Unmeasured = None
     drive: DriveTexts = None
+    calibrated: Calibrated = None
     mesh_path: MeshPath = None
     allow_code: AllowCode = False
 
@@ -173,6 +181,8 @@ class MechanismOptions:
             locked |= dict.fromkeys(hands)
             mechanism = read(locked=locked).with_drives(*(self.drive or ()))
             notes_later([f"{', '.join(hands)}: not logged, and parts of a hand; held at the start"])
+        for text in self.calibrated or ():
+            mechanism = mechanism.with_calibration(text)
         return mechanism
 
 

@@ -354,7 +354,7 @@ def undetermined(fit: Fit, new: Collection[Effect]) -> str:
     required = {label for effect in fit.mechanism.effects for label in effect.required}
     labels = {effect.label for effect in new} - required
     loose = []
-    for e in fit.effects:
+    for e in fit.logged_effects:
         parameters = e.parameters[: len(e.effect.unknowns) or None]
         values = np.array([v.value for v in parameters])
         errors = np.array([np.inf if v.stderr is None else v.stderr for v in parameters])

@@ -144,7 +144,7 @@ def _absurd(fit: Fit, effect: Effect) -> list[str]:
         parameter.nonnegative and fit.point.values.get(name, 0.0) < 0 for name, parameter in pairs
     ):
         return []  # errors take time
-    values = next(entry.parameters for entry in fit.effects if entry.effect.label == effect.label)
+    values = next(e.parameters for e in fit.logged_effects if e.effect.label == effect.label)
     return [
         v.name
         for v, parameter in zip(values, effect.parameters, strict=True)

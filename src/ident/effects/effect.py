@@ -162,6 +162,7 @@ class Correction:
     displaced: Mapping[str, float] = field(default_factory=dict)  # by place, displacement [m]
     gap: Mapping[str, float] = field(default_factory=dict)  # by closure, C in Φ = C λ [m/N]
     torque: Mapping[str, np.ndarray] = field(default_factory=dict)  # by joint, of its drive (n,)
+    clock: float = 0.0  # true time over logged time, less 1
 
 
 NOWHERE = "nowhere"  # `Effect.tried` of a kind that a diagnosis does not try by itself

@@ -57,6 +57,7 @@ STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smoo
 def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -> Samples:
     """A whole state as correcting effects (or `only` one) make it at the point of `base`."""
     mechanism, e = base.mechanism, base.e
+    found = []
     for effect in mechanism.effects:
         if not effect.corrects or (only and effect.label != only.label):
             continue
@@ -68,34 +69,39 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         if not any(shape.values()) and not effect.margin:
             continue
         what = effect.correction(replace(base.signals(effect.joints), shape=shape))
+        found.append((effect.margin, what))
         mechanism = mechanism.corrected(what)
-        if what.displaced:
-            e = e.at(mechanism, e.known(mechanism))
+    known = e.known(mechanism)
+    for margin, what in found:
         for name, d in what.delay.items():
             tau, channel = e.tau.copy(), mechanism.driven.index(name)
             tau[:, channel] = late(e.t, e.tau[:, channel], -d)  # read at t + d, without the ends
-            inside = (e.t >= e.t[0] + effect.margin) & (e.t <= e.t[-1] - effect.margin)
+            inside = (e.t >= e.t[0] + margin) & (e.t <= e.t[-1] - margin)
             e = replace(e, tau=tau, usable=e.usable & inside)
         for name, torque in what.torque.items():
             tau = e.tau.copy()
             tau[:, mechanism.driven.index(name)] = torque
             e = replace(e, tau=tau)
-        if what.dq:
-            known = e.known(mechanism)
-            for name, dq in what.dq.items():
-                if name in e.logged:  # the closures place the others
-                    known[:, :, e.logged.index(name)] += _rates(e, dq, cutoff)
-            e = e.at(mechanism, known)
+        for name, dq in what.dq.items():
+            if name in e.logged:  # the closures place the others
+                known[:, :, e.logged.index(name)] += _rates(e, dq, cutoff)
+    if any(what.dq or what.displaced for _, what in found):  # once: all are of the data as logged
+        e = e.at(mechanism, known)
+    for _, what in found:
+        if what.clock:
+            f = 1 + what.clock
+            e = replace(e, v=e.v / f, yd=e.yd / f, still=e.still / f)
+            e = replace(e, a=e.a / f**2, ydd=e.ydd / f**2)
         for name, C in what.gap.items():  # q + K⁺ [C λ; 0], exact to first order in C
             forces = mechanism.kinematics.forces_of(name)
             gap = C * base.multipliers()[:, forces]
             step = np.einsum("nij,nj->ni", e.pinv[:, :, forces], gap)
-            rates = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
-            q = integrate(mechanism.model, e.q, rates[0])
-            e = e.at(mechanism, motion=(q, e.v + rates[1], e.a + rates[2]))
+            moved = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
+            q = integrate(mechanism.model, e.q, moved[0])
+            e = e.at(mechanism, motion=(q, e.v + moved[1], e.a + moved[2]))
     if e is base.e and mechanism is base.mechanism:
         return base
-    as_before = e.q is base.e.q and mechanism.model is base.mechanism.model
+    as_before = e.q is base.e.q and e.a is base.e.a and mechanism.model is base.mechanism.model
     memo: dict[object, Any] = {RIGID: base.memo.setdefault(RIGID, {})} if as_before else {}
     return Samples(mechanism, e, slice(None), base.point, memo)
 

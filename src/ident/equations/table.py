@@ -122,8 +122,14 @@ class Table(Rows):
             series.append(np.concatenate(pieces, axis=2))
         return np.concatenate(series), felt
 
-    def sensitivity(self, effect: Effect, shape: Mapping[str, float], name: str) -> np.ndarray:
-        """Return S (N, d) of one shape of a correcting effect, at a shape, in the table's rows."""
+    def sensitivity(
+        self, effect: Effect, shape: Mapping[str, float], name: str, step: float | None = None
+    ) -> np.ndarray:
+        """Return S (N, d) of one shape of a correcting effect, at a shape, in the table's rows.
+
+        `step`: of the difference, in the shape's unit; default: as small as rounding allows, where
+        what jumps with the motion, as dry friction does, would not be seen.
+        """
         others = {
             f: shape[shape_parameter.name]
             for f, shape_parameter in zip(effect.names, effect.shapes, strict=True)
@@ -133,7 +139,11 @@ class Table(Rows):
         for number, scene in enumerate(self.scenes):
             grown, point = scene.mechanism + effect, self.point.with_values(others)
             bare = replace(self.thin[number], mechanism=grown, point=point)
-            h, shifted = perturbed(bare, effect, name, cutoff, effect)
+            if step is None:
+                h, shifted = perturbed(bare, effect, name, cutoff, effect)
+            else:
+                farther = point.with_values({effect.full[name]: shape[name] + step})
+                h, shifted = step, corrected(replace(bare, point=farther), cutoff, effect)
             still = not effect.unknowns and not any(shape.values())  # it corrects nothing yet
             at = self.thin[number] if still else corrected(bare, cutoff, effect)
             S, t = (residual(at) - residual(shifted)) / h, scene.e.t

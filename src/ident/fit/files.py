@@ -38,6 +38,7 @@ else:
     pl = lazy("polars")
 
 SCHEMA = "ident.fit/1"
+LEAST_SHARE = 1e-3  # shown: of a variance, from which a cause is in its budget
 
 
 def write_fit(
@@ -87,8 +88,8 @@ def identified_files(fit: Fit, urdf: bytes) -> dict[str, bytes]:
     # a base parameter's error is that of its independent parameter; regrouped ones stay
     names = tuple(fit.columns.names[i] for i in fit.estimate.base.independent)
     errors = fit.known_errors
-    if names and np.isfinite(fit.covariance).all():
-        errors_of_fit = Covariance(names, fit.covariance)
+    if names and np.isfinite(fit.noise_covariance).all():  # for other logs of the same sensors
+        errors_of_fit = Covariance(names, fit.noise_covariance)
         errors = errors_of_fit if errors is None else errors_of_fit + errors
     inside = folder_files(fit.mechanism, urdf, known, [], fit.found, errors)
     return {f"identified/{name}": x for name, x in inside.items()}
@@ -149,8 +150,8 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "logs": list(fit.motion.names),
         "samples": fit.motion.samples,
         "rows": fit.rows,
-        "parameters": [_entry(value) for value in fit.parameters],
-        "base_parameters": [_entry(value) for value in fit.base_parameters],
+        "parameters": [_entry(value, fit) for value in fit.parameters],
+        "base_parameters": [_entry(value, fit) for value in fit.base_parameters],
         "effects": [
             {
                 "kind": values.effect.kind,
@@ -158,7 +159,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
                 **({"signal": values.effect.signal} if values.effect.signal else {}),
                 **({"file": files[values.effect.label][0]} if values.effect.label in files else {}),
                 "settings": {name: values.effect.setting(name) for name in values.effect.settings},
-                "parameters": [_entry(value) for value in values.parameters],
+                "parameters": [_entry(value, fit) for value in values.parameters],
             }
             for values in fit.effects
         ],
@@ -193,6 +194,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         **({} if fit.binding is None else {"consistency": fit.binding.json()}),
         **({} if fit.possible is None else {"possible": fit.possible.json(fit.columns.names)}),
         **({} if fit.changes is None else {"changes": _changes(fit.changes)}),
+        "calibration": _calibration(fit),
         "correlated": [list(pair) for pair in fit.correlation.pairs()],
         "warnings": list(fit.warnings),
     }
@@ -211,8 +213,28 @@ def _changes(x: Changes) -> dict[str, Any]:
             "not_compared": list(x.apart)}  # fmt: skip
 
 
-def _entry(value: Value | BaseValue) -> dict[str, Any]:
-    return {key: x for key, x in asdict(value).items() if key != "at_bound"}
+def _entry(value: Value | BaseValue, fit: Fit) -> dict[str, Any]:
+    """Return a value's fields, and the share of each cause in the variance of its error."""
+    entry = {key: x for key, x in asdict(value).items() if key != "at_bound"}
+    if fit.budget is None or not value.stderr:
+        return entry
+    shares = {name: x for name, x in fit.shares(value.name).items() if x >= LEAST_SHARE}
+    return {**entry, "budget": shares}
+
+
+def _calibration(fit: Fit) -> list[dict[str, Any]]:
+    """Return the causes that a fit carries, with priors, and what the data say of each."""
+    if fit.budget is None:
+        return []
+    each = zip(fit.budget.causes, fit.budget.values, fit.budget.errors, strict=True)
+    return [
+        {
+            "name": cause.name, "kind": cause.kind, "place": cause.place, "prior": cause.scale,
+            "unit": cause.unit, "source": cause.source,
+            "value": float(value * cause.scale), "stderr": float(error * cause.scale),
+        }
+        for cause, value, error in each
+    ]  # fmt: skip
 
 
 def _error_sets(fit: Fit, standstill: bool = False) -> dict[str, Any]:
@@ -313,6 +335,12 @@ def read_fit(path: str | Path, mechanism: Mechanism, *, allow_code: bool = False
         raise FitError(f"{path}: is of another mechanism: {error}") from None
 
 
+def _logged(entry: Mapping[str, Any]) -> Any:
+    """Return the value that predicts torques as they are logged, the only one of older files."""
+    value = entry.get("as_logged")
+    return entry["value"] if value is None else value
+
+
 def _refuse(constant: str) -> None:
     raise ValueError(f"{constant} is no number")
 
@@ -328,7 +356,7 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
             f"{', '.join(names_in_file) or 'none'}; {mechanism.name} has "
             f"{', '.join(names_here) or 'none'}"
         )
-    values = {str(entry["name"]): entry["value"] for entry in data["parameters"]}
+    values = {str(entry["name"]): _logged(entry) for entry in data["parameters"]}
     parts = [(e["kind"], e["joint"], e.get("signal", "")) for e in data["effects"]]
     labels = [":".join(filter(None, part)) for part in parts]
     grown = mechanism
@@ -346,7 +374,7 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
             grown = grown + create_effect(kind, joint, effect.get("settings"), signal=signal)
         elif effect_here is None:
             grown = grown + _own_kind(path, label, effect, allow_code)(tuple(joint.split(",")))
-        values |= {str(entry["name"]): entry["value"] for entry in effect["parameters"]}
+        values |= {str(entry["name"]): _logged(entry) for entry in effect["parameters"]}
     effects = {full for effect in grown.effects for full in effect.names}
     for name in values:
         if name not in effects and name.rpartition(".")[0] not in grown.bodies.links:
@@ -374,7 +402,11 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
                 sizes = float(e["rms"]), e["relative"], str(e["unit"])
                 read.setdefault(title, {})[joint] = Error(*sizes, every["rms"], every["relative"])
     base = tuple(
-        BaseValue(str(e["name"]), float(e["value"]), float(e["stderr"]), str(e["unit"]))
+        BaseValue(
+            str(e["name"]), float(e["value"]), float(e["stderr"]), str(e["unit"]),
+            *(np.nan if e.get(key) is None else float(e[key])
+              for key in ("stderr_noise", "as_logged", "stderr_as_logged")),
+        )
         for e in data.get("base_parameters") or () if e["stderr"] is not None
     )  # fmt: skip
     cutoff = cutoff if cutoff in (None, "auto") else float(cutoff)

@@ -15,10 +15,11 @@ from ident.effects import Effect
 from ident.effects.effect import Estimates
 from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns, Point
-from ident.errors import FitError, one_of
+from ident.errors import FitError, IdentError, one_of
 from ident.faults.channel_fits import SMALL
 from ident.faults.data_checks import DataChecks, Health
 from ident.finding import Finding
+from ident.fit.calibration import Budget, budget_of
 from ident.fit.consistency import Binding, PossibleBodies
 from ident.fit.findings import unexcited
 from ident.fit.likelihood import Likelihood
@@ -33,8 +34,10 @@ from ident.fit.values import (
     Model,
     ParameterValues,
     Value,
+    with_noise,
 )
 from ident.information.blocks import Error, Information, Squares
+from ident.information.chance import prior_covariance
 from ident.information.estimate import Estimate
 from ident.lazy import lazy
 from ident.log import Log
@@ -175,7 +178,7 @@ class Fit(Charted):
         again = [self.repeated.finding(self.motion.duration)] if self.repeated else []
         doubts = *self.checks.poor(), *self.checks.reversals()
         written = self.possible.findings if self.possible else []
-        return (*self.health.findings, *doubts, *self.findings, *written, *again)
+        return (*self.health.findings, *self._budget[1], *doubts, *self.findings, *written, *again)
 
     @cached_property
     def possible(self) -> PossibleBodies | None:
@@ -204,18 +207,95 @@ class Fit(Charted):
         return self._with(self.checks.moved_at_reversals)
 
     @cached_property
-    def covariance(self) -> np.ndarray:
-        """Covariance (n_ind, n_ind) of the base parameters: `without_faults`, or, where `health`
+    def noise_covariance(self) -> np.ndarray:
+        """Covariance (n_ind, n_ind) of least squares by noise: `without_faults`, or, where `health`
         names faults, the same with their bias in place of that of reversals.
+
+        By it are judged an effect in one log, and what has changed on a machine: errors of its
+        calibration are the same in all logs of it.
         """
         good = max(self.relative.values(), default=0.0) < SMALL  # no fault is named
         return self.without_faults if good else self._with(self.checks.bias)
 
-    def _with(self, change: np.ndarray) -> np.ndarray:
+    def _with(self, change: np.ndarray, scatter: np.ndarray | None = None) -> np.ndarray:
         """Covariance with a bias of the unknowns (k,)."""
         again, bias = self.repeated, self.estimate.base.combined(change)
         wider = 1.0 if again is None else again.variance(self.motion.duration)
-        return self.scatter * wider + np.outer(bias, bias)
+        scatter = self.scatter if scatter is None else scatter
+        return scatter * wider + np.outer(bias, bias)
+
+    @cached_property
+    def budget(self) -> Budget | None:
+        """What errors of the calibration do to the base parameters; None where it is exact."""
+        return self._budget[0]
+
+    @cached_property
+    def _budget(self) -> tuple[Budget | None, list[Finding]]:
+        """The budget, and what the data say against it or why there is none."""
+        if self.mechanism.calibration.exact or not self.rank:
+            return None, []
+        try:
+            found = budget_of(self.problem, self.checks.table, self.estimate)
+        except (IdentError, np.linalg.LinAlgError) as error:
+            text = f"errors of the calibration are not in the standard errors: {error}"
+            return None, [Finding("no budget", text, "give --calibrated exact if it is")]
+        return found, [] if found is None else [*found.findings()]
+
+    @cached_property
+    def calibrated(self) -> Estimate:
+        """The estimate in which errors of the calibration are fitted within their priors: the best
+        values of the machine. `estimate` predicts the torques as its sensors log them. Within
+        limits (`binding`) it is that one, and calibration only widens the errors.
+        """
+        if self.budget is None or self.binding:
+            return self.estimate
+        x = self.estimate.x.copy()
+        x[self.estimate.base.independent] += self.budget.shift
+        return self.estimate.at(x)
+
+    @cached_property
+    def _by_noise(self) -> np.ndarray:
+        """What noise makes of the covariance of the calibrated estimate (n_ind, n_ind)."""
+        if self.budget is None or self.binding:
+            return self.noise_covariance
+        good = max(self.relative.values(), default=0.0) < SMALL
+        change = self.checks.moved_at_reversals if good else self.checks.bias
+        held = prior_covariance(self.estimate, self.problem.plausible)
+        return self._with(change, self.budget.noise + held)
+
+    @cached_property
+    def _by_calibration(self) -> np.ndarray:
+        """(n_ind, causes) change of the values by one standard deviation of each cause."""
+        if self.budget is None:
+            return np.zeros((self.rank, 0))
+        return self.budget.propagated if self.binding else self.budget.parts
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Covariance (n_ind, n_ind) of the base parameters, by noise and calibration."""
+        parts = self._by_calibration
+        return self._by_noise + parts @ parts.T if parts.size else self._by_noise
+
+    def shares(self, name: str) -> dict[str, float]:
+        """Return the share of each cause, and of `noise`, in the variance of a parameter.
+
+        Args:
+            name: of a parameter, an effect's parameter or a base parameter that is determined.
+
+        Raises:
+            KeyError: if there is none of that name, with the nearest one.
+        """
+        self[name]
+        all_of = self._values(self.covariance)
+        gradient = all_of.gradient(name, self.mechanism)
+        if gradient is None or not np.isfinite(self.covariance).all():
+            return {}
+        total = float(gradient @ self.covariance @ gradient) or 1.0
+        squares = (gradient @ self._by_calibration) ** 2 / total
+        causes = self.budget.causes if self.budget else ()
+        found = {"noise": float(gradient @ self._by_noise @ gradient) / total}
+        found |= {c.name: float(x) for c, x in zip(causes, squares, strict=True)}
+        return dict(sorted(found.items(), key=lambda share: -share[1]))
 
     @property
     def known_errors(self) -> Covariance | None:
@@ -223,19 +303,29 @@ class Fit(Charted):
         known = self.mechanism.covariance
         return known and known.without(self.columns.names)
 
-    def _values(self, cov: np.ndarray) -> ParameterValues:
+    def _values(self, cov: np.ndarray, logged: bool = False) -> ParameterValues:
+        """Return values with a covariance, of the calibrated estimate or as they are `logged`."""
         at = self.binding.at_bound if self.binding else ()
-        return ParameterValues(self.columns, self.estimate, cov, at)
+        estimate = self.estimate if logged else self.calibrated
+        return ParameterValues(self.columns, estimate, cov, at)
+
+    @property
+    def _three(self) -> tuple[ParameterValues, ParameterValues, ParameterValues]:
+        """Values with all errors, with those of noise, and as they are logged."""
+        return (
+            self._values(self.covariance), self._values(self._by_noise),
+            self._values(self.noise_covariance, logged=True),
+        )  # fmt: skip
 
     @cached_property
     def parameters(self) -> tuple[Value, ...]:
         """Unknown dynamic parameters in Γ's order."""
-        return self._values(self.covariance).rigid(self.mechanism)
+        return with_noise(*(values.rigid(self.mechanism) for values in self._three))
 
     @cached_property
     def base_parameters(self) -> tuple[BaseValue, ...]:
         """The combinations that this motion and this mechanism can identify."""
-        return self._values(self.covariance).base
+        return with_noise(*(values.base for values in self._three))
 
     def since(self, earlier: Model) -> Fit:
         """Return the fit with `changes` from an earlier fit, or from its fit.json (`read_fit`)."""
@@ -251,17 +341,29 @@ class Fit(Charted):
         """What is different from the earlier fit; None where there is none."""
         if self.earlier is None:
             return None
-        return Changes.of(self.earlier, self._values(self.covariance))
+        return Changes.of(self.earlier, self._values(self.noise_covariance, logged=True))
 
     @cached_property
     def effects(self) -> tuple[EffectValues, ...]:
         """The effects with their parameters."""
-        return self.effects_with(self.covariance)
+        prior = self.earlier.point.values if self.earlier else None
+        every = (values.effects(self.point, prior) for values in self._three)
+        return tuple(
+            replace(effect, parameters=with_noise(*(x.parameters for x in (effect, *others))))
+            for effect, *others in zip(*every, strict=True)
+        )
 
     def effects_with(self, covariance: np.ndarray) -> tuple[EffectValues, ...]:
-        """Return the effects with their parameters, of a covariance (n_ind, n_ind)."""
+        """Return the effects with their parameters as they are logged, of a covariance of these
+        (n_ind, n_ind).
+        """
         prior = self.earlier.point.values if self.earlier else None
-        return self._values(covariance).effects(self.point, prior)
+        return self._values(covariance, logged=True).effects(self.point, prior)
+
+    @cached_property
+    def logged_effects(self) -> tuple[EffectValues, ...]:
+        """The effects as they are logged, with errors of noise alone: what one log can show."""
+        return self.effects_with(self.noise_covariance)
 
     @cached_property
     def correlation(self) -> Correlation:
@@ -312,7 +414,7 @@ class Fit(Charted):
         return {
             effect_values.effect.label: {v.name.rpartition(".")[2]: (v.value, v.stderr)
                                 for v in effect_values.parameters}
-            for effect_values in self.effects
+            for effect_values in self.logged_effects
         }  # fmt: skip
 
     def __getitem__(self, name: str) -> Value | BaseValue:

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import NormalDist
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from ident.text import rounded
 STRONG = 0.95  # level: |r| at which two parameters are known only together
 SAME = 1e-4  # numerics: of a combination's coefficients, which names state with six digits
 EXACT = 1e-6  # numerics: of a value: a change below is that of rounding and interpolation
+V = TypeVar("V", "Value", "BaseValue")
 TERM = re.compile(r"(?:^| ([+-]) )(?:([\d.e+-]+) )?(\S+)")
 
 
@@ -47,6 +48,10 @@ class Value:
     prior: float  #: the URDF's value; of effects the earlier fit's, 0 where there is none
     #: whether a bound holds it; it is no farther off than stderr says, and not normally distributed
     at_bound: bool = False
+    stderr_noise: float | None = None  #: what noise makes of `stderr`, which holds calibration too
+    #: with which the model predicts the torques as they are logged, by sensors that may be off
+    as_logged: float = np.nan
+    stderr_as_logged: float | None = None  #: by noise
 
     def __repr__(self) -> str:
         text = f"{self.name} = {rounded(self.value, self.stderr)} {self.unit}".removesuffix(" 1")
@@ -59,8 +64,18 @@ class BaseValue:
 
     name: str
     value: float
-    stderr: float
+    stderr: float  #: of noise and calibration
     unit: str
+    stderr_noise: float = np.nan  #: what noise makes of it
+    as_logged: float = np.nan  #: the value that predicts the torques as they are logged
+    stderr_as_logged: float = np.nan  #: by noise
+
+    @property
+    def in_data(self) -> BaseValue:
+        """The value as it is logged, by sensors whose errors are the same in all logs of them."""
+        if not np.isfinite(self.as_logged):
+            return self
+        return replace(self, value=self.as_logged, stderr=self.stderr_as_logged)
 
     def __repr__(self) -> str:
         return f"{self.name} = {rounded(self.value, self.stderr)} {self.unit}".removesuffix(" 1")
@@ -72,6 +87,19 @@ class EffectValues:
 
     effect: Effect
     parameters: tuple[Value, ...]
+
+
+def with_noise(values: Sequence[V], noise: Sequence[V], logged: Sequence[V]) -> tuple[V, ...]:
+    """Return values with what noise alone makes of their errors, and as they are in the data."""
+    return tuple(
+        replace(
+            value,
+            stderr_noise=of_noise.stderr,
+            as_logged=as_logged.value,
+            stderr_as_logged=as_logged.stderr,
+        )
+        for value, of_noise, as_logged in zip(values, noise, logged, strict=True)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +185,11 @@ class ParameterValues:
 
     def _centroidal_error(self, pi: np.ndarray, at: Sequence[int], k: int) -> float:
         """Return the error of I_k of a body pi (10,) with places `at` in x (delta method)."""
+        gradient = self._centroidal_gradient(pi, at, k)
+        return float(np.sqrt(gradient @ self.cov @ gradient))
+
+    def _centroidal_gradient(self, pi: np.ndarray, at: Sequence[int], k: int) -> np.ndarray:
+        """Return the slope (n,) of I_k of a body pi (10,) by the base parameters."""
         place = {int(column): i for i, column in enumerate(self.estimate.base.independent)}
         gradient = np.zeros(len(self.cov))
         for j in (0, 1, 2, 3):
@@ -166,7 +199,27 @@ class ParameterValues:
                 rise = beyond_centroidal(pi + step)[k] - beyond_centroidal(pi - step)[k]
                 gradient[place[at[j]]] = -rise / (2 * step[j])
         gradient[place[at[k]]] = 1.0
-        return float(np.sqrt(gradient @ self.cov @ gradient))
+        return gradient
+
+    def gradient(self, name: str, mechanism: Mechanism) -> np.ndarray | None:
+        """Return the slope (n,) of a value by the base parameters; None if these do not hold it."""
+        base, word = self.estimate.base, name.rpartition(".")[2]
+        unit = np.eye(base.rank)
+        names = base_names(self.columns, base)
+        if name in names:
+            return np.asarray(unit[names.index(name)])
+        centroidal = {to: about for about, to in CENTROIDAL.items()}
+        about = f"{name.rpartition('.')[0]}.{centroidal.get(word, word)}"
+        place = self.columns.index.get(about, -1)
+        if place not in base.independent or not np.isfinite(self._stderr[place]):
+            return None
+        if word not in centroidal:
+            return np.asarray(unit[list(base.independent).index(place)])
+        link = name.rpartition(".")[0]
+        pi = self.columns.dynamic_parameters(mechanism, self.estimate.solution.x)
+        body = mechanism.bodies.columns(link)
+        places = [self.columns.index.get(f"{link}.{each}", -1) for each in DYNAMIC]
+        return self._centroidal_gradient(pi[body], places, list(DYNAMIC).index(centroidal[word]))
 
     def correlation(self) -> Correlation:
         """Return the correlation of the errors of base parameters."""
@@ -293,7 +346,7 @@ class Changes(Displayed):
         columns, base = now.columns, now.estimate.base
         compared, apart = list[Change](), list[str]()
         effects = {name: effect for effect in earlier.mechanism.effects for name in effect.names}
-        for before in earlier.base_parameters:
+        for before in (value.in_data for value in earlier.base_parameters):
             c, known = np.zeros(len(columns)), True
             for sign, factor, name in TERM.findall(before.name):
                 known &= name in columns.index

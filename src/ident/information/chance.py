@@ -65,12 +65,16 @@ FEWEST_SQUARES = 3.0  # level: ν below which the t-distribution's width means n
 Times = Sequence[tuple[int, int]]  # (log, block)
 
 
-def covariance(information: Information, estimate: Estimate) -> Array:
-    """Return the covariance (n_ind, n_ind) of the base parameters; NaN for a single block."""
+def covariance(information: Information, estimate: Estimate, with_prior: bool = False) -> Array:
+    """Return the covariance (n_ind, n_ind) of the base parameters; NaN for a single block.
+
+    `with_prior`: whether the estimate rests on further rows, which say what was known beforehand;
+    what the noise of the rows `information` makes of it is returned then.
+    """
     size, times = estimate.base.rank, information.times
     if not size or len(times) < 2:
         return np.full((size, size), np.nan)
-    blocks = LeftOut.of(information, estimate)
+    blocks = LeftOut.of(information, estimate, with_prior)
     deltas, shares = blocks.deltas
     total, nu = long_run(times, deltas, shares)
     wider = np.sqrt(nu / (nu - 2))

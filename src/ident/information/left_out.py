@@ -39,8 +39,10 @@ class LeftOut:
     white: Array  # (n, n) Cov[Σ h] if the residuals of each coordinate were white
 
     @classmethod
-    def of(cls, information: Information, estimate: Estimate) -> LeftOut:
-        """Take the rows that inform, at the estimate, which need not be their own."""
+    def of(cls, information: Information, estimate: Estimate, with_prior: bool = False) -> LeftOut:
+        """Take the rows that inform, at the estimate, which need not be their own; `with_prior`:
+        whether its triangle has further rows.
+        """
         base, times = estimate.base.independent, information.times
         n, number = len(base), {time: k for k, time in enumerate(times)}
         place = np.full(information.k, -1)
@@ -69,7 +71,8 @@ class LeftOut:
             return cls(times, T, zero, zero[:, :, 0], np.zeros((n, n)))
         Q = np.concatenate([piece[2] for piece in pieces])
         # what rounding leaves of QᵀQ − I goes
-        turn = np.linalg.inv(np.linalg.cholesky(Q.T @ Q)).T if n else np.zeros((0, 0))
+        whole = n and not with_prior
+        turn = np.linalg.inv(np.linalg.cholesky(Q.T @ Q)).T if whole else np.eye(n)
         Q, T = Q @ turn, T @ turn
         e, block = (np.concatenate([piece[i] for piece in pieces]) for i in (3, 1))
         order = np.argsort(block, kind="stable")

@@ -21,6 +21,7 @@ from ident.effects import KINDS, Effect, create, read_user_effect
 from ident.errors import MechanismError, missing_file, one_of
 from ident.files import TomlTable, is_number, read_toml, suffixes
 from ident.log import Column
+from ident.mechanism.calibration import read_calibration
 from ident.mechanism.chains import BASE, ORDERS, chains_of, expand, floating_base, pose_names
 from ident.mechanism.closures import (
     Closure,
@@ -50,6 +51,7 @@ from ident.text import listed
 TOP = (
     "urdf", "gravity", "base", "joints", "closure", "parameters", "multipliers", "log", "effect",
     "drives",
+    "calibration",
 )  # fmt: skip
 GRAVITY = (0.0, 0.0, -9.81)  # range: [m/s²]
 LIMITLESS = 1e8  # range: from which a limit of a URDF is none
@@ -131,7 +133,7 @@ def _read(
         urdf = toml.parent / top.text("urdf")
         if not urdf.is_file():
             raise top.error(f"urdf = '{top.data['urdf']}': no such file in {toml.parent}")
-    for key in ("base", "joints", "parameters", "multipliers", "log"):
+    for key in ("base", "joints", "parameters", "multipliers", "log", "calibration"):
         top.table(key)
     closures, effects = (top.tables(key) for key in ("closure", "effect"))
     source = read_description(urdf, beside="closure" not in top.data)
@@ -194,6 +196,10 @@ def _read(
         unmeasured=without,
         consistency=read_consistency(parameters, bodies),
         covariance=read_covariance(parameters, folder),
+        calibration=read_calibration(
+            top.table("calibration"),
+            [*(joint.name for joint in joints), *(closure.name for closure in constraints)],
+        ),
     )
     names = [closure.name for closure in mechanism.closures]
     if twice := [name for name in names if names.count(name) > 1]:

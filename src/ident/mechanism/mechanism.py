@@ -19,6 +19,7 @@ from ident.errors import MechanismError, one_of
 from ident.information import linear
 from ident.log import Column
 from ident.mechanism.assembly import CLOSED, Assembly, assemble
+from ident.mechanism.calibration import Calibration
 from ident.mechanism.chains import Chain
 from ident.mechanism.closures import Closure, shifted
 from ident.mechanism.drives import parse_drives
@@ -104,6 +105,7 @@ class Mechanism(Displayed):
             torques of no other joint need, are left out.
         consistency: bounds on parameters and the total mass, for a consistent fit.
         covariance: of known values, where an earlier fit has found them.
+        calibration: what may be a little wrong with its sensors and its drawing.
     """
 
     name: str
@@ -127,6 +129,7 @@ class Mechanism(Displayed):
     chains: tuple[Chain, ...] = ()
     consistency: Consistency = field(default_factory=Consistency)
     covariance: Covariance | None = None
+    calibration: Calibration = field(default_factory=Calibration)
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -416,6 +419,19 @@ class Mechanism(Displayed):
                     f"{self.name}: effect '{effect.label}' changes '{absent[0]}', which is not "
                     f"there; add it, or leave out {effect.label}"
                 )
+
+    def with_calibration(self, text: str) -> Mechanism:
+        """This mechanism with what a text states of its calibration, beside what it states already.
+
+        Args:
+            text: as `tau=0.5%,q=0.1deg,clock=exact`, `tau.elbow=1%`, or `exact` for all.
+
+        Raises:
+            MechanismError: for an entry that is none, with a valid one.
+        """
+        names = [*self.joint_index, *(closure.name for closure in self.closures)]
+        stated = Calibration.of(text, names)
+        return replace(self, calibration=self.calibration | stated)
 
     def without(self, label: str) -> Mechanism:
         """This mechanism without one of its effects, named as `kind:joint`.

@@ -16,7 +16,7 @@ from ident.fit.files import Saved, residual_before, write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Reactions
 from ident.fit.result import Fit
-from ident.fit.values import STRONG, Correlation, Value
+from ident.fit.values import STRONG, BaseValue, Correlation, Value
 from ident.information.blocks import Error
 from ident.show.card import Card, bars_of, body_words, doubts_of, enough, good_enough, next_command
 from ident.show.charts import PRIOR, Chart, Dots, Panel
@@ -132,25 +132,80 @@ def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
     def shown(v: Value) -> str:
         return rounded(v.value, v.stderr) + (", at bound" if v.at_bound else "")
 
+    head, cells = _error_columns(fit)
+
     def unit(v: Value) -> str:
         return f"{v.unit}, {words[v.name]}" if v.value < 0 and words.get(v.name) else v.unit
 
     tables = {
-        "Effects": [["effect", "value", "unit"], *([v.name, shown(v), unit(v)] for v in effects)],
+        "Effects": [
+            ["effect", "value", *head, "unit"],
+            *([v.name, shown(v), *cells(v), unit(v)] for v in effects),
+        ],
         "Identified parameters": [
-            ["parameter", "value", "prior", "unit"],
-            *([v.name, shown(v), significant(v.prior, 5), v.unit] for v in own),
+            ["parameter", "value", *head, "prior", "unit"],
+            *([v.name, shown(v), *cells(v), significant(v.prior, 5), v.unit] for v in own),
         ],
         TOGETHER: [
-            ["base parameter", "value", "prior", "unit"],
+            ["base parameter", "value", *head, "prior", "unit"],
             *(
-                [shortened(v.name, most), rounded(v.value, v.stderr), significant(x, 4), v.unit]
+                [
+                    shortened(v.name, most),
+                    rounded(v.value, v.stderr),
+                    *cells(v),
+                    significant(x, 4),
+                    v.unit,
+                ]
                 for v, x in combined
             ),
         ],
         "Multipliers": _multiplier_rows(fit),
     }
     return {title: rows for title, rows in tables.items() if len(rows) > 1}
+
+
+def _error_columns(fit: Fit) -> tuple[list[str], Callable[[Value | BaseValue], list[str]]]:
+    """Return heads of the columns on what errors are made of, and their cells for a value; none
+    where the calibration is exact, so that all of an error is noise.
+    """
+    if fit.budget is None:
+        return [], lambda value: []
+
+    def cells(value: Value | BaseValue) -> list[str]:
+        if not value.stderr or not np.isfinite(value.stderr):
+            return ["–", "–"]
+        cause, share = next(iter(fit.shares(value.name).items()), ("–", 0.0))
+        return [two_digits(value.stderr_noise or 0.0), f"{cause}, {100 * share:.0f} %"]
+
+    return ["± noise", "most of ±"], cells
+
+
+def calibration_line(fit: Fit) -> str:
+    """Return which cause makes most of the errors, by the parameter that it makes worst; empty
+    where noise does, or the calibration is exact.
+    """
+    if fit.budget is None:
+        return ""
+    effects = (value for effect in fit.effects for value in effect.parameters)
+    known = [v for v in (*fit.parameters, *effects) if v.identifiable and v.stderr and v.value]
+    worst: dict[str, list[tuple[float, Value, float]]] = {}
+    for value in known:
+        cause, share = next(iter(fit.shares(value.name).items()), ("noise", 1.0))
+        error = (value.stderr or 0.0) / abs(value.value)
+        worst.setdefault(cause, []).append((error if error < 1 else 0.0, value, share))
+    worst.pop("noise", None)
+    if not worst:
+        return ""
+    cause = max(worst, key=lambda name: len(worst[name]))
+    error, value, share = max(worst[cause], key=lambda entry: entry[0] * entry[2])
+    if not error:
+        return ""
+    of_it = percent(error * share**0.5)
+    return (
+        f"{value.name} ± {percent(error)}, of it ± {of_it} from the {cause.removeprefix('the ')}"
+        f", which makes most of the error of {len(worst[cause])} of {len(known)} parameters: "
+        "calibrate it, or state how good it is (--calibrated)"
+    )
 
 
 def body_lines(fit: Fit) -> list[str]:
@@ -194,6 +249,8 @@ def sheet(fit: Fit) -> Sheet:
         lines.append(f"rank {fit.rank} of {len(fit.columns)} unknowns, {condition}{rest}")
     lines += [str(x) for x in (fit.likelihood, fit.binding) if x is not None]
     lines += body_lines(fit)
+    if calibrate := calibration_line(fit):
+        lines.append(calibrate)
     if pairs := _pairs(fit.correlation):
         lines.append(
             f"known only together (correlation of errors): {some(pairs)}: their sum or difference "
