@@ -16,8 +16,8 @@ from ident import Fit, Log, Mechanism, Noise
 
 
 def robot(name: str) -> Mechanism:
-    """A robot of robots/ that something drives, with free multipliers."""
-    mechanism = ident.load(ROBOTS / name)
+    """A robot of robots/ that something drives, with free multipliers and exact sensors."""
+    mechanism = ident.load(ROBOTS / name).with_calibration("exact")
     if name == "pendulum":  # nothing drives it; here its angle is driven
         mechanism = replace(mechanism, driven=("theta",), passive=("x", "y"))
     return replace(mechanism, multipliers=ident.Multipliers("free"))

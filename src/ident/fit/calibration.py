@@ -25,7 +25,7 @@ import numpy as np
 
 from ident.equations.problem import Problem, block_edges, triangles
 from ident.equations.rows import Rows
-from ident.equations.table import Table
+from ident.equations.table import SMOOTH, Table
 from ident.equations.unknowns import Columns, Point
 from ident.errors import IdentError
 from ident.finding import Finding
@@ -35,9 +35,12 @@ from ident.information.chance import CERTAIN, covariance
 from ident.information.estimate import MATERIAL, Estimate, estimate, term_sizes
 from ident.information.linear import Triangle
 from ident.mechanism.calibration import Cause
+from ident.motion import Motion
 from ident.text import listed
 
 ROUNDS = 2  # work: of columns at the parameters that they lead to
+SAMPLES = 8_000  # work: that columns are made of, as few as smooth series allow
+STRETCHES = 16  # work: of a log with more
 PASSES = 6  # work: over the weights of the coordinates
 SETTLED = 1e-3  # numerics: of a weight: a smaller change is the last
 SMALLER = (1.0, 0.1, 0.01)  # work: shares of a prior scale at which a column is taken
@@ -55,6 +58,7 @@ class Budget:
         parts: (n, c) change of the base parameters by one standard deviation of each cause.
         propagated: (n, c) the same of the least-squares estimate, in which no cause is fitted.
         shift: (n,) marginal estimate less least squares.
+        left: (d,) squared residual over that of least squares.
         values, errors: (c,) of the causes, in their prior scales; correlation: (c, c) of these.
     """
 
@@ -64,9 +68,15 @@ class Budget:
     parts: np.ndarray
     propagated: np.ndarray
     shift: np.ndarray
+    left: np.ndarray
     values: np.ndarray
     errors: np.ndarray
     correlation: np.ndarray
+
+    @property
+    def believed(self) -> bool:
+        """Whether no error is far outside of its prior."""
+        return bool((np.abs(self.values) <= CERTAIN).all())
 
     @property
     def covariance(self) -> np.ndarray:
@@ -108,6 +118,11 @@ def budget_of(problem: Problem, table: Table, fitted: Estimate) -> Budget | None
     if not causes or not len(base):
         return None
     x, values, at = fitted.x.copy(), np.zeros(len(causes)), table
+    motion = _excerpt(problem.motion)
+    if motion is not problem.motion:
+        problem = replace(problem, motion=motion)
+        at = Table.of(problem.mechanism, problem.columns, motion, table.point)
+    least, every = fitted.solution.beta, problem.information.rows // table.b.shape[1]
     for number in range(ROUNDS):
         if number:
             with suppress(IdentError, np.linalg.LinAlgError):
@@ -122,26 +137,31 @@ def budget_of(problem: Problem, table: Table, fitted: Estimate) -> Budget | None
         n, c = len(base), len(causes)
         information = _augmented(problem, at, fitted, columns, columns @ values)
         z, total, sigma = _marginal(information, fitted, at, n, c)
-        x[base] = fitted.x[base] + z.x[:n] - fitted.solution.beta
+        if not number and (problem.stacked or len(at.t) != every):  # other rows than the fit's
+            of_rows = total_of(information, sigma).restricted(np.arange(n))
+            least = estimate([of_rows], np.zeros(n), np.ones(1), sigma=np.ones(1)).x
+        x[base] = fitted.x[base] + z.x[:n] - least
         values = z.x[n:]
     weighted = Estimate(z.solution, z.base, sigma, total, z.held)
-    by_noise = covariance(information, weighted, with_prior=True)[:n, :n]
-    # all rows say more than the table's where that holds one in so many
-    rows = problem.information.rows / table.b.shape[1]
-    by_noise = by_noise * min(1.0, len(at.t) / max(rows, 1))
     of_causes = z.solution.C[n:, n:]
     errors = np.sqrt(np.diag(of_causes))
     return Budget(
         causes=tuple(causes),
         left_out=tuple(left_out),
-        noise=by_noise,
+        noise=covariance(information, weighted, with_prior=True)[:n, :n],
         parts=z.solution.C[:n, n:],
         propagated=_propagated(information, sigma, n),
-        shift=z.x[:n] - fitted.solution.beta,
+        shift=z.x[:n] - least,
+        left=_left(information, z.x) / np.maximum(_left(problem.information, fitted.x), 1e-300),
         values=values,
         errors=errors,
         correlation=of_causes / np.outer(errors, errors),
     )
+
+
+def _left(information: Information, x: np.ndarray) -> np.ndarray:
+    """Return the mean squared residual (d,) of unknowns x (k,)."""
+    return np.array([t.residual_norm(x) ** 2 / max(t.rows, 1) for t in information.totals])
 
 
 def _propagated(information: Information, sigma: np.ndarray, n: int) -> np.ndarray:
@@ -149,6 +169,22 @@ def _propagated(information: Information, sigma: np.ndarray, n: int) -> np.ndarr
     R = total_of(information, sigma).R
     found: np.ndarray = linear.lstsq(R[:, :n], R[:, n:], rcond=None)[0]
     return found
+
+
+def _excerpt(motion: Motion) -> Motion:
+    """Return a motion of no more samples than budgets are made of: of longer ones, stretches."""
+    cutoff = motion.band.cutoff
+    steps = [max(1, int(e.rate / (SMOOTH * cutoff))) if cutoff else 1 for e in motion.experiments]
+    share = SAMPLES / sum(len(e) / k for e, k in zip(motion.experiments, steps, strict=True))
+    if share >= 1:
+        return motion
+    states = []
+    for e in motion.experiments:
+        length = len(e) / STRETCHES
+        cuts = (int(i * length) for i in range(STRETCHES))
+        pieces = (e.at_samples(slice(a, a + max(3, int(share * length)))) for a in cuts)
+        states += [piece for piece in pieces if piece.usable.any()]
+    return replace(motion, experiments=tuple(states))
 
 
 def _corrected(

@@ -18,6 +18,7 @@ from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, IdentError, one_of
 from ident.faults.channel_fits import SMALL
 from ident.faults.data_checks import DataChecks, Health
+from ident.faults.search import NUMBERED
 from ident.finding import Finding
 from ident.fit.calibration import Budget, budget_of
 from ident.fit.consistency import Binding, PossibleBodies
@@ -217,12 +218,11 @@ class Fit(Charted):
         good = max(self.relative.values(), default=0.0) < SMALL  # no fault is named
         return self.without_faults if good else self._with(self.checks.bias)
 
-    def _with(self, change: np.ndarray, scatter: np.ndarray | None = None) -> np.ndarray:
+    def _with(self, change: np.ndarray) -> np.ndarray:
         """Covariance with a bias of the unknowns (k,)."""
         again, bias = self.repeated, self.estimate.base.combined(change)
         wider = 1.0 if again is None else again.variance(self.motion.duration)
-        scatter = self.scatter if scatter is None else scatter
-        return scatter * wider + np.outer(bias, bias)
+        return self.scatter * wider + np.outer(bias, bias)
 
     @cached_property
     def budget(self) -> Budget | None:
@@ -259,9 +259,20 @@ class Fit(Charted):
         if self.budget is None or self.binding:
             return self.noise_covariance
         good = max(self.relative.values(), default=0.0) < SMALL
-        change = self.checks.moved_at_reversals if good else self.checks.bias
+        # a small delay or gain that is named is in the estimate already
+        held_by_prior = self.budget.believed and all(
+            trial.fault.kind in NUMBERED for trial in self.checks.faults[0]
+        )
+        of_faults = not (good or held_by_prior)
+        change = self.checks.bias if of_faults else self.checks.moved_at_reversals
+        bias = self.estimate.base.combined(change)
+        wider, again = 1.0, self.repeated
+        if again is not None:  # of what is left, the rest is the same in each period
+            left = zip(again.rho.items(), self.budget.left, strict=True)
+            rho = {name: 1 - (1 - rho) / max(share, 1e-12) for (name, rho), share in left}
+            wider = replace(again, rho=rho).variance(self.motion.duration)
         held = prior_covariance(self.estimate, self.problem.plausible)
-        return self._with(change, self.budget.noise + held)
+        return self.budget.noise * wider + held + np.outer(bias, bias)
 
     @cached_property
     def _by_calibration(self) -> np.ndarray:

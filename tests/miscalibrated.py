@@ -1,0 +1,97 @@
+"""Logs of machines whose sensors and drawings are off, by errors drawn from their priors.
+
+The log is made by the true machine and then read by sensors that are wrong: nothing of it is
+linear, and none of the columns with which a fit describes these errors is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+import ident
+from ident import Fit, Log, Mechanism
+from ident.mechanism.calibration import Cause
+from identification import plant
+
+ENDS = 10  # samples at either end, where late channels are not known
+
+
+@dataclass(frozen=True, eq=False)
+class Misread:
+    """A log, the machine as its user knows it, and what is true.
+
+    Attributes:
+        errors: of each cause by name, in its prior scale; values: of all parameters, by name.
+    """
+
+    mechanism: Mechanism
+    log: Log
+    errors: Mapping[str, float]
+    values: Mapping[str, float]
+
+    def fit(self, **options) -> Fit:
+        """Of the log."""
+        return ident.identify(self.mechanism, ident.complete(self.mechanism, self.log, **options))
+
+    def off(self, fit: Fit) -> np.ndarray:
+        """(n,) base parameters less their true values, in standard errors."""
+        x = np.array([self.values.get(name, 0.0) for name in fit.columns.names])
+        base = fit.estimate.base
+        truth = x[base.independent] + base.K @ x[base.dependent]
+        found = np.array([value.value for value in fit.base_parameters])
+        stderr = np.array([value.stderr for value in fit.base_parameters])
+        return (found - truth) / stderr
+
+
+def misread(
+    mechanism: Mechanism,
+    motion: Log,
+    seed: int,
+    *,
+    size: Callable[[Cause, np.random.Generator], float] = lambda cause, random: random.normal(),
+    noise: float = 0.01,
+    spread: float = 0.3,
+) -> Misread:
+    """A log of a machine with errors of its calibration.
+
+    Args:
+        mechanism: as its user knows it, with its priors.
+        motion: q, v, a of the driven joints, as they truly move.
+        seed: of parameters, errors and noise.
+        size: error of a cause in its prior scale.
+        noise: of the torques, white, as a share of their rms.
+        spread: of the dynamic parameters, as a share.
+    """
+    random = np.random.default_rng(seed)
+    logged = tuple(name[2:] for name in motion.columns if name.startswith("q."))
+    rate = (len(motion.t) - 1) / float(motion.t[-1] - motion.t[0])
+    errors, true, by_place = {}, mechanism, {}
+    for cause in mechanism.calibration.causes(mechanism, logged, rate):
+        errors[cause.name] = size(cause, random)
+        by_place[cause.kind, cause.place] = errors[cause.name] * cause.scale
+        if cause.kind == "length":
+            true = true.displaced(cause.place, by_place[cause.kind, cause.place])
+    case = plant(true, motion, spread=spread, seed=seed)
+    t, inside = case.log.t, slice(ENDS, -ENDS)
+    clock = 1 + by_place.get(("clock", ""), 0.0)
+
+    def read(channel: str, x: np.ndarray) -> np.ndarray:
+        late = by_place.get(("lateness", channel.replace("v.", "q.").replace("a.", "q.")), 0.0)
+        return np.asarray(CubicSpline(t, x)(t - late))
+
+    columns = {}
+    for name in logged:
+        for order, kind in enumerate("qva"):
+            x = read(f"{kind}.{name}", case.log.columns[f"{kind}.{name}"]) * clock**order
+            zero = by_place.get(("q", f"q.{name}"), 0.0) if kind == "q" else 0.0
+            columns[f"{kind}.{name}"] = (x - zero)[inside]
+    for name in mechanism.driven:
+        x = read(f"tau.{name}", case.log.columns[f"tau.{name}"])
+        x = x * (1 + by_place.get(("tau", f"tau.{name}"), 0.0))
+        x = x + noise * np.sqrt(np.mean(x**2)) * random.normal(size=len(x))
+        columns[f"tau.{name}"] = x[inside]
+    return Misread(mechanism, Log.from_arrays("run.csv", t[inside], columns), errors, case.values)
