@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 
 import ident
 from ident import Fit, Log, Mechanism
-from ident.mechanism.calibration import Cause
+from ident.mechanism.causes import Cause, causes_of
 from identification import plant
 
 ENDS = 10  # samples at either end, where late channels are not known
@@ -70,7 +70,7 @@ def misread(
     logged = tuple(name[2:] for name in motion.columns if name.startswith("q."))
     rate = (len(motion.t) - 1) / float(motion.t[-1] - motion.t[0])
     errors, true, by_place = {}, mechanism, {}
-    for cause in mechanism.calibration.causes(mechanism, logged, rate):
+    for cause in causes_of(mechanism, logged, rate):
         errors[cause.name] = size(cause, random)
         by_place[cause.kind, cause.place] = errors[cause.name] * cause.scale
         if cause.kind == "length":

@@ -34,7 +34,7 @@ from ident.information.blocks import Block, Information
 from ident.information.chance import CERTAIN, covariance
 from ident.information.estimate import MATERIAL, Estimate, estimate, term_sizes
 from ident.information.linear import Triangle
-from ident.mechanism.calibration import Cause
+from ident.mechanism.causes import Cause, causes_of
 from ident.motion import Motion
 from ident.text import listed
 
@@ -113,7 +113,7 @@ def budget_of(problem: Problem, table: Table, fitted: Estimate) -> Budget | None
     states = problem.motion.experiments
     logged = dict.fromkeys(name for e in states for name in e.logged)
     rate = max(e.rate for e in states)
-    for cause in problem.mechanism.calibration.causes(problem.mechanism, tuple(logged), rate):
+    for cause in causes_of(problem.mechanism, tuple(logged), rate):
         causes.append(cause)
     if not causes or not len(base):
         return None

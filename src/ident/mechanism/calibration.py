@@ -13,20 +13,13 @@ A prior is a normal distribution about 0: a type B uncertainty (JCGM 100, GUM, s
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.effects import Effect
-from ident.effects.calibration import ClockError, LatePosition, LateTorque
-from ident.effects.drive import EncoderOffset, Geometry, TorqueGain
 from ident.errors import MechanismError, one_of
 from ident.files import TomlTable
-
-if TYPE_CHECKING:
-    from ident.mechanism.mechanism import Mechanism
 
 EXACT = "exact"
 AMOUNT = re.compile(r"\s*([+]?[0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-zA-Zµ%°]*)\s*", re.I)
@@ -92,25 +85,6 @@ KINDS = {
         ),
     )
 }  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class Cause:
-    """One thing that may be a little wrong.
-
-    Attributes:
-        name: in words, as `gain of tau.elbow`; kind: of `KINDS`; place: what it is an error of.
-        scale: one standard deviation in `unit`; source: of that number.
-        effect: whose column, at a value of 0, it is.
-    """
-
-    name: str
-    kind: str
-    place: str
-    scale: float
-    unit: str
-    source: str
-    effect: Effect
 
 
 @dataclass(frozen=True)
@@ -179,46 +153,6 @@ class Calibration:
         defaults = KINDS[kind].default
         chosen = next((x for x in defaults if x.unit == unit), defaults[0])
         return chosen, KINDS[kind].source
-
-    def causes(self, mechanism: Mechanism, logged: Sequence[str], rate: float) -> Iterator[Cause]:
-        """Yield the causes of a mechanism, for logs of a rate [Hz] with the positions `logged`;
-        without those that an effect of the mechanism has already.
-        """
-        for kind, place, effect, size, unit in self._every(mechanism, logged):
-            keys = (place, place.rpartition(".")[0], place.partition(".")[2])
-            amount, source = self.amount(kind, *filter(None, keys), unit=unit)
-            scale = amount.number
-            if amount.unit == "sample":
-                scale, source = scale / rate, f"{source}; samples of {1e3 / rate:.3g} ms"
-            elif amount.unit == "1":
-                scale *= size
-            elif amount.unit != unit:  # degrees of a joint that slides
-                defaults = (x.number for x in KINDS[kind].default if x.unit == unit)
-                scale = next(defaults, scale)
-            if scale > 0:
-                name = f"{KINDS[kind].words} {place}".strip()
-                yield Cause(name, kind, place, scale, unit, source, mechanism.placed(effect))
-
-    def _every(
-        self, mechanism: Mechanism, logged: Sequence[str]
-    ) -> Iterator[tuple[str, str, Effect, float, str]]:
-        """Yield kind, place, effect, size of what may be off, and the unit of the error."""
-        present = {effect.label for effect in mechanism.effects}
-        present |= {f"late_torque:{x.joints[0]}" for x in mechanism.effects if x.fault == "delay"}
-        every: list[tuple[str, str, Effect, float, str]] = [("clock", "", ClockError(()), 1.0, "1")]
-        for name in mechanism.measured:
-            every.append(("tau", f"tau.{name}", TorqueGain((name,)), 1.0, "1"))
-        for name in logged:
-            unit = mechanism.joint(name).unit
-            every.append(("q", f"q.{name}", EncoderOffset((name,)), 1.0, unit))
-        for place in mechanism.sites.length:
-            size = abs(mechanism.lengths[place])
-            every.append(("length", place, Geometry((place,)), size, "m"))
-        for name in mechanism.measured:
-            every.append(("lateness", f"tau.{name}", LateTorque((name,)), 1.0, "s"))
-        for name in logged:
-            every.append(("lateness", f"q.{name}", LatePosition((name,)), 1.0, "s"))
-        return (entry for entry in every if entry[2].label not in present)
 
 
 def read_amount(text: object, kind: str, where: str) -> Amount:
