@@ -28,6 +28,8 @@ def main(site: Path) -> int:
         app.connect("source-read", lambda _, page, __: report("reading", page, 0.1))
         app.connect("html-page-context", lambda _, page, *__: report("writing", page, 0.55))
         app.build()
+    if app.statuscode == 0:
+        print(f"the site begins at {site / 'index.html'}")
     return app.statuscode
 
 

@@ -90,10 +90,12 @@ def moving(browser: Browser, folder: Path) -> None:
         "[...document.querySelectorAll('script[id^=data-]')]"
         ".map(e => JSON.parse(e.textContent).stretch).find(Array.isArray).slice(1)"
     )
+    annotated(page)
     pictures = []
     for moment in np.arange(first, last, 1 / FRAMES):
         slider.fill(str(moment))
         slider.dispatch_event("input")
+        slider.evaluate("e => e.blur()")  # no frame around it
         page.wait_for_timeout(60)
         picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
         pictures.append(picture.resize((1050, 675), Image.Resampling.LANCZOS))
@@ -104,6 +106,32 @@ def moving(browser: Browser, folder: Path) -> None:
     )  # fmt: skip
     print(f"{path.name}: {len(pictures)} pictures, {path.stat().st_size} bytes")
     page.close()
+
+
+PARTS = {  # of a report's first screen, in the order of docs/report.md; not all have all of them
+    "header .line": 1, "table.errors": 2, ".copy": 3, ".front figure.chart >> nth=0": 4,
+    ".front figure.chart >> nth=1": 5, "figure.scene": 6,
+}  # fmt: skip
+NUMBER = (
+    "position:absolute;width:30px;height:30px;border-radius:15px;background:#d63384;color:white;"
+    "font:600 17px/30px sans-serif;text-align:center;z-index:9"
+)
+
+
+def annotated(page: Page) -> None:
+    """The first screen with a number at each of its parts."""
+    for place, number in PARTS.items():
+        part = page.locator(place)
+        if not part.count() or not (box := part.first.bounding_box()):
+            continue
+        left, top = max(box["x"] - 34, 2), box["y"]
+        page.evaluate(
+            "([style, text]) => { const e = document.createElement('div'); e.className = 'number';"
+            " e.style = style; e.textContent = text; document.body.append(e) }",
+            [f"{NUMBER};left:{left}px;top:{top}px", str(number)],
+        )
+    save(Image.open(io.BytesIO(page.screenshot())).convert("RGB"), PICTURE.with_name("report.png"))
+    page.evaluate("document.querySelectorAll('.number').forEach((e) => e.remove())")
 
 
 def law() -> Chart:

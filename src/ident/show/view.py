@@ -246,8 +246,14 @@ class View:
         up = -g / np.linalg.norm(g) if g.any() else np.array([0.0, 0.0, 1.0])
         points = [*((x.joint, x.corners) for x in self.shapes), *enumerate(sites(self.mechanism))]
         clouds = []
-        for film in self.films:
-            some = np.unique(np.linspace(0, len(film) - 1, LOOKED_AT).astype(int))
+        for number, film in enumerate(self.films):
+            moments = np.arange(len(film))
+            if self.stretch is not None:  # what is played by itself is seen from near
+                inside = (film.t >= self.stretch[1]) & (film.t <= self.stretch[2])
+                moments = np.flatnonzero(inside & (number == self.stretch[0]))
+            if not len(moments):
+                continue
+            some = moments[np.unique(np.linspace(0, len(moments) - 1, LOOKED_AT).astype(int))]
             R, origin = poses_of(self.mechanism.model, film.q[some])
             clouds += [
                 (x @ R[:, i].transpose(0, 2, 1) + origin[:, None, i]).reshape(-1, 3)
