@@ -7,7 +7,9 @@ use every row at full rate and weigh all alike. figaroh's core is what its `solv
 decimation: `build_regressor_basic`, `get_index_eliminate` and `build_regressor_reduced`, then
 `QRDecomposer.double_decomposition` and the predicted torque; its cheaper `decompose("pivoting")`
 stands beside it. Here it is rows, factors, `reveal` and `solve`, as `identify` does it; and all of
-`identify`, which adds weights, held-out errors and standard errors.
+`identify`, which adds weights, held-out errors and standard errors. `plain` is what a user would
+write: a loop over Pinocchio's regressor and normal equations in pieces. Every run has a new motion,
+so that nothing is kept from the one before.
 
 The peer runs in a Python that has it: this one, or the one that FIGAROH_PYTHON names, or a virtual
 environment `figvenv` beside the checkout:
@@ -49,24 +51,30 @@ def table(sizes: tuple[int, ...] = SIZES) -> list[dict[str, object]]:
     for samples in sizes:
         with tempfile.TemporaryDirectory() as folder:
             _run(sys.executable, "--make", str(samples), folder)
-            own = [_run(sys.executable, f"--{kind}", folder) for kind in ("core", "identify")]
-            theirs = [_run(python, f"--{kind}", folder) for kind in ("double", "pivoting")]
-            tau = {kind: np.load(Path(folder) / f"{kind}.npy") for kind in ("core", "double")}
-            largest = np.abs(tau["double"]).max()
-            apart = float(np.abs(tau["core"] - tau["double"]).max() / largest)
+            own = [
+                _run(sys.executable, f"--{kind}", folder) for kind in ("core", "identify", "plain")
+            ]
+            methods = ("double", "pivoting") if python else ()
+            theirs = [_run(python, f"--{kind}", folder) for kind in methods]
+            other = "double" if python else "plain"
+            tau = {kind: np.load(Path(folder) / f"{kind}.npy") for kind in ("core", other)}
+            largest = np.abs(tau[other]).max()
+            apart = float(np.abs(tau["core"] - tau[other]).max() / largest)
         for row in [*own, *theirs]:
-            slower = float(theirs[0]["us"]) / float(row["us"])
+            slower = float([*theirs, own[-1]][0]["us"]) / float(row["us"])
             found.append({"samples": samples, **row, "ratio": slower, "apart": apart})
     return found
 
 
 def peer() -> str:
-    """A Python that has figaroh."""
+    """A Python that has figaroh; none where it is not to be found."""
     beside = Path(__file__).resolve().parents[2] / "figvenv" / "bin" / "python"
     if importlib.util.find_spec("figaroh"):
         return sys.executable
     named = os.environ.get("FIGAROH_PYTHON") or (str(beside) if beside.exists() else "")
-    return named or sys.exit(HOW)
+    if not named:
+        sys.stderr.write(f"{HOW}\n")
+    return named
 
 
 def make(samples: int, folder: Path) -> None:
@@ -106,15 +114,19 @@ def ours(folder: Path, whole: bool) -> dict[str, object]:
     motion = replace(motion, experiments=(e,))
     assert all(np.array_equal(getattr(e, c), arrays[c]) for c in ("q", "v", "a", "tau"))
 
+    def anew() -> ident.Motion:
+        """The motion with nothing kept from the run before."""
+        return replace(motion, experiments=(replace(e),))
+
     def core() -> tuple[np.ndarray, int, float, int]:
-        regression = Problem.of(mechanism, motion, Point.prior(mechanism))
+        regression = Problem.of(mechanism, anew(), Point.prior(mechanism))
         total = Triangle.merge(regression.information.totals)
         base = rank_revealing(total)
         x = solve(total, base, regression.prior).x
         return x, base.rank, base.condition_number, total.rows
 
     def identify() -> tuple[np.ndarray, int, float, int]:
-        fit = ident.identify(mechanism, motion)
+        fit = ident.identify(mechanism, anew())
         return fit.estimate.solution.x, fit.rank, fit.condition_number, fit.estimate.triangle.rows
 
     us, (x, rank, condition, count) = best(identify if whole else core, len(e))
@@ -123,6 +135,42 @@ def ours(folder: Path, whole: bool) -> dict[str, object]:
     name = "identify" if whole else "core"
     np.save(folder / f"{name}.npy", np.concatenate([each.A @ x for each in rows(scene, None)]))
     return _row("all of identify" if whole else "ident", us, rank, condition, count, memory)
+
+
+def plain(folder: Path) -> dict[str, object]:
+    """What a user would write: Pinocchio's regressor, sample by sample, normal equations, NumPy."""
+    import pinocchio as pin
+
+    arrays, model = np.load(folder / "arrays.npz"), pin.buildModelFromUrdf(folder / "arm7.urdf")
+    q, v, a, tau = (arrays[name] for name in ("q", "v", "a", "tau"))
+    data, nv, bodies = model.createData(), model.nv, 10 * (model.njoints - 1)
+    piece = 500
+
+    def rows(start: int) -> np.ndarray:
+        stop = min(start + piece, len(q))
+        A = np.zeros((stop - start, nv, bodies + 2 * nv))
+        for i in range(start, stop):
+            A[i - start, :, :bodies] = pin.computeJointTorqueRegressor(
+                model, data, q[i], v[i], a[i]
+            )
+            A[i - start, range(nv), range(bodies, bodies + nv)] = v[i]
+            A[i - start, range(nv), range(bodies + nv, bodies + 2 * nv)] = np.sign(v[i])
+        return A
+
+    def core() -> tuple[np.ndarray, np.ndarray]:
+        H, g = np.zeros((bodies + 2 * nv,) * 2), np.zeros(bodies + 2 * nv)
+        for start in range(0, len(q), piece):
+            A = rows(start).reshape(-1, bodies + 2 * nv)
+            H += A.T @ A
+            g += A.T @ tau[start : start + piece].ravel()
+        size = np.sqrt(np.maximum(np.diag(H), 1e-300))
+        x, _, rank, _ = np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-10)
+        return x / size, rank
+
+    us, (x, rank) = best(core, len(q))
+    memory = _memory()
+    np.save(folder / "plain.npy", np.concatenate([rows(s) @ x for s in range(0, len(q), piece)]))
+    return _row("plain Pinocchio, 20 lines", us, int(rank), float("nan"), len(q) * nv, memory)
 
 
 def theirs(folder: Path, method: str) -> dict[str, object]:
@@ -209,6 +257,8 @@ def main() -> None:
         make(int(others[0]), Path(others[1]))
     elif kind in ("--core", "--identify"):
         print(json.dumps(ours(Path(others[0]), kind == "--identify")))
+    elif kind == "--plain":
+        print(json.dumps(plain(Path(others[0]))))
     elif kind in ("--double", "--pivoting"):
         print(json.dumps(theirs(Path(others[0]), kind.strip("-"))))
     else:

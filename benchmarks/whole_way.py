@@ -6,10 +6,11 @@ A serial arm of seven joints with viscous and Coulomb friction at these numbers 
 robots/slider_crank with its log. Steps: `read_log`, `complete`, `identify`, and `write` with its
 report. Processor time of one thread, BLAS on one thread, the best of REPEAT.
 
-`kernels` is what a step spends inside of Pinocchio, LAPACK, compiled CasADi and the filter's matrix
-products: one more run in which each of their calls is timed. The rest is Python, NumPy's own passes
-over arrays (copies, sums, other products) and allocation: `not arithmetic` is its share of the
-step, an upper bound, since what NumPy computes by itself counts as none.
+`kernels` is what a step spends inside of Γ and Γ π (Pinocchio or NumPy at once), LAPACK, compiled
+CasADi and the filter's matrix products: one more run in which each of their calls is timed. The
+rest is Python, NumPy's own passes over arrays (copies, sums, other products) and allocation: `not
+arithmetic` is its share of the step, an upper bound, since what NumPy computes by itself counts as
+none.
 """
 
 import os
@@ -27,10 +28,13 @@ from unittest import mock
 import arm7
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
 import ident
-from ident.equations.filter import Decimator
+from ident.equations import filter as filtering
+from ident.equations import table as tables
+from ident.equations import thinning
+from ident.information.lapack import lapack
+from ident.mechanism import batched
 from ident.mechanism.kinematics import Mapped
 
 SIZES = (10_000, 100_000)
@@ -39,7 +43,7 @@ STEPS = ("read", "complete", "identify", "write")
 REPEAT = 3
 
 
-def table(sizes: tuple[int, ...] = SIZES) -> list[dict[str, object]]:
+def table(sizes: tuple[int, ...] = SIZES, crank: bool = True) -> list[dict[str, object]]:
     """One row a case and step: µs a sample in all, in kernels, and the share that is neither."""
     found = []
     with tempfile.TemporaryDirectory() as name:
@@ -50,8 +54,9 @@ def table(sizes: tuple[int, ...] = SIZES) -> list[dict[str, object]]:
             path = folder / f"{samples}.csv"
             arm7.log(arm, samples, 0.01).write(path)
             found += _case(f"arm, {samples} samples", arm, path, folder / "out")
-        crank = ROBOTS / "slider_crank"
-        found += _case("slider-crank", ident.load(crank), crank / "run.csv", folder / "out")
+        if crank:
+            robot = ROBOTS / "slider_crank"
+            found += _case("slider-crank", ident.load(robot), robot / "run.csv", folder / "out")
     return found
 
 
@@ -119,6 +124,8 @@ def kernels() -> Iterator[Callable[[], float]]:
     with ExitStack() as stack:
         for module, names in (
             (pin, ("computeJointTorqueRegressor", "rnea")),
+            (batched, ("regressor", "rigid_forces")),
+            *((module, ("multiplied",)) for module in (filtering, thinning, tables)),
             (lapack, ("dtpqrt", "dtrtrs", "dtrtri", "dgeqrf")),
             (np.linalg, ("qr", "svd", "solve", "pinv", "eigh", "eigvalsh", "lstsq")),
         ):
@@ -126,7 +133,6 @@ def kernels() -> Iterator[Callable[[], float]]:
                 wrapped = timed(getattr(module, name))
                 stack.enter_context(mock.patch.object(module, name, wrapped))
         stack.enter_context(mock.patch.object(Mapped, "__init__", compiled))
-        stack.enter_context(mock.patch.object(Decimator, "apply", timed(Decimator.apply)))
         yield lambda: spent
 
 

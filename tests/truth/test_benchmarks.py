@@ -1,0 +1,40 @@
+"""The benchmarks of speed run, on a thousand samples; their tables are what scale.py writes."""
+
+import importlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def benchmarks(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    return importlib.import_module
+
+
+def test_the_whole_way_from_a_file_to_a_fit(benchmarks, monkeypatch):
+    module, scale = benchmarks("whole_way"), benchmarks("scale")
+    monkeypatch.setattr(module, "REPEAT", 1)
+    rows = module.table((1000,), crank=False)
+    assert [row["step"] for row in rows] == list(module.STEPS)
+    assert all(row["us"] > 0 and row["kernels"] >= 0 for row in rows)
+    assert "identify" in scale.markdown(rows)
+
+
+def test_cores_agree_with_the_lines_that_a_user_would_write(tmp_path):
+    def run(*arguments: str) -> dict:
+        command = [sys.executable, str(BENCHMARKS / "figaroh_core.py"), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
+        return json.loads(done.stdout.splitlines()[-1]) if done.stdout else {}
+
+    run("--make", "1000", str(tmp_path))
+    for kind in ("core", "plain"):
+        assert run(f"--{kind}", str(tmp_path))["us"] > 0
+    core, plain = (np.load(tmp_path / f"{kind}.npy") for kind in ("core", "plain"))
+    assert np.abs(core - plain).max() < 1e-6 * np.abs(core).max()
