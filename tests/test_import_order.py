@@ -6,7 +6,7 @@ from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parents[1] / "src"
 ORDER = (
-    ("errors", "progress", "display", "lazy", "threads"),
+    ("errors", "progress", "display", "request", "lazy", "threads"),
     ("files", "text", "finding"),
     ("information", "pool"),  # know no robot
     ("log",),
@@ -23,6 +23,7 @@ ORDER = (
     ("excite",),
     ("montecarlo",),
     ("streams",),
+    ("assess",),
     ("show",),
     ("public",),
     ("ident",),

@@ -7,54 +7,11 @@ They are imported at the first use, so that no kernel module imports a plotting 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 Progress = Callable[[str, float], None]
 """Called with the name of the present step and the share of it that is done, 0 to 1."""
-
-running: ContextVar[str] = ContextVar("running", default="")
-"""The command line, for reports; empty where there is none."""
-
-folder: ContextVar[str] = ContextVar("folder", default="")
-"""Where its files are written; empty where they are not."""
-
-
-@contextmanager
-def writing(place: str | Path) -> Iterator[None]:
-    """Let commands in a result name the folder into which it is being written."""
-    before = folder.set(str(place))
-    try:
-        yield
-    finally:
-        folder.reset(before)
-
-
-acceptable: ContextVar[float | None] = ContextVar("acceptable", default=None)
-"""Error, as a share of a joint's torque, that is good enough; None where none is stated."""
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """What a command line is given: the mechanism, logs, and options of the model as words.
-
-    `like` are its logs of normal running, where it has any; `fit` is the folder of an earlier fit
-    that is compared with the logs.
-    """
-
-    mechanism: str
-    logs: tuple[str, ...]
-    options: tuple[str, ...]
-    like: tuple[str, ...] = ()
-    fit: str = ""
-
-
-inputs: ContextVar[Inputs | None] = ContextVar("inputs", default=None)
-"""Those of the running command; None where there is none, or they do not describe its model."""
 
 
 def no_progress(what: str, share: float) -> None:

@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 from ident.display import render
 from ident.errors import IdentError, LogError, MechanismError, line_of, near, one_of
+from ident.request import PYTHON, Request
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
@@ -165,13 +166,13 @@ def write_all(folder: Path, contents: Mapping[str, bytes | Iterable[bytes]]) -> 
 class Written:
     """A noun of which `show` makes files: a report, its numbers as JSON, tables."""
 
-    def write(self, folder: str | Path) -> list[Path]:
+    def write(self, folder: str | Path, request: Request = PYTHON) -> list[Path]:
         """Write its files into a folder, made where there is none; return them, all or none.
 
         Raises:
             IdentError: if the folder cannot be written; then no file of it has changed.
         """
-        return write_all(Path(folder), render(self, "files"))
+        return write_all(Path(folder), render(self, "files", request=request))
 
 
 def function_of(file: Path, name: str, *, allow_code: bool) -> Callable[..., Any]:

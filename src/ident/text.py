@@ -86,10 +86,10 @@ def listed(names: Iterable[str], word: str = "and") -> str:
     return f"{', '.join(first)} {word} {last}" if first else last
 
 
-def some(names: Sequence[str], most: int = 4) -> str:
+def shortlist(names: Sequence[str], most: int = 4) -> str:
     """Return the first few names and the number of the others.
 
-    >>> some(["a", "b", "c"], 2)
+    >>> shortlist(["a", "b", "c"], 2)
     'a, b and 1 more'
     """
     if len(names) <= most:

@@ -10,6 +10,7 @@ from lxml import html
 import ident
 from helpers import ROBOTS
 from ident import Log
+from ident.assess.good_enough import Answer, Reason, good_enough
 from ident.diagnosis.result import errors_of
 from ident.display import part
 from ident.finding import Finding
@@ -17,12 +18,13 @@ from ident.fit.files import fit_json
 from ident.fit.identify import Comparison
 from ident.fit.values import Value
 from ident.information.blocks import Error
-from ident.show.card import Bar, Card, enough, good_enough
+from ident.show.card import Bar, Card
 from ident.show.charts import Line
 from ident.show.comparison import comparison_card, comparison_json, plot_forces
 from ident.show.diagnosis import LINES, short
 from ident.show.diagnosis import card as diagnosis_card
 from ident.show.fit import card as fit_card
+from ident.show.headline import good_enough_words
 from ident.show.html import paragraph, report_page, table
 from ident.show.laws import numbers
 from ident.show.residual import plot_maps
@@ -170,15 +172,19 @@ def test_a_card_explains_the_marks_that_it_shows():
 
 def test_a_model_is_good_enough_where_its_error_is_noise_or_does_not_matter():
     errors = {"elbow": Error(0.1, 0.05, "N m"), "wrist": Error(0.1, 0.002, "N m")}
-    assert good_enough(errors, {}) == ""  # a log without noise
-    assert "As good as" in good_enough(errors, {"elbow": 0.05, "wrist": 0.05}, searched=True)
-    assert "Yes: in every joint the error is at most 1.0 times" in good_enough(
-        errors, {"elbow": 0.1, "wrist": 0.1}
-    )
-    assert "below 0.3 % of the torque" in good_enough(errors, {"elbow": 0.1, "wrist": 0.001})
-    words = good_enough(errors, {"elbow": 3e-4, "wrist": 1e-4})
-    assert words.startswith("Good enough? Not in elbow (330 times the noise of the sensors)")
-    assert "wrist" not in words
+    assert good_enough(errors, {}).reason is Reason.UNKNOWN  # a log without noise
+    noise = good_enough(errors, {"elbow": 0.1, "wrist": 0.1})
+    assert (noise.answer, noise.reason) == (Answer.NOT_TESTED, Reason.NOISE)
+    held = good_enough(errors, {"elbow": 0.1, "wrist": 0.1}, logs=["other.csv"])
+    assert (held.answer, held.reason) == (Answer.YES, Reason.NOISE)
+    assert good_enough(errors, {"elbow": 0.1, "wrist": 0.001}).reason is Reason.SMALL
+    large = good_enough(errors, {"elbow": 3e-4, "wrist": 1e-4})
+    assert (large.answer, large.joints, large.fits) == (Answer.NO, ("elbow",), False)
+    assert "No: the error is 5 % of the torque in elbow" in good_enough_words(large)
+    errors["elbow"] = replace(errors["elbow"], relative=0.01)  # it describes its own log
+    small = good_enough(errors, {"elbow": 0.01, "wrist": 0.1})
+    assert (small.answer, small.joints) == (Answer.NOT_TESTED, ("elbow",))
+    assert good_enough(errors, {"elbow": 0.01}, logs=["other.csv"]).answer is Answer.NO
 
 
 def test_an_error_that_rises_is_marked():
@@ -199,7 +205,8 @@ def test_noise_is_one_number_in_every_result(nouns):
     cards = fit_card(fit), comparison_card(alone), diagnosis_card(d)
     for card in cards:
         assert {bar.joint: bar.noise for bar in card.bars} == fit.noise
-        assert "Good enough? Not in" in card.sure
+    answers = {words.split("Good enough? ")[1].split(".")[0] for words in (c.sure for c in cards)}
+    assert len(answers) == 1
     assert cards[-1].then.startswith("Next: Add ")
 
 
@@ -230,20 +237,21 @@ def test_a_name_that_leaves_most_of_the_error_is_not_sure(nouns):
     d = nouns["diagnosis"]
     best = d.candidates[0]
     joint, old = best.joint, errors_of(d.fit)[best.joint]
-    assert "Not sure" not in diagnosis_card(d).sure
+    assert "Not certain" not in diagnosis_card(d).sure
     for left, sure in ((0.9, False), (0.1, True)):
         after = {**best.after, joint: replace(old, rms=left * old.rms)}
         partial = replace(d, loud=(joint,), candidates=(replace(best, after=after),))
-        assert ("Not sure that it is this (with it 81 %" in diagnosis_card(partial).sure) != sure
+        assert ("Not certain that it is this: with it 81 %" in diagnosis_card(partial).sure) != sure
 
 
 def test_a_log_that_was_not_fitted_is_named_and_torques_of_another_size_are_doubted():
     errors, floor = {"elbow": Error(0.1, 0.05, "N m")}, {"elbow": 0.1}
-    assert good_enough(errors, floor, logs=["b.csv"]).startswith("Good enough on b.csv? Yes")
+    held = good_enough(errors, floor, logs=["b.csv"])
+    assert good_enough_words(held).startswith("Good enough on b.csv? Yes")
     doubts = (Finding("magnitude", "tau.elbow: 0.001 times what the URDF's bodies need"),)
-    assert "Doubtful" in good_enough(errors, floor, doubts=doubts)
-    assert enough(errors, floor)
-    assert not enough(errors, floor, doubts)
+    assert good_enough(errors, floor, doubts=doubts).reason is Reason.DOUBTFUL
+    assert good_enough(errors, floor).fits
+    assert not good_enough(errors, floor, doubts=doubts).fits
 
 
 def test_torques_of_another_unit_are_doubted_in_the_card():

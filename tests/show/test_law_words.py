@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from ident.assess.verdict import formulas_explain
 from ident.fit.values import Value
-from ident.show.laws import law_words, solved
+from ident.show.laws import law_words
 
 
 @pytest.mark.parametrize(("k", "said"), [(1.5, False), (-1.5, True)])
@@ -31,6 +32,6 @@ def test_formulas_explain_what_takes_half_of_the_error_and_less_lowers_it():
         return SimpleNamespace(felt=felt, before=before, after=after)
 
     one, both = law("yaw", 4.0, 3.0), law("yaw", 3.0, 1.0)
-    assert not solved(SimpleNamespace(laws=[one]))
-    assert solved(SimpleNamespace(laws=[one, both]))
-    assert not solved(SimpleNamespace(laws=[one, both, law("elbow", 1.0, 1.0)]))
+    assert not formulas_explain(SimpleNamespace(laws=[one]))
+    assert formulas_explain(SimpleNamespace(laws=[one, both]))
+    assert not formulas_explain(SimpleNamespace(laws=[one, both, law("elbow", 1.0, 1.0)]))

@@ -11,6 +11,7 @@ from diagnosed import clean, grown, lacking, lawful, loop
 import ident
 from helpers import ROBOTS
 from ident import Health
+from ident.assess.diagnosis import assess_diagnosis
 from ident.diagnosis.unobservable import Invisible, Unsupported
 from ident.effects.library import named
 from ident.finding import Finding
@@ -24,7 +25,7 @@ from ident.show.experiment import remedy_of
 from ident.show.ladder import head, history_card, rung
 from ident.show.laws import numbers
 from ident.show.verdict import verdict_line
-from ident.text import WIDTH, listed, percent, some
+from ident.text import WIDTH, listed, percent, shortlist
 
 
 def bad(name: str, channel: str) -> Finding:
@@ -49,10 +50,14 @@ def test_the_first_lines_are_few_and_have_the_verdict_the_errors_and_the_command
     lines = d.short.splitlines()
     assert len(lines) <= 20
     assert max(len(x) for x in lines if not x.startswith("  ident ")) <= WIDTH
-    assert d.verdict in lines[0]
+    assert "error " in lines[0]
+    assert {"missing": "Missing: ", "nothing": "Nothing is missing"}.get(d.verdict, "Left: ") in (
+        " ".join(" ".join(lines).split())
+    )
     for joint in d.fit.motion.independent:
         assert joint in d.short
-    assert ("ident add " in d.short) == (d.best is not None)
+    step = assess_diagnosis(d).next
+    assert (step.verb == "add") == (d.best is not None)
 
 
 def test_the_last_line_names_what_is_left_out_and_only_that(monkeypatch):
@@ -132,11 +137,12 @@ def test_an_earlier_model_that_was_incomplete_is_no_change_of_the_machine():
     then = dict(d.fit.held_out or d.fit.train)
     saved = Saved("fit.json", d.fit.mechanism, d.fit.point, errors={"held out": then})
     d = replace(d, verdict="unexplained", laws=(), fit=d.fit.since(saved))
-    assert verdict_line(d).startswith("nothing has changed, but the earlier model was incomplete")
+    assert "Nothing has changed, but the earlier model was incomplete" in verdict_line(d)
+    assert assess_diagnosis(d).next.verb == "grow"
     assert "elbow (" in verdict_line(d)
     less = {j: replace(e, rms=e.rms / 9, relative=(e.relative or 0) / 9) for j, e in then.items()}
     worse = replace(d, fit=d.fit.since(replace(saved, errors={"held out": less})))
-    assert verdict_line(worse).startswith("unexplained: ")
+    assert assess_diagnosis(worse).next.verb != "grow"
 
 
 def test_the_reason_why_an_effect_is_not_named_is_said():
@@ -147,8 +153,8 @@ def test_the_reason_why_an_effect_is_not_named_is_said():
         for each, sensible in ((first, True), (second, False))
     ]
     text = certainty(replace_every(d, both))
-    assert f"too small to matter away from reversals: {named([first.effect])}" in text
-    assert f"with an impossible value: {named([second.effect])}" in text
+    assert f"{named([first.effect])} (too small to matter away from reversals)" in text
+    assert f"{named([second.effect])} (with an impossible value)" in text
 
 
 def replace_every(d, found):
@@ -158,7 +164,7 @@ def replace_every(d, found):
 
 
 def test_the_next_experiment_comes_last():
-    assert text_of(clean(), "turn it further").endswith("Next experiment: turn it further")
+    assert text_of(clean(), "turn it further").endswith("Next motion: turn it further")
 
 
 @pytest.mark.parametrize("make", [clean, lacking, loop], ids=lambda f: f.__name__)
@@ -167,7 +173,7 @@ def test_the_printed_summary_fits_and_has_all(make):
     printed = str(d)
     lines = [line for line in printed.splitlines() if not line.startswith("  ident ")]
     assert max(map(len, lines)) <= WIDTH
-    assert d.verdict in printed
+    assert {"missing": "Missing: ", "nothing": "Nothing is missing"}[d.verdict] in printed
     for joint in d.fit.motion.independent:
         assert joint in printed
     for each in d.candidates:
@@ -250,7 +256,7 @@ def test_an_error_without_measure_is_no_huge_percentage():
 def test_small_pieces():
     assert listed([]) == "none"
     assert listed(["a", "b", "c"], "or") == "a, b or c"
-    assert some(["a", "b", "c", "d", "e"], 2) == "a, b and 3 more"
+    assert shortlist(["a", "b", "c", "d", "e"], 2) == "a, b and 3 more"
 
 
 def test_a_value_smaller_than_its_error_is_not_determined():
@@ -284,7 +290,7 @@ def test_lines_are_as_wide_as_a_narrow_terminal(monkeypatch):
     narrow = lacking().short
     assert max(len(x) for x in narrow.splitlines() if not x.startswith("  ident ")) <= 72
     assert max(len(x) for x in printed.splitlines()) > 80  # a file has its own width
-    assert set(narrow.split()) >= {*printed.split("\nerror:")[0].split()}
+    assert set(narrow.split()) >= {*printed.split("\nerror ")[0].split()}
 
 
 def test_the_joint_of_what_is_named_has_a_bar():

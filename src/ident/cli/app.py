@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO, get_type_hin
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from ident.display import Progress, no_progress, running
+from ident.display import Progress, no_progress
 from ident.errors import IdentError
 from ident.files import LARGEST_LOG, json_line, most_bytes, version
 from ident.text import merged
@@ -37,6 +37,17 @@ _pending: list[str] = []  # notes that wait for the result
 _steps: list[str] = []  # the present step of the command, for the line that Ctrl-C gets
 _bars: list[Bar] = []  # the bar of progress that is shown
 _written: list[Path] = []  # files that the command has written
+_command: list[str] = [""]  # the command line
+
+
+def command_line() -> str:
+    """Return the command line that runs, for reports; empty where there is none."""
+    return _command[0]
+
+
+def go_on_by_resuming() -> None:
+    """Let the command that goes on after Ctrl-C be the present one with --resume."""
+    _command[0] += " --resume"
 
 
 def starting(what: str) -> None:
@@ -105,17 +116,40 @@ def notes_later(lines: Iterable[str]) -> None:
 
 
 def wrote(paths: Iterable[Path]) -> None:
-    """Note the files that were written."""
+    """Note the files that were written, those of one folder in one line."""
+    folders: dict[Path, list[str]] = {}
     for path in paths:
         _written.append(path)
-        result(f"note: wrote {path}", sys.stderr)
+        folders.setdefault(path.parent, []).append(path.name)
+    top = min(folders, key=lambda folder: len(folder.parts), default=Path())
+    inside = [folder for folder in folders if folder != top and top in folder.parents]
+    for folder, names in folders.items():
+        if folder in inside:
+            continue
+        below = [f"{each.relative_to(top)}/" for each in inside] if folder == top else []
+        result(
+            f"note: wrote {folder / names[0]}{''.join(f', {x}' for x in [*names[1:], *below])}",
+            sys.stderr,
+        )
 
 
-def conclude(outcome: object, written: Iterable[Path] = (), remarks: Iterable[str] = ()) -> None:
-    """Write a result, a mapping as one line of JSON, then what files were written, and notes."""
+def conclude(
+    outcome: object,
+    written: Iterable[Path] = (),
+    remarks: Iterable[str] = (),
+    *,
+    verbose: bool = True,
+) -> None:
+    """Write a result, a mapping as one line of JSON, then what files were written, and notes; of
+    several notes the first one and their number, where they are not all wanted.
+    """
     result(json_line(outcome) if isinstance(outcome, Mapping) else outcome)
     wrote(written)
-    notes(remarks)
+    every = merged([*_pending, *remarks])
+    if not verbose and len(every) > 1:
+        _pending.clear()
+        every = [f"{len(every)} notes, the first: {every[0]}; --verbose shows them"]
+    notes(every)
 
 
 def fail(why: object) -> NoReturn:
@@ -213,7 +247,7 @@ def flat(function: Callable[..., None]) -> Callable[..., None]:
             text = (
                 f"interrupted{during}; {f'complete: {files}' if files else 'no file was written'}"
             )
-            if again := context.run(running.get):
+            if again := command_line():
                 how = "go on" if "--resume" in again.split() else "begin again"
                 text += f"; {how} with: {again}"
             result(text, sys.stderr)
@@ -285,7 +319,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):  # a terminal that cannot show ² gets an escape
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    running.set(shlex.join(["ident", *sys.argv[1:]]))  # for reports
+    _command[0] = shlex.join(["ident", *sys.argv[1:]])
     try:
         app()
     except IdentError as error:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ident.cli.app import close_pipe, conclude, notes, progress, result, wrote
+from ident.cli.app import close_pipe, conclude, go_on_by_resuming, notes, progress, result, wrote
+from ident.cli.lines import OTHER, ShellRequest, partly_done
 from ident.cli.options import (
     CHARTS,
     DIAGNOSIS_FILES,
@@ -41,13 +42,14 @@ from ident.cli.options import (
     read_logs,
     setting,
 )
-from ident.display import Progress, acceptable, inputs, part, running
+from ident.display import Progress, part
 from ident.errors import FitError, IdentError, one_of
 from ident.files import write_all
+from ident.request import Step
 
 if TYPE_CHECKING:
     from ident.diagnosis import Diagnosis
-    from ident.diagnosis.grow import Step
+    from ident.diagnosis.grow import Step as Rung
     from ident.fit import Fit
     from ident.information.blocks import Error
     from ident.mechanism import Mechanism
@@ -56,20 +58,22 @@ if TYPE_CHECKING:
 
     ErrorsAndNoise = tuple[Mapping[str, Error], Mapping[str, float]]  # errors and noise by joint
 
-MOST_IN_MEMORY = 1_000_000  # samples of all logs that are read at once
+MOST_IN_MEMORY = 1_000_000  # work: samples of all logs that are read at once
+MOST_SHOWN = 6  # shown: logs in one command
 Verbose = Annotated[bool, option("All candidates, and all reasons.", None, "--verbose")]
 
 
 def check(
     model: FitOptions,
     logs: Paths = argument("Logs to be checked.", "LOG", default=None),
+    verbose: Verbose = False,
     json: Json = False,
     write: Path | None = setting("Write mechanism.toml and URDF of what was understood.", "DIR"),
 ) -> None:
     """Show what was understood, and what could be identified.
 
-    Joints, closures, degrees of freedom; of logs their columns, gaps and noise, and what smoothing
-    left of each channel; base parameters.
+    Joints, closures, degrees of freedom; of logs their columns, and what looks wrong in them. With
+    --verbose also what smoothing left of each channel, and base parameters.
     """
     from ident.show.motion import check_json, check_text
 
@@ -84,7 +88,11 @@ def check(
     with progress() as on_progress:
         if logs:
             motion = model.motion(mechanism, logs, on_progress, torques=False)
-        conclude((check_json if json else check_text)(mechanism, motion))
+        if json:
+            conclude(check_json(mechanism, motion))
+        else:
+            request = model.request(logs)
+            conclude(check_text(mechanism, motion, request, verbose=verbose))
 
 
 def identify(
@@ -104,6 +112,7 @@ def identify(
     jobs: Jobs = None,
     scheduler: Scheduler = None,
     good_enough: GoodEnough = None,
+    verbose: Verbose = False,
     json: Json = False,
     out: Path | None = setting("Write fit, report and identified model into this folder.", "DIR"),
 ) -> None:
@@ -117,7 +126,7 @@ def identify(
     from ident.log.read import expanded, likely_rows
     from ident.mechanism import Consistency
 
-    acceptable.set(None if good_enough is None else good_enough / 100)
+    request = model.request(logs, out=out, good_enough=good_enough)
     mechanism = model.load(logs)
     remedy = (
         "is no bound; write NAME=LOW:HIGH, such as rod.m=0.4:0.6, or one of the two, rod.m=0.4:"
@@ -168,7 +177,8 @@ def identify(
                 progress=part(on_progress, 0.3, 1.0),
             )
     fit = fit if since is None else fit.since(since)
-    _show(fit, gathered and replace(gathered, fit=fit), reactions, json, out)
+    gathered = gathered and replace(gathered, fit=fit)
+    _show(fit, gathered, reactions, request, json=json, verbose=verbose)
     if good_enough is not None:
         sets: dict[str, ErrorsAndNoise] = {"": (fit.held_out or fit.train, fit.noise)}
         sets |= {f" of {log}": (e, fit.noise_on(log)) for log, e in fit.validation.items()}
@@ -177,7 +187,7 @@ def identify(
 
 def _judge(sets: Mapping[str, ErrorsAndNoise], percent: float) -> None:
     """End with status 3 where an error is above a threshold of one's own and above noise."""
-    from ident.show.card import too_large
+    from ident.assess.errors import too_large
 
     above = {of: too_large(*pair, percent / 100) for of, pair in sets.items()}
     if loud := [f"{', '.join(joints)}{of}" for of, joints in above.items() if joints]:
@@ -186,25 +196,37 @@ def _judge(sets: Mapping[str, ErrorsAndNoise], percent: float) -> None:
 
 
 def _show(
-    fit: Fit, gathered: Gathered | None, reactions: Path | None, json: bool, out: Path | None
+    fit: Fit,
+    gathered: Gathered | None,
+    reactions: Path | None,
+    request: ShellRequest,
+    *,
+    json: bool,
+    verbose: bool,
 ) -> None:
     from ident.fit.files import fit_json, write_fit
     from ident.log import read_log
     from ident.show.fit import summary
+    from ident.show.streams import gathered_summary
 
     known = None if reactions is None else fit.compare_multipliers(read_log(reactions))
     written: list[Path] = []
-    if out is not None:
-        written = gathered.write(out, known) if gathered else write_fit(fit, out, known)
+    if out := request.folder:
+        written = (
+            gathered.write(out, known, request)
+            if gathered
+            else write_fit(fit, out, known, request=request)
+        )
     outcome: object = ""
     if json:
         outcome = fit_json(fit)
     else:
-        outcome = gathered.summary if gathered else summary(fit)
+        outcome = gathered_summary(gathered, request) if gathered else summary(fit, request)
         outcome = f"{outcome}\n\n{known}" if known else outcome
-    conclude(outcome, written, gathered.notes if gathered else fit.warnings)
+    remarks = [*(gathered.notes if gathered else fit.warnings)]
     with suppress(IdentError):
-        notes([str(fit.unexcited)] if fit.unexcited else [])
+        remarks += [str(fit.unexcited)] if fit.unexcited else []
+    conclude(outcome, written, remarks, verbose=verbose)
 
 
 @dataclass(frozen=True)
@@ -220,6 +242,7 @@ def compare(
     fit: list[Path] = setting("A fit; give several to compare them.", "FIT.json", default=...),
     plot: Plot = None,
     good_enough: GoodEnough = None,
+    verbose: Verbose = False,
     json: Json = False,
     out: Path | None = setting("Write report.html and compare.json into this folder.", "DIR"),
     simulated: bool = flag(
@@ -232,19 +255,19 @@ def compare(
     Errors, the parts of the sum, and where each model fails: in which joint, when, and on
     which signals what is left depends.
     """
+    from ident.assess.comparison import errors_that_count
     from ident.files import write_all
     from ident.fit.files import read_fit
     from ident.fit.identify import compare as compare_
     from ident.fit.residual import floor_of
-    from ident.show.comparison import comparison_files, comparison_json
-    from ident.show.residual import judged
+    from ident.show.comparison import comparison_files, comparison_json, comparison_sheet
 
-    acceptable.set(None if good_enough is None else good_enough / 100)
+    request = model.request(logs, out=out, good_enough=good_enough)
     if window is not None and not simulated:
         raise IdentError("--window: applies to --simulate only; add that")
     mechanism = model.load(logs)
     saved = [read_fit(path, mechanism, allow_code=model.allow_code) for path in fit]
-    _go_on_with(mechanism, saved[-1].mechanism, fit)
+    request = _go_on_with(request, mechanism, saved[-1].mechanism, fit)
     output_file(plot, CHARTS, [*logs, *fit])
     output_folder(out, ("report.html", "compare.json"), [*logs, *fit])
     replayed = None
@@ -265,37 +288,41 @@ def compare(
         (replayed or comparison).plot().save(plot)
         written.append(plot)
     if out is not None:
-        written += write_all(out, comparison_files(comparison, replayed))
+        written += write_all(out, comparison_files(comparison, replayed, request))
     outcome: object = comparison_json(comparison, replayed)
     if not json:
-        outcome = "\n\n".join(map(str, filter(None, (comparison, replayed))))
-    conclude(outcome, written, motion.notes)
+        texts = [
+            comparison_sheet(comparison, request).text(),
+            *([str(replayed)] if replayed else []),
+        ]
+        outcome = "\n\n".join(texts)
+    conclude(outcome, written, motion.notes, verbose=verbose)
     if good_enough is not None:
         residual = [*comparison.residuals.values()][-1]
         floor = floor_of(residual.model, residual.motion)
-        _judge({"": (judged(comparison, residual.name)[1], floor)}, good_enough)
+        _judge({"": (errors_that_count(comparison, residual.name)[1], floor)}, good_enough)
 
 
-def _go_on_with(given: Mechanism, fitted: Mechanism, fits: Sequence[Path]) -> None:
-    """Add the effects of a fit to what a command that goes on is given; a kind of all drives by its
-    name alone. Nothing is offered where options cannot describe the model.
+def _go_on_with(
+    request: ShellRequest, given: Mechanism, fitted: Mechanism, fits: Sequence[Path]
+) -> ShellRequest:
+    """Return the request with the effects of a fit, a kind of all drives by its name alone; without
+    a mechanism, so that nothing is offered, where options cannot describe the model.
     """
     from ident.effects import KINDS
     from ident.mechanism.load import has_identified
 
-    before = inputs.get()
     labels = {effect.label for effect in given.effects}
     extra = {effect.label: effect.kind for effect in fitted.effects if effect.label not in labels}
-    if before is None or fitted.locked != given.locked or not KINDS.keys() >= {*extra.values()}:
-        inputs.set(None)
-        return
+    if fitted.locked != given.locked or not KINDS.keys() >= {*extra.values()}:
+        return replace(request, mechanism="")
     whole_kinds = {k for k in extra.values() if all(f"{k}:{j}" in extra for j in fitted.driven)}
     drives = {f"{kind}:{joint}" for kind in whole_kinds for joint in fitted.driven}
     names = dict.fromkeys(kind if label in drives else label for label, kind in extra.items())
     words = [word for name in names for word in ("--with", name)]
     home = fits[0] if fits[0].is_dir() else fits[0].parent
     known = str(home) * (len(fits) == 1 and has_identified(home))
-    inputs.set(replace(before, options=(*words, *before.options), fit=known))
+    return replace(request, options=(*words, *request.options), fit=known)
 
 
 def diagnose(
@@ -316,12 +343,16 @@ def diagnose(
     --fail-on names it. With a folder, each log is also diagnosed by itself, on many processes or
     machines; --fail-on then looks at every log and at all of them together.
     """
+    from ident.assess.experiment import next_experiment
+    from ident.diagnosis import Diagnosis
     from ident.diagnosis.diagnosis import VERDICTS
+    from ident.display import render
 
     for name in fail_on or ():
         if name not in VERDICTS:
             raise typer.BadParameter(f"--fail-on {name}: is no verdict; {one_of(name, VERDICTS)}")
     decision = rule.given
+    request = model.request(logs, out=out)
     mechanism = model.load(logs)
     model, since = model.as_fitted(mechanism)
     output_folder(out, [*DIAGNOSIS_FILES, "logs.csv"], logs)
@@ -344,9 +375,13 @@ def diagnose(
                     from ident.show.streams import partly
                     from ident.streams.logs import log_paths
 
-                    text, how_on = partly(done, log_paths(logs, scheduler)[len(done) :])
+                    rest = log_paths(logs, scheduler)[len(done) :]
+                    count = f"{len(rest)} of {len(done) + len(rest)} logs are left"
+                    how_on = "only the diagnosis of all logs together is missing"
+                    if rest:
+                        how_on = f"{count}; go on with: {partly_done(request, rest, MOST_SHOWN)}"
                     rows = table_of(done).to_dicts()
-                    conclude({"each": rows} if json else text, remarks=[how_on])
+                    conclude({"each": rows} if json else partly(done), remarks=[how_on])
                 raise
             remarks = outcome.notes
         else:
@@ -365,27 +400,29 @@ def diagnose(
                     from ident.show.comparison import fitted_anew
 
                     with suppress(FitError):  # only a note depends on it
-                        remarks = (*([fitted_anew(fit.since(since))] if since else []), *remarks)
+                        anew = [fitted_anew(fit.since(since), request)] if since else []
+                        remarks = (*anew, *remarks)
                 on_progress("planning the next experiment", 1.0)
             except KeyboardInterrupt:  # the fit is done
                 if out is not None:
                     from ident.fit.files import write_fit
-                    from ident.show.card import next_command
 
-                    wrote(write_fit(fit, out))
-                    look = next_command("compare").replace("OTHER.csv", shlex.join(map(str, logs)))
+                    wrote(write_fit(fit, out, request=request))
+                    look = request.line(Step("compare"))
+                    look = look.replace(OTHER, shlex.join(map(str, logs)))
                     notes([f"{out} has the fit that was diagnosed; where it fails: {look}"])
                 raise
-        written = [] if out is None else outcome.write(out)
-        shown = outcome.json() if json else str(outcome) if verbose else outcome.short
-    conclude(shown, written, remarks)
+        written = [] if out is None else outcome.write(out, request)
+        form = "json" if json else "text" if verbose else "short"
+        shown = outcome.json() if json else render(outcome, form, request)
+    conclude(shown, written, remarks, verbose=verbose)
     lost = (
         [f"the laws of {', '.join(unsearched)}"]
         if (unsearched := getattr(outcome, "unsearched", ()))
         else []
     )
-    advice = getattr(outcome, "advice", None)  # none of many logs
-    lost += ["the next experiment"] * (advice is not None and advice.interrupted)
+    if isinstance(outcome, Diagnosis):  # none of many logs
+        lost += ["the next experiment"] * next_experiment(outcome).interrupted
     if lost:
         notes([f"interrupted before {' and '.join(lost)}; everything else is complete"])
         sys.exit(130)
@@ -410,10 +447,12 @@ def grow(
     """
     from ident.diagnosis import grow as grow_
     from ident.files import write_all
-    from ident.show.ladder import head, model_files, noise_rung, refuse_own, rung
+    from ident.show.diagnosis import sheet as diagnosis_sheet
+    from ident.show.ladder import head, model_files, noise_rung, refuse_own, rung, short_of
 
     decision = rule.given
     fits: list[Fit] = []
+    request = model.request(logs, out=out)
     mechanism = model.load(logs)
     if resume and out is None:
         raise IdentError("--resume: goes on in the folder of --out; give the one of that run")
@@ -424,7 +463,7 @@ def grow(
         motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.04))
         treatment, show = model.filtered_at(motion.band.cutoff), part(on_progress, 0.04, 0.05)
 
-        def reached(step: Step) -> None:
+        def reached(step: Rung) -> None:
             first = not step.added and not step.removed
             fits.extend([step.fit] if step.fit else [])
             if json:
@@ -446,18 +485,20 @@ def grow(
                 validate=treatment.motion(mechanism, validate, show) if validate else None,
                 **decision,
             )
-            written = [] if out is None else history.write(out)
+            written = [] if out is None else history.write(out, request)
         except KeyboardInterrupt:
             if out is not None and fits:
                 wrote(write_all(out, model_files(fits[-1])))
                 if not resume:
-                    running.set(f"{running.get()} --resume")
+                    go_on_by_resuming()
             if out is None:
                 notes(["with --out DIR a run that is interrupted keeps its rounds and can go on"])
             raise
-        text = str(history.diagnosis) if verbose else history.short
+        text = short_of(history, request)
+        if verbose:
+            text = diagnosis_sheet(history.diagnosis, request).text()
     shown = history.json() if json else f"{noise_rung(history)}\n\n{text}"
-    conclude(shown, written, history.fit.warnings)
+    conclude(shown, written, history.fit.warnings, verbose=verbose)
 
 
 def explore(
@@ -481,7 +522,7 @@ def explore(
     from ident.show.board import Board
     from ident.show.exploration import Exploration
 
-    board = Board(mechanism.name, out or f"{mechanism.name}_explored")
+    board = Board(mechanism.name, out or f"{mechanism.name}_explored", model.request(logs, out=out))
     with board.serve(place) as address:
         if not no_browser:
             webbrowser.open(address)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ident.cli.app import conclude, notes, progress, result, wrote
+from ident.cli.app import command_line, conclude, notes, progress, result, wrote
 from ident.cli.options import (
     CHARTS,
     LOGS,
@@ -41,7 +41,7 @@ from ident.cli.options import (
     value,
     with_effect,
 )
-from ident.display import part, running
+from ident.display import part
 from ident.errors import IdentError, one_of
 
 
@@ -305,11 +305,11 @@ def excite(
     What it uses of the limits, and the standard errors to be expected of a log of it. Ctrl-C ends
     the search and keeps the best motion so far.
     """
+    from ident.cli.lines import place_of
     from ident.excite import Limits
     from ident.excite import excite as excite_
     from ident.excite.trajectory import moved_joints
     from ident.fit.files import read_fit, unfiltered_errors
-    from ident.show.card import place_of
 
     mechanism = model.load(logs=around or [])  # without a log, hands are held
     output_file(out, LOGS)
@@ -367,7 +367,7 @@ def excite(
     look = "no file was written: repeat the command with --out next.csv"
     if out is not None:
         excitation.write(out)
-        look = f"look at it: ident view {place_of(mechanism)} {out}"
+        look = f"look at it: ident view {place_of(mechanism.toml, mechanism.urdf)} {out}"
     if plot is not None:
         excitation.plot().save(plot)
     of = "values and friction of the fit" if fitted else "masses of the file"
@@ -444,11 +444,13 @@ def montecarlo(
                 raise
             broken.append(f"{path.name}: left out: {error}")
             continue
-        conclude(study, [] if out is None else study.write(out / path.name if several else out))
+        folder = out and (out / path.name if several else out)
+        request = model.request(logs, out=folder)
+        conclude(study, study.write(folder, request) if folder else [])
         if study.runs < runs:
             text = f"interrupted: {study.runs} of {runs} runs are done"
             text += f"{' and kept' * (out is not None)}; the same seed repeats them"
-            again = f"; all of them, these too, with: {running.get()}" if running.get() else ""
+            again = f"; all of them, these too, with: {command_line()}" if command_line() else ""
             notes([f"{text}{again}"])
             sys.exit(130)
         studies.append(study)

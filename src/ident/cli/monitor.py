@@ -79,7 +79,8 @@ def monitor(
             from ident.show.local import live_page
             from ident.show.streams import MonitorHistory
 
-            history = MonitorHistory(mechanism, silent)
+            request = model.request(None if log == "-" else [Path(log)], like=like, out=out)
+            history = MonitorHistory(mechanism, silent, request)
         if page and history is not None:
             title = f"{mechanism.name}: monitor"
             result(ends.enter_context(live_page(title, port, history.live)))

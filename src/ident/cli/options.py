@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
-from ident.cli.app import notes_later
-from ident.display import Inputs, folder, inputs
+from ident.cli.app import command_line, notes_later
+from ident.cli.lines import ShellRequest
 from ident.errors import FitError, IdentError
 from ident.files import check_writable
 
@@ -141,22 +141,39 @@ class MechanismOptions:
     mesh_path: MeshPath = None
     allow_code: AllowCode = False
 
+    def request(
+        self,
+        logs: Paths = None,
+        *,
+        like: Paths = None,
+        out: Path | None = None,
+        good_enough: float | None = None,
+    ) -> ShellRequest:
+        """Return what the command is asked for; `good_enough` in percent."""
+        words: list[str] = []
+        for field in fields(self):
+            given, name = getattr(self, field.name), field.name.rstrip("_").replace("_", "-")
+            if field.default is not MISSING and given != field.default:
+                for one in given if isinstance(given, list) else [given]:
+                    words += [f"--{name}"] if one is True else [f"--{name}", str(one)]
+        return ShellRequest(
+            str(self.mechanism),
+            tuple(map(str, logs or [Path("LOG.csv")])),
+            tuple(words),
+            tuple(map(str, like or ())),
+            folder="" if out is None else str(out),
+            acceptable=None if good_enough is None else good_enough / 100,
+            command=command_line(),
+        )
+
     def load(self, logs: Paths = None, like: Paths = None) -> Mechanism:
-        """Return the mechanism that the options describe, and remember them for what goes on.
+        """Return the mechanism that the options describe.
 
         Hands and fingers of which the first of the logs, or of those `like` it, has no column are
         held at their start.
         """
         from ident.mechanism import load
 
-        words: list[str] = []
-        for field in fields(self):
-            given, name = (getattr(self, field.name), field.name.rstrip("_").replace("_", "-"))
-            if field.default is not MISSING and given != field.default:
-                for one in given if isinstance(given, list) else [given]:
-                    words += [f"--{name}"] if one is True else [f"--{name}", str(one)]
-        files, normal = map(str, logs or [Path("LOG.csv")]), map(str, like or ())
-        inputs.set(Inputs(str(self.mechanism), tuple(files), tuple(words), tuple(normal)))
         for place in reversed(self.mesh_path or ()):
             if not place.is_dir():
                 why = "is no folder; give one that contains packages"
@@ -386,7 +403,6 @@ def output_folder(
 ) -> None:
     """Refuse --out, before the long work, where files `names` cannot be written or are inputs."""
     if out is not None:
-        folder.set(str(out))
         check_writable(out)
         for name in names:
             _refuse_input(out / name, inputs)

@@ -30,6 +30,7 @@ from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.information.chance import NEGATIVE
 from ident.mechanism.mechanism import Mechanism
+from ident.request import PYTHON, Request
 from ident.text import rounded
 
 
@@ -103,15 +104,6 @@ class Explanation:
             "known": dict(self.known),
             "parameters": [{**_entry(v), "name": v.name} for v in self.parameters],
         }
-
-
-@dataclass(frozen=True)
-class Advice:
-    """What to log next."""
-
-    words: str  # whole sentences
-    apart: tuple[Effect, ...] = ()  # effects that it would tell apart, if it is proposed for that
-    interrupted: bool = False  # whether Ctrl-C came before a motion was worked out
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -251,14 +243,14 @@ class Concluded(Plotted):
         """The content of diagnosis.json, or of grow.json."""
         return dict(render(self, "json"))
 
-    def write(self, folder: str | Path) -> list[Path]:
+    def write(self, folder: str | Path, request: Request = PYTHON) -> list[Path]:
         """The report and the numbers, files of laws and tables of curves; of a model that was
         grown its folder too. All of them or none.
 
         Raises:
             IdentError: if the folder cannot be written, or is that of the mechanism that has grown.
         """
-        return list(render(self, "files", folder))
+        return list(render(self, "files", folder, request=request))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -402,16 +394,10 @@ class Diagnosis(Concluded):
         more = (announced(self.selection, evidence, ()) for evidence in rest)
         return (*self.candidates, *more)
 
-    @cached_property
-    def advice(self) -> Advice:
-        """Which motion would tell more, and which effects it tells apart."""
-        advice: Advice = render(self, "experiment")
-        return advice
-
     @property
     def next_experiment(self) -> str:
         """Which motion would tell more, in words."""
-        return self.advice.words
+        return str(render(self, "experiment"))
 
     @cached_property
     def text(self) -> str:

@@ -24,7 +24,7 @@ from ident.motion import Motion, State
 from ident.motion.recipe import CLEAN, ROWS_OVER_MOTION
 from ident.motion.signals import CLIPPED, LARGEST, NIL, REGULAR, absurd_samples, at_limit, runs
 from ident.motion.spline import grain, noise_level, noise_share
-from ident.text import significant, some, two_digits
+from ident.text import shortlist, significant, two_digits
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 
@@ -209,7 +209,7 @@ def spikes(c: LoggedChannel) -> Judgement:
     before, x, after = c.x[:-2], c.x[1:-1], c.x[2:]
     off, moving = np.abs(x - 0.5 * (before + after)), c.moving[1:-1]
     # noise may be larger in motion, of which a log may hold little
-    usual = max(float(np.median(some)) for some in (off, off[moving]) if len(some)) / 0.6745
+    usual = max(float(np.median(gaps)) for gaps in (off, off[moving]) if len(gaps)) / 0.6745
     far = np.minimum(np.abs(x - before), np.abs(x - after))
     least = max(SPIKE * usual, ROUGH * float(np.sqrt(np.mean(c.x**2))))
     lone = (far > least) & (np.abs(after - before) < 0.25 * far)
@@ -308,7 +308,7 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
                 tuple(name for name, *_ in judgements_of_check),
                 judgements_of_check[0],
             )
-            text = f"{log.name}: {some(names, NAMED)}: {meaning}"
+            text = f"{log.name}: {shortlist(names, NAMED)}: {meaning}"
             yield Finding(code, text, remedy, names, number, threshold)
     ends = [f(e.y, axis=0) for e in motion.experiments if len(e.y) for f in (np.min, np.max)]
     if ends and (travel := float(np.ptp(ends, axis=0).max())) < NIL:
@@ -340,7 +340,7 @@ def contradicted(log: Log, state: State, mechanism: Mechanism) -> Iterator[Findi
     if contradictions:
         text = (
             f"{log.name}: these positions and the closures contradict each other: "
-            f"{some([*contradictions.values()], NAMED)}"
+            f"{shortlist([*contradictions.values()], NAMED)}"
         )
         remedy = (
             "check their zeros, signs and units and the closures' frames; if a length is wrong, "

@@ -27,7 +27,7 @@ from ident.finding import Finding
 from ident.information.chance import BEYOND, CONTRIBUTES, FEWEST_EQUATIONS, LEAVES
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
-from ident.text import listed, percent, some, two_digits
+from ident.text import listed, percent, shortlist, two_digits
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
@@ -207,7 +207,7 @@ class DataChecks(FaultSearch):
             return
         where = tuple(f"tau.{name}" for name, x in zip(names, bad, strict=True) if x)
         worst, most = errors[bad].max(), np.argsort(-errors[bad])
-        largest_errors = some([f"{percent(errors[bad][i])} of {where[i]}" for i in most], 2)
+        largest_errors = shortlist([f"{percent(errors[bad][i])} of {where[i]}" for i in most], 2)
         least = ", far more than noise of the sensors makes" if worst < LEAVES else ""
         if self.faults[0]:
             why = ": what is named above explains it"

@@ -31,7 +31,7 @@ from ident.information import linear
 from ident.information.blocks import Information, Squares
 from ident.information.chance import ALPHA, FEWEST_SQUARES, PARSIMONY, held_out, long_run, scores
 from ident.information.estimate import Estimate, estimate
-from ident.text import percent, some
+from ident.text import percent, shortlist
 
 SAME = 1e-6  # numerics: of the largest fall of squared error, within which two are the same
 UNKNOWN = 1e-12  # numerics: of H's largest eigenvalue, below which nothing is determined
@@ -248,11 +248,11 @@ def differing_logs(problem: Problem, reference: Callable[[], np.ndarray]) -> Ite
     odd = {names[i]: disagreement for i, disagreement in differ.items() if disagreement.clear}
     if odd:
         changed = [
-            f"{name} in {some(disagreement.parts, 2)}"
+            f"{name} in {shortlist(disagreement.parts, 2)}"
             for name, disagreement in odd.items()
             if disagreement.parts
         ]
-        what = f"; {some(changed, 3)} most" if len(odd) < len(names) and changed else ""
+        what = f"; {shortlist(changed, 3)} most" if len(odd) < len(names) and changed else ""
         joint = motion.independent[u]
         text = (
             f"the logs disagree{what}: each by itself leaves {percent(after[u])} of tau.{joint}, "

@@ -31,6 +31,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Covariance, fixed_parameters, pseudo_inertia
 from ident.mechanism.urdf import with_inertials
 from ident.motion import Motion
+from ident.request import PYTHON, Request
 
 if TYPE_CHECKING:
     import polars as pl
@@ -48,6 +49,7 @@ def write_fit(
     multipliers: Iterable[bytes] | None = None,
     more: Mapping[str, bytes] | None = None,
     sections: Sequence[Any] = (),
+    request: Request = PYTHON,
 ) -> list[Path]:
     """Write fit.json, multipliers.csv, identified.urdf, report.html and the folder identified/.
 
@@ -57,6 +59,7 @@ def write_fit(
         reactions: known ones, which the report draws beside the multipliers.
         multipliers: pieces of multipliers.csv, where the fit's motion is an excerpt.
         more: further files by name; sections: after the errors in the report.
+        request: of which the fit is the answer, for the report.
 
     Returns:
         The files written, all of them or none.
@@ -70,7 +73,7 @@ def write_fit(
         "fit.json": json_bytes(fit_json(fit)),
         "multipliers.csv": multipliers or multipliers_csv(fit),
         "identified.urdf": urdf,
-        "report.html": render(fit, "report", reactions, sections),
+        "report.html": render(fit, "report", reactions, sections, request),
         **dict(own_files(fit).values()),
         **(more or {}),
     }

@@ -27,7 +27,7 @@ from ident.mechanism.parameters import pseudo_inertia
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.motion import prescribed
-from ident.text import percent, significant, some, two_digits
+from ident.text import percent, shortlist, significant, two_digits
 
 IN_PROPORTION = (
     "in proportion to the torques' scale, whose error is not in their standard errors"  # of a load
@@ -101,7 +101,7 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         remedy = "to identify, give [parameters] unknown in mechanism.toml or add an effect"
         yield Finding("nothing unknown", text, remedy)
     if loads := tuple(e.label for e in problem.mechanism.effects if e.loaded_link):
-        text = f"{some(loads, 4)}: masses and moments are {IN_PROPORTION}"
+        text = f"{shortlist(loads, 4)}: masses and moments are {IN_PROPORTION}"
         yield Finding("scale", text, "log once more with a known mass to measure the scale", loads)
     if (condition := estimate.base.condition_number) > POOR:
         size = significant(condition)
@@ -120,7 +120,9 @@ def _held_unknowns(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
     ):
         if names := tuple(columns.names[i] for i in np.flatnonzero(estimate.held & kind)):
             far = ", or it is far outside its range" * (kind is shapes)
-            text = f"with a residual of this size this motion cannot tell {some(names, 8)}{far}"
+            text = (
+                f"with a residual of this size this motion cannot tell {shortlist(names, 8)}{far}"
+            )
             text += f": {where}"
             remedy = "move more joints, faster or farther, or see what is missing"
             yield Finding("held", text, remedy, names)
@@ -135,7 +137,7 @@ def _absorbed(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
     for carrier, absorbed_names in names.items():
         alone = "it has no effect on any torque in this motion"
         why = f"same columns as {carrier}" if carrier else alone
-        text = f"{some(absorbed_names, 6)} cannot be identified: {why}"
+        text = f"{shortlist(absorbed_names, 6)} cannot be identified: {why}"
         yield Finding("absorbed", text, where=tuple(absorbed_names))
 
 
@@ -167,7 +169,7 @@ def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
     if resting := {name: on for name, on in resting.items() if name not in open_}:
         on = tuple(dict.fromkeys(name for names in resting.values() for name in names))
         text = (
-            f"multipliers {', '.join(resting)} rest on the priors of {some(on, 6)}"
+            f"multipliers {', '.join(resting)} rest on the priors of {shortlist(on, 6)}"
             ", which no torque determines: a wrong prior moves them, however well torques fit"
         )
         yield Finding("rest on priors", text, where=tuple(resting))
@@ -191,7 +193,7 @@ def basis_bias(problem: Problem, estimate: Estimate) -> list[Finding]:
     basis = problem.mechanism.multipliers
     text = (
         f"the {basis.basis} basis with knots of {1e3 * basis.spacing:.4g} ms moves parameters from "
-        f"where free multipliers put them: {some(biased, 6)}"
+        f"where free multipliers put them: {shortlist(biased, 6)}"
     )
     return [Finding("basis", text, "standard errors do not hold this bias")] if biased else []
 
@@ -291,7 +293,7 @@ def predicts_better(log: str, before: Errors, after: Errors) -> list[Finding]:
         return []
     both = {name: [percent(x[name].relative) for x in (before, after)] for name in joints}
     falls = [f"{name} from {first} to {last}" for name, (first, last) in both.items()]
-    text = f"with bodies that are possible, {log} is predicted better: {some(falls, 3)}"
+    text = f"with bodies that are possible, {log} is predicted better: {shortlist(falls, 3)}"
     return [Finding("possible bodies", text, "identify with --consistent", tuple(joints))]
 
 
@@ -352,6 +354,6 @@ def unexcited(problem: Problem, fitted: Estimate) -> Finding | None:
         far = {name: float(travel[mechanism.joint_index[name]]) for name in names}
         farthest = max(far.values(), default=0.0)
         still += [f"{name} by {x:.2g} {unit}" for name, x in far.items() if x < LITTLE * farthest]
-    why = f" (it moves {some(still, 3)} only)" if still else ""
-    text = f"this motion does not determine {some(lost, 5)}{why}"
+    why = f" (it moves {shortlist(still, 3)} only)" if still else ""
+    text = f"this motion does not determine {shortlist(lost, 5)}{why}"
     return Finding("unexcited", text, "ident excite plans one that does", lost)

@@ -35,7 +35,7 @@ from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
 from ident.motion.spline import Smoothed, grain, noise_level
 from ident.motion.state import State, wrenches
 from ident.motion.unforced import unforced_base
-from ident.text import some
+from ident.text import shortlist
 
 COMMANDS = {"ref": "servo", "current": "current", "voltage": "voltage"}  # and drives of them
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
@@ -349,7 +349,7 @@ def _determining(mechanism: Mechanism, measured: list[LogSignals]) -> tuple[str,
         entries = entries or f'"q.{free[0]}" = "…", and so on for the others'
         raise MotionError(
             f"{fewest.log.name}: no column is the position of a joint; write in mechanism.toml: "
-            f"[log] {entries}; columns that are not used: {some(columns)}"
+            f"[log] {entries}; columns that are not used: {shortlist(columns)}"
         )
     entries = entry_for("q", free, columns)
     check = f": the closures let {still} not move at all, check them" if fixed else ""
@@ -477,6 +477,6 @@ def left_out(before: State, after: State) -> list[str]:
     cuts = [f"{after.t[x.start]:.4g} to {after.t[x.stop - 1]:.4g}" for x in runs(singular)]
     return [
         f"{after.name}: {int(singular.sum())} of {len(after)} samples are left out, near a "
-        f"singular position of {', '.join(after.independent)}: t = {some(cuts)} s; nothing is "
+        f"singular position of {', '.join(after.independent)}: t = {shortlist(cuts)} s; nothing is "
         "filtered across these cuts"
     ]

@@ -17,7 +17,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion.poses import scalar_columns
 from ident.motion.spline import ORDERS, Channel, grain, noise_level, rms
-from ident.text import listed, some
+from ident.text import listed, shortlist
 
 PREFIXES = ("q", "v", "a", "tau", "wrench")
 LARGEST = 1e30  # range: in any unit; what some loggers write for "no value" lies beyond
@@ -262,7 +262,7 @@ def measure(
         usable &= ~empty
     for rows, (names, consequence) in holes_of.items():
         if cells := rows.count(0):
-            where = f"{some(names)} {'are' if names[1:] else 'is'} empty in"
+            where = f"{shortlist(names)} {'are' if names[1:] else 'is'} empty in"
             notes.append(f"{where} {cells} of {len(rows)} rows: {consequence}")
     shortest = round(SHORTEST * max(steps) / (t[1] - t[0]))
     short = [run for run in runs(usable) if run.stop - run.start < min(shortest, n)]

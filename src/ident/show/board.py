@@ -19,6 +19,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from ident.assess.errors import noise_errors
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Law
 from ident.display import Progress, no_progress, part
@@ -31,7 +32,8 @@ from ident.fit.identify import Comparison
 from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
-from ident.show.card import Bar, Card, bars_of, next_command
+from ident.request import PYTHON, Request, Step
+from ident.show.card import Bar, Card, bars_of
 from ident.show.charts import Chart, pieces_of, scripts
 from ident.show.diagnosis import card, sheet
 from ident.show.exploration import Exploration, PredictedGain, fit_of
@@ -40,9 +42,8 @@ from ident.show.html import items, paragraph, piece, table
 from ident.show.ladder import changed, plot_rungs
 from ident.show.laws import law_words
 from ident.show.local import Place, Readers
-from ident.show.residual import compared, failure_text, judged_of, plot_joint, plot_maps
-from ident.show.verdict import noise_errors
-from ident.text import some
+from ident.show.residual import compared, errors_of_fit, failure_text, plot_joint, plot_maps
+from ident.text import shortlist
 
 POINTS = 1500  # of a line on the page
 VIEWS = ("Joint", "Ladder", "Numbers", "Verdict")
@@ -60,10 +61,10 @@ UNJUDGED = (
 )
 
 
-def top(e: Exploration) -> Card:
+def top(e: Exploration, request: Request = PYTHON) -> Card:
     """Return the card of the present model: its verdict, or what is known before it is judged."""
     if e.diagnosis is not None:
-        return card(e.diagnosis, _added(e))
+        return card(e.diagnosis, _added(e), request)
     errors, logs = e.now.errors, ", ".join(e.fit.motion.names)
     before = e.rungs[-2].errors if e.rungs[1:] else {}
     bars = bars_of(before, errors, e.fit.noise)
@@ -76,7 +77,8 @@ def top(e: Exploration) -> Card:
         known = f"The first candidate is {named([x.effect])}, which would bring the error of "
         known += f"{x.joints[0]} from {ends}, as far as can be said before it is fitted. {UNJUDGED}"
     change = "before the last change → now" * bool(before)
-    return Card(line, known, bars, next_command("diagnose", _added(e)), change=change)
+    step = Step("diagnose", tuple(effect.label for effect in _added(e)))
+    return Card(line, known, bars, request.line(step), change=change, step=step)
 
 
 def _added(e: Exploration) -> list[Effect]:
@@ -90,7 +92,7 @@ def confirmed(e: Exploration) -> str:
     before, now = (rung.errors for rung in e.rungs[-2:])
     bars = [Bar(j, before[j], x) for j, x in now.items() if not x.unmeasured]
     bars.sort(key=lambda bar: -abs(bar.sizes[1] - bar.sizes[0]))
-    return f"{changed(e.now)}: {some([f'{bar.joint} {bar.words}' for bar in bars], 2)}."
+    return f"{changed(e.now)}: {shortlist([f'{bar.joint} {bar.words}' for bar in bars], 2)}."
 
 
 def effect_rows(e: Exploration) -> list[dict[str, Any]]:
@@ -155,7 +157,7 @@ def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
     """Return torque of one joint with the last two models, and its residual against signals."""
     last = [fit_of(rung).residual for rung in e.rungs[-2:]]
     models = Comparison(dict(zip(("before", "now")[-len(last) :], last, strict=True)), {})
-    text = paragraph(failure_text(e.fit.residual.failure(joint), judged=judged_of(e.fit)))
+    text = paragraph(failure_text(e.fit.residual.failure(joint), counted=errors_of_fit(e.fit)))
     return [text, plot_joint(models, joint).thinned(POINTS), plot_maps(compared(e.fit), joint)]
 
 
@@ -177,8 +179,9 @@ class Board:
         state: what the page shows, by key.
     """
 
-    def __init__(self, title: str, folder: File) -> None:
+    def __init__(self, title: str, folder: File, request: Request = PYTHON) -> None:
         """Begin with an empty page, which writes into `folder` and below, nowhere else."""
+        self._request = request
         self.exploration: Exploration | None = None
         self.folder = Path(folder).expanduser().resolve()
         self.state: dict[str, Any] = {
@@ -340,7 +343,10 @@ class Board:
             note = f"{len(rows)} effects; held-out error of the joint without → with each"
             changes = {"effects": rows, "stale": False, "note": note}
         self._tell(
-            card=piece("card", top(e)), ladder=e.table(), undo=e.before is not None, **changes
+            card=piece("card", top(e, self._request)),
+            ladder=e.table(),
+            undo=e.before is not None,
+            **changes,
         )
 
     def _draw(self) -> None:

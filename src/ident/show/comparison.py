@@ -6,11 +6,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ident.assess.assessment import Assessment
+from ident.assess.comparison import assess_comparison, errors_that_count, fitted_errors
+from ident.assess.errors import largest_change
 from ident.display import Plotted, render, renders
 from ident.effects.library import named
 from ident.files import json_bytes
@@ -20,8 +24,10 @@ from ident.fit.residual import floor_of, zero_of
 from ident.fit.result import Fit
 from ident.fit.values import Change, Changes
 from ident.information.blocks import Error
-from ident.show.card import OTHER, SAME, Card, bars_of, enough, good_enough, next_command
+from ident.request import PYTHON, Request, Step
+from ident.show.card import Card, card_of
 from ident.show.charts import BELOW, MEASURED, Chart, Line, Panel
+from ident.show.headline import error_words, good_enough_words, share_words
 from ident.show.html import Block, Section, Sheet, by_log, report_page, table
 from ident.show.motion import made_of, understood
 from ident.show.residual import (
@@ -31,22 +37,20 @@ from ident.show.residual import (
     error_rows,
     errors_section,
     failure_text,
-    fitted,
-    judged,
     residual_sections,
     short,
     time_label,
     told_apart,
 )
-from ident.text import WIDTH, listed, places, rounded, shortened, significant, some, two_digits
+from ident.text import WIDTH, listed, places, rounded, shortened, shortlist, significant, two_digits
 
 SCHEMA = "ident.compare/1"
 COEFFICIENT = re.compile(r"(?<= )[\d.]+(?:e[+-]\d+)?(?= )")
-OTHERWISE = 0.1  # of the torque of every joint, from which a log may be of another machine
+OTHER = "is this a log of this machine, with its load and units?"
 
 
 @renders(Comparison, "sheet")
-def comparison_sheet(c: Comparison) -> Sheet:
+def comparison_sheet(c: Comparison, request: Request = PYTHON) -> Sheet:
     """Return how far the error falls, errors, the parts of the sum, and where each model fails."""
     first, shown = next(iter(c.residuals.values())), told_apart(c.residuals)
     tables: dict[str, list[list[str]]] = {}
@@ -57,77 +61,79 @@ def comparison_sheet(c: Comparison) -> Sheet:
     lines = ["where it fails"]
     for name, residual in c.residuals.items():
         before, several = f"{shown[name]}, " * (len(shown) > 1), len(residual.traces) > 1
-        texts = (failure_text(each, several, judged(c, name)) for each in residual.where)
+        texts = (failure_text(each, several, errors_that_count(c, name)) for each in residual.where)
         lines += [before + text for text in texts]
-    return Sheet(comparison_card(c), tables=tables | all_parts(c.residuals), lines=lines)
+    return Sheet(comparison_card(c, request), tables=tables | all_parts(c.residuals), lines=lines)
 
 
-def comparison_card(c: Comparison) -> Card:
-    """Return the models, and how far the error falls from the first, or its fit, to the last."""
-    from ident.show.front import most_changed  # pages only: it is slow to import
-
-    first, last = (list(c.residuals.values())[i] for i in (0, -1))
-    shown, floor = told_apart(c.residuals), floor_of(last.model, last.motion)
-    alone, (_, errors) = first is last, judged(c, last.name)
-    good = good_enough(errors, floor, last.errors_away_from_reversals)
-    before = fitted(c, first.name) if alone else judged(c, first.name)[1]
-    now = {joint for joint, e in errors.items() if not e.unmeasured}
-    blind = [joint for joint, e in before.items() if e.unmeasured and joint in now]
-    before = {joint: e for joint, e in before.items() if joint not in blind}
-    changed = first.increased_errors(before) if alone else []
-    bars = bars_of(before, errors, floor)
-    models = shown[first.name] if alone else f"{shown[first.name]} → {shown[last.name]}"
-    line = f"{models} on {', '.join(trace.name for trace in first.traces)}"
-    larger = [bar.joint for bar in bars if bar.rises and bar.joint not in changed and before]
-    more = f"the error is larger in {places(larger)}"
-    if alone and changed:
-        line += f": changed since it was fitted in {places(changed)}"
-        others = f"{more} too, less surely" if larger else "all other joints are as then"
-        line += f"; {others}" * (len(changed) + len(blind) < len(errors))
-        if all(((bar.after or bar.before).relative or 0.0) > OTHERWISE for bar in bars):
-            line += f", by much of its torque: {OTHER}"
-    elif alone and larger:
-        line += f": unchanged; {more}, by no more than it differs from motion to motion"
-    elif alone and before:
-        line += f": in all {'other ' * bool(blind)}joints as when it was fitted"
-    elif not alone:
-        rises = [bar.joint for bar in bars if bar.rises]
-        falls = [x.joint for x in bars if x.after and x.after.rms < (1 - SAME) * x.before.rms]
-        ways = {"falls": falls, "rises": rises}
-        parts = [f"{way} in {places(names)}" for way, names in ways.items() if names]
-        line += f": the error {' and '.join(parts) or 'is the same in all joints'}"
-        good = good and f"Of {shown[last.name]}: {good}"
-    if alone and blind:
-        line += f"; without a measured torque when it was fitted: {listed(blind)}"
-    differs = alone and bool(changed)
-    verb = "diagnose" if differs or not enough(errors, floor) else "monitor"
+def comparison_card(c: Comparison, request: Request = PYTHON) -> Card:
+    """Return what has changed since the fit, or from the first model to the last, and how far the
+    error falls.
+    """
+    names = told_apart(c.residuals)
+    a = assess_comparison(c, names=names, acceptable=request.acceptable)
+    alone, last = len(c.residuals) == 1, [*c.residuals][-1]
+    line, sentences = comparison_line(a), list[str]()
+    if alone and a.other_machine:
+        sentences.append(f"Much of the torque is not explained: {OTHER}")
+    good = good_enough_words(a.good_enough)
+    of_last = f"Of {names[last]}: {good}" if good and not alone else good
     columns = list(_error_columns(c))
-    change = f"of {columns[0]} → of {columns[-1]}"
-    if alone:
-        change = "when it was fitted → on this log" * bool(before)
-    worst = changed[0] if changed else "" if alone else most_changed(first, last)[0]
-    return Card(line, good, bars, next_command(verb, known=differs), "", change, first=worst)
+    change = f"of {columns[0]} → of {columns[-1]}" if not alone else " → ".join(a.compared)
+    top = card_of(a, request, line=line)
+    sure = " ".join([of_last, *sentences]).strip()
+    return replace(top, sure=sure, change=change if any(a.compared) else "")
+
+
+def comparison_line(a: Assessment) -> str:
+    """Return in one line whether something has changed, and the error then and now."""
+    now = share_words(a.now) if a.now else ""
+    if a.verdict in ("changed", "unchanged"):
+        then = f" ({share_words(a.before)} where it was fitted)" if a.before else ""
+        here = f"the error is {now} of the torque here{then}" if now else error_words(a)
+        if a.verdict == "changed":
+            others = [x.joint for x in a.errors if x.rises and x.joint not in a.changed]
+            more = f", less surely in {places(others)}" if others else ""
+            line = f"{a.subject}: changed since it was fitted in {places(a.changed)}{more}; {here}"
+        elif a.before:
+            line = f"{a.subject}: no sign of a change; {here}"
+        else:
+            line = f"{a.subject}: {here}"
+        if a.unmeasured_before:
+            blind = listed(a.unmeasured_before)
+            line += f"; without a measured torque when it was fitted: {blind}"
+        return f"{line}."
+    rises = [each.joint for each in a.errors if each.rises]
+    falls = [each.joint for each in a.errors if each.falls]
+    ways = {"it falls": falls, "it rises": rises}
+    parts = [f"{way} in {places(joints)}" for way, joints in ways.items() if joints]
+    return (
+        f"{a.subject}: {error_words(a)}; {' and '.join(parts) or 'it is the same in all joints'}."
+    )
 
 
 def _error_columns(c: Comparison) -> dict[str, Mapping[str, Error]]:
     """Return the errors of every model, by its name and what they are."""
     columns = dict[str, Mapping[str, Error]]()
     for name, shown in told_apart(c.residuals).items():
-        what, errors = judged(c, name)
+        what, errors = errors_that_count(c, name)
         how = {"held-out error": ", held out", "error in the fit": ", in the fit"}.get(what, "")
         columns[shown + how] = errors
     return columns
 
 
 @renders(Comparison, "files")
-def comparison_files(c: Comparison, replay: Plotted | None = None) -> dict[str, bytes]:
+def comparison_files(
+    c: Comparison, replay: Plotted | None = None, request: Request = PYTHON
+) -> dict[str, bytes]:
     """Return report.html and compare.json, with the simulated motions if they are given."""
-    from ident.show.front import first_screen, most_changed  # pages only: it is slow to import
+    from ident.show.front import first_screen  # pages only: it is slow to import
 
     residuals = c.residuals
     first, last = (list(residuals.values())[i] for i in (0, -1))
     mechanism, motion = first.model.mechanism, first.motion
-    changed = "" if first is last else most_changed(first, last)[0]
+    changed = "" if first is last else largest_change(first.errors, last.errors)[0]
+    files = [Path(name) for name in residuals if Path(name).is_file()]
     sections = (
         errors_section(error_rows(_error_columns(c))),
         Section("Parameters", _parameters(residuals)),
@@ -135,11 +141,11 @@ def comparison_files(c: Comparison, replay: Plotted | None = None) -> dict[str, 
         *([render(replay, "section")] if replay else []),
         Section("Multipliers", _multipliers(c)),
         understood(mechanism, motion),
-        made_of(mechanism, motion, [Path(name) for name in residuals if Path(name).is_file()]),
+        made_of(mechanism, motion, files, request.command),
     )
     title = f"{mechanism.name}: model against measurement"
-    screen = first_screen(first, last, changed)
-    report = report_page(title, comparison_card(c), sections, screen.front, screen.machine)
+    screen, top = first_screen(first, last, changed), comparison_card(c, request)
+    report = report_page(title, top, sections, screen.front, screen.machine)
     return {"report.html": report, "compare.json": json_bytes(comparison_json(c, replay))}
 
 
@@ -205,7 +211,7 @@ def comparison_json(c: Comparison, replay: Plotted | None = None) -> dict[str, A
     models = {
         name: {
             "error": residual.errors, "fitted": c.fitted[name],
-            "changed": residual.increased_errors(fitted(c, name)),
+            "changed": residual.increased_errors(fitted_errors(c, name)),
             "noise": floor_of(residual.model, residual.motion),
             "parts": {
                 part: dict(zip(residual.joints, values, strict=True))
@@ -225,61 +231,79 @@ def comparison_json(c: Comparison, replay: Plotted | None = None) -> dict[str, A
 # --- since an earlier fit ------------------------------------------------------------------------
 
 
+COUNTS = {2: "two", 3: "three", 4: "four", 5: "five"}
+
+
 def changes_line(x: Changes, worse: Sequence[str] = ()) -> str:
-    """Return which parameters differ from an earlier fit; `worse`: joints it fits worse."""
+    """Return what has changed since an earlier fit; `worse`: joints that it fits worse."""
     since, n = short(x.since), len(x.compared)
     if not n:
-        return f"Nothing can be compared with {since}: no parameter is determined by both logs."
-    apart = f"; {len(x.apart)} more cannot be compared" * bool(x.apart)
+        return f"nothing can be compared with {since}: no parameter is determined by both logs."
     if not x.changed and worse:
-        none = f"No parameter has changed since {since} beyond the errors of both"
+        none = f"no parameter has changed since {since} beyond the errors of both"
         return f"{none}, but the model does not explain what is new in {listed(worse)}."
     if not x.changed:
+        most = two_digits(abs(x.compared[0].z))
         return (
-            f"Nothing has changed since {since}: none of {n} parameters differs by more than "
-            f"{x.least:.2g} standard errors, the most {two_digits(abs(x.compared[0].z))}{apart}."
+            f"nothing has changed since {since}: of {n} parameters none differs by more than "
+            f"{x.least:.2g} standard errors, the most {most}."
         )
-    bodies = [c for c in x.changed if c.effect is None]
-    by_z = [(abs(c.z), _change_words(c)) for c in x.changed if c.effect is not None]
-    if bodies:
-        by_z.append((abs(bodies[0].z), _bodies_words(bodies)))
-    words = [text for _, text in sorted(by_z, key=lambda each: -each[0])]
-    found = f"{some(words, 2 if bodies else 3)}: {len(x.changed)} of {n} parameters{apart}."
-    found += f" Most have: {OTHER}" * (2 * len(x.changed) > n)
+    words = changed_words(x)
+    most = f" Most parameters have changed: {OTHER}" * (2 * len(x.changed) > n)
     if worse:  # what differs may stand in for a cause that the model does not have
-        cause = f"New since {since}: in {listed(worse)} an effect that the model does not contain"
-        return f"{cause}. Changed, perhaps only to make up for it: {found}"
-    return f"Changed since {since}: {found}"
+        return (
+            f"new since {since}: in {listed(worse)} an effect that the model does not contain. "
+            f"Changed, perhaps only to make up for it: {listed(words)}.{most}"
+        )
+    count = COUNTS.get(len(words), str(len(words)))
+    title = "one thing" if len(words) == 1 else f"{count} things"
+    return f"{title} changed since {since}: {listed(words)}.{most}"
 
 
-def fitted_anew(fit: Fit) -> str:
+def changed_words(x: Changes) -> list[str]:
+    """Return what has changed, the most significant first: bodies as one thing, effects by kind."""
+    bodies = [c for c in x.changed if c.effect is None]
+    by_kind: dict[str, list[Change]] = {}
+    for change in x.changed:
+        if change.effect is not None:
+            by_kind.setdefault(change.effect.kind, []).append(change)
+    things = [(abs(each[0].z), _kind_words(each)) for each in by_kind.values()]
+    if bodies:
+        things.append((abs(bodies[0].z), _bodies_words(bodies)))
+    return [text for _, text in sorted(things, key=lambda thing: -thing[0])]
+
+
+def _kind_words(changes: Sequence[Change]) -> str:
+    """Return the change of effects of one kind, with the values of the first ones."""
+    effects = {c.effect.label: c.effect for c in changes if c.effect is not None}
+    several = len(effects) > 1
+    sizes = [
+        f"{c.effect.joints[0] if several and c.effect else ''} "
+        f"{c.after.name.rpartition('.')[2]} {_then_now(c)} {c.after.unit}".strip()
+        for c in changes
+    ]
+    return f"{named(effects.values())} ({shortlist(sizes, 3)})"
+
+
+def fitted_anew(fit: Fit, request: Request = PYTHON) -> str:
     """Return what has changed since an earlier fit, for a diagnosis that fitted everything anew."""
     assert fit.changes is not None
     words = changes_line(fit.changes).rstrip(".")
-    cause = f"; for the cause: {next_command('diagnose')}" * bool(fit.changes.changed)
-    return f"all parameters were fitted anew. {words}{cause}"
-
-
-def _change_words(c: Change) -> str:
-    """Return a change in words: of an effect with its name, of a body with that of the number."""
-    name = c.after.name
-    if c.effect is not None:
-        name = f"{named([c.effect])}, {name.rpartition('.')[2]}"
-    return f"{shortened(name, 60)} ({_then_now(c)} {c.after.unit})"
+    cause = f"; for the cause: {request.line(Step('diagnose'))}" * bool(fit.changes.changed)
+    return f"all parameters were fitted anew; {words}{cause}"
 
 
 def _bodies_words(changes: Sequence[Change]) -> str:
     """Return what has changed of bodies: one number, or the link that has part in all of them."""
-    first = _change_words(changes[0])
+    first = changes[0]
     if not changes[1:]:
-        return first
-    links = [{name.rpartition(".")[0] for name in each.terms} for each in changes]
+        return f"{shortened(first.after.name, 60)} ({_then_now(first)} {first.after.unit})"
+    links = [{name.rpartition(".")[0] for name in change.terms} for change in changes]
     common = sorted(set.intersection(*links))
     where = listed(common, "or") if common else places(sorted(set.union(*links)))
-    both = f"part of all {len(changes)} combinations" if common else f"{len(changes)} combinations"
-    return (
-        f"the mass of {where} or its distribution ({both} that have changed, most of all {first})"
-    )
+    grows = [c.after.value - c.before.value for c in changes if c.after.name.endswith(".m")]
+    how = "something heavier" if grows and min(grows) > 0 else "the mass, or where it sits,"
+    return f"{how} {'on' if grows and min(grows) > 0 else 'of'} {where}"
 
 
 def _then_now(x: Change) -> str:
@@ -289,7 +313,8 @@ def _then_now(x: Change) -> str:
 @renders(Changes, "sheet")
 def changes_sheet(x: Changes) -> Sheet:
     """Return which parameters differ from those of an earlier fit."""
-    return Sheet(changes_line(x), tables=change_tables(x))
+    line = changes_line(x)
+    return Sheet(line[:1].upper() + line[1:], tables=change_tables(x))
 
 
 def change_tables(x: Changes | None, most: int = 48) -> dict[str, list[list[str]]]:

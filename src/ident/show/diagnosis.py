@@ -3,34 +3,31 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ident.assess.assessment import Assessment
+from ident.assess.diagnosis import assess_diagnosis
+from ident.assess.errors import NOISY
+from ident.assess.experiment import next_experiment
+from ident.assess.verdict import failing_joints, incomplete_before, spoiling_faults
 from ident.diagnosis.law_search import FittedFormula
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
-from ident.display import folder, renders
+from ident.display import renders
 from ident.effects import Effect
 from ident.effects.library import by_kind, named
 from ident.fit.findings import IN_PROPORTION
-from ident.information.blocks import Error
 from ident.information.chance import odds_ratio
-from ident.show.card import NOISY, Bar, Card, add_command, good_enough, next_command
+from ident.request import PYTHON, Request
+from ident.show.card import Bar, Card
+from ident.show.headline import good_enough_words
 from ident.show.html import Sheet
 from ident.show.laws import NONE, curve_name, curves, laws, numbers
-from ident.show.residual import failure_text, judged_of
-from ident.show.verdict import (
-    RAREST,
-    certainty,
-    failing,
-    known_values,
-    left_before,
-    separable,
-    spoilt,
-    verdict_line,
-)
-from ident.text import lines_of, listed, percent, places, significant, some, two_digits
+from ident.show.residual import errors_of_fit, failure_text
+from ident.show.verdict import RAREST, certainty, known_values, verdict_line
+from ident.text import lines_of, listed, percent, places, shortlist, significant, two_digits
 
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
@@ -45,63 +42,49 @@ Rows = list[list[str]]
 # --- the first lines ------------------------------------------------------------------------------
 
 
-def errors_with(d: Diagnosis) -> Mapping[str, Error]:
-    """Return the errors with what is named, or else with the laws; nothing without either."""
-    if d.best is not None:
-        return d.after
-    return d.laws[-1].after if d.laws else {}  # its fit has all laws
-
-
-def card(d: Diagnosis, added: Sequence[Effect] = ()) -> Card:
+def card(
+    d: Diagnosis, added: Sequence[Effect] = (), request: Request = PYTHON,
+    assessment: Assessment | None = None,
+) -> Card:  # fmt: skip
     """Return the verdict, how sure it is, the error by joint, and the command to copy."""
-    logs = ", ".join(d.fit.motion.names)
-    errors, after, planned = errors_of(d.fit), errors_with(d), ""
-    if d.verdict == "nothing":  # of a model without unknowns nothing is to be identified
-        command = next_command("identify" if len(d.fit.columns) else "monitor", added)
-    elif left_before(d):
-        command = next_command("grow", added)
-    elif d.best is not None:
-        # a model in which everything is known is a reference, and stays as it is
-        again = "" if len(d.fit.columns) else next_command("diagnose", [*added, *d.group])
-        command = again or add_command(d.fit.mechanism, [*added, *d.group])
-        planned = planning(d, added)
-    elif d.laws:
-        files = [f"{folder.get() or 'DIR'}/{law.option}" for law in d.laws]
-        command = add_command(d.fit.mechanism, added, files)
-    else:
-        planned = planning(d, added)
-        command = next_command("explore", added)
-    bars = tuple(Bar(j, e, after.get(j), d.floor[j]) for j, e in errors.items() if not e.unmeasured)
-    searched, doubts = d.verdict == "nothing", d.health.findings
-    good = good_enough(
-        errors, d.floor, d.fit.residual.errors_away_from_reversals, searched, doubts=doubts
-    )
+    a = assessment or assess_diagnosis(d, acceptable=request.acceptable, added=added)
     known = "The earlier model lacked it too: its own log shows as much. "
-    sure = known * bool(d.best and left_before(d)) + certainty(d)
+    sure = known * bool(d.best and incomplete_before(d)) + certainty(d)
+    good = good_enough_words(a.good_enough)
     parts = [*health_words(d), good, sure, *beside(d)]
-    if spoilt(d):
+    if a.doubts:
         remedies = "; ".join(each.remedy for each in d.health.findings if each.remedy)
         parts = [f"Put this right, then diagnose again: {remedies}.", good]
-    sentences = " ".join(parts).strip()
-    line = f"{d.fit.mechanism.name} on {logs}: {verdict_line(d)}"
-    felt = d.candidates[0].joint if d.best else d.laws[0].felt if d.laws else ""
+    sentences = " ".join(filter(None, parts))
+    line, change = f"{a.subject}: {verdict_line(d, a)}", " → ".join(filter(None, a.compared))
+    bars = tuple(map(Bar.of, a.errors))
     if not d.health.good:
-        return Card(line, sentences, bars, first=felt)
-    way = ", planned for all drives by this command; by hand" * bool(planned)
+        return Card(line, sentences, bars, first=a.worst)
     first = experiment_steps(d.next_experiment)[0]
-    then = "" if left_before(d) and not d.best else _next(first, way)
-    return Card(line, sentences, bars, planned or command, then, first=felt)
+    then = ""
+    if d.best or not incomplete_before(d):
+        planned = a.next.verb == "excite"
+        then = _next(first, ", planned for all drives by this command; by hand" * planned)
+        step = next_experiment(d).step
+        command = request.line(replace(step, effects=a.next.effects)) if step else ""
+        if command and not planned and not first.startswith("Add "):
+            then += f" File: `{command}`"
+    command = request.line(a.next)
+    return Card(line, sentences, bars, command, then, change, first=a.worst, step=a.next)
 
 
-def planning(d: Diagnosis, added: Sequence[Effect] = ()) -> str:
-    """Return the command that plans a motion that tells the best effect and a rival apart."""
-    pair = separable(d)
-    return next_command("excite", added, pair) if d.health.good and pair else ""
+def planning(d: Diagnosis, added: Sequence[Effect] = (), request: Request = PYTHON) -> str:
+    """Return the command that plans a motion that tells the best effect and a rival apart, or else
+    the first motion of the next experiment.
+    """
+    step = next_experiment(d).step
+    labels = tuple(effect.label for effect in added)
+    return request.line(replace(step, effects=labels)) if step and d.health.good else ""
 
 
 def _next(step: str, way: str = "") -> str:
     """Return the first step under its title: adding an effect is no experiment."""
-    title = "Next" if step.startswith("Add ") else f"Next experiment{way}"
+    title = "Next" if step.startswith("Add ") else f"Next motion{way}"
     return f"{title}: {step}" if step else ""
 
 
@@ -114,19 +97,25 @@ def experiment_steps(advice: str) -> list[str]:
 
 
 @renders(Diagnosis, "short")
-def short(d: Diagnosis, top: Card | None = None) -> str:
+def short(d: Diagnosis, top: Card | None = None, request: Request = PYTHON) -> str:
     """Return what a person needs first, in twenty lines: verdict, errors, what to do.
 
     Of more, `--verbose` has what is left out: first the formulas, then the reason for the next
     experiment, then bars of joints down to FEW, then sentences. The experiment stays.
     """
-    shown: Card = top or card(d)
-    words, formula = laws(d), "the formula" + ", which --out DIR writes" * (not folder.get())
-    if d.verdict in ("unexplained", "undecided") and not d.laws and not spoilt(d):
+    shown: Card = top or card(d, request=request)
+    words, formula = (
+        laws(d, request),
+        "the formula" + ", which --out DIR writes" * (not request.folder),
+    )
+    if d.verdict in ("unexplained", "undecided") and not d.laws and not spoiling_faults(d):
         words, formula = [*_nearest(d), *curves(d)], "what comes nearest"
     further = len(experiment_steps(d.next_experiment)) > 1 and d.health.good
     title, *parts = shown.then.split(": ")
-    step = f"{title}: {parts[0]}." if parts[1:] else shown.then  # without the reason for it
+    step = shown.then  # without the reason for it
+    if parts[1:]:
+        command = shown.then.partition(" File: ")[2]
+        step = f"{title}: {parts[0]}." + f" File: {command}" * bool(command)
     sentences, bars = SENTENCE_END.split(shown.sure), min(shown.most, len(shown.bars))
     few, count = min(FEW, bars), len(sentences)
     sizes = [(most, count) for most in range(bars, few - 1, -1)]
@@ -154,14 +143,14 @@ def short(d: Diagnosis, top: Card | None = None) -> str:
 
 
 @renders(Diagnosis, "sheet")
-def sheet(d: Diagnosis) -> Sheet:
+def sheet(d: Diagnosis, request: Request = PYTHON) -> Sheet:
     """Return the verdict, two tables, and all of it in words."""
     tables = {"where it fails": where_rows(d)}
     if d.candidates:
         # its values and its chance are in the words
         tables[CANDIDATES] = [[*row[:4], row[5]] for row in candidate_rows(d)]
     paragraphs = [*d.text.split("\n\n"), f"decided with {d.decision}"]
-    return Sheet(card(d), tables=tables, paragraphs=paragraphs)
+    return Sheet(card(d, request=request), tables=tables, paragraphs=paragraphs)
 
 
 def where_rows(d: Diagnosis) -> Rows:
@@ -241,7 +230,7 @@ def words(d: Diagnosis, experiment: str | None = None) -> str:
     first, *more = experiment_steps(d.next_experiment if experiment is None else experiment)
     paragraphs = [
         *health_words(d),
-        *(failure_text(f, several, judged_of(d.fit)) for f in failing(d)[:MOST]),
+        *(failure_text(f, several, errors_of_fit(d.fit)) for f in failing_joints(d)[:MOST]),
         *claim_words(d),
         *form,
         *_invisible(d),
@@ -329,8 +318,8 @@ def beside(d: Diagnosis) -> list[str]:
         )
     if more:
         found.append(
-            f"That is not all: beside it, {some(more)} would lower the error further. Add it and "
-            "diagnose again; `ident grow` goes on until nothing more can be named."
+            f"That is not all: beside it, {shortlist(more)} would lower the error further. Add it "
+            "and diagnose again; `ident grow` goes on until nothing more can be named."
         )
     elif d.loud:
         found.append(

@@ -12,15 +12,18 @@ from typing import Any
 
 import numpy as np
 
+from ident.assess.diagnosis import assess_diagnosis
+from ident.assess.verdict import errors_with_named, spoiling_faults
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.unobservable import name_of
-from ident.display import renders, writing
+from ident.display import renders
 from ident.effects.library import by_kind, named
 from ident.files import json_bytes, jsonable, regular, write_all
 from ident.fit.files import residual_before
 from ident.fit.identify import Comparison
 from ident.fit.residual import Failure
 from ident.fit.values import EffectValues
+from ident.request import PYTHON, Request
 from ident.show.card import Bar
 from ident.show.charts import BEFORE, MEASURED, NOW, Chart, Dots, Panel
 from ident.show.diagnosis import (
@@ -30,7 +33,6 @@ from ident.show.diagnosis import (
     candidate_rows,
     card,
     claim_words,
-    errors_with,
     experiment_steps,
     health_words,
     mark,
@@ -54,7 +56,6 @@ from ident.show.html import (
 )
 from ident.show.laws import curve_json, law_blocks, numbers, plot_curve
 from ident.show.residual import plot_joint, plot_maps
-from ident.show.verdict import spoilt
 
 SCHEMA = "ident.diagnosis/1"
 CLAIMS = {  # title of what each verdict says
@@ -116,17 +117,17 @@ def plot_candidates(d: Diagnosis) -> Chart:
 # --- report ---------------------------------------------------------------------------------------
 
 
-def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
+def diagnosis_sections(d: Diagnosis, request: Request = PYTHON) -> tuple[Section, ...]:
     """Return the words with tables and charts to them, and the fit that was diagnosed."""
     claim = [paragraph(each) for each in claim_words(d)]
     if d.verdict != "nothing":  # the card has the first and what is missing beside it
-        claim = claim[0 if spoilt(d) else 1 : len(claim) - len(beside(d))]
+        claim = claim[0 if spoiling_faults(d) else 1 : len(claim) - len(beside(d))]
     what = Section(CLAIMS[d.verdict], [*claim, *_candidates(d)])
     steps = [each.partition(": ")[::2] for each in experiment_steps(d.next_experiment)]
     following: list[Block] = []
     if d.next_experiment:
         following.append(table([["step", "why"], *steps], "The most urgent first", tied=False))
-        following += [code(each) for each in [planning(d)] if each]
+        following += [code(each) for each in [planning(d, request=request)] if each]
     caption = "Joint by joint: held-out error, and what noise would leave"
     by_laws = bool(d.laws) and d.best is None  # what comes nearest matters less
     felt = d.candidates[0].joint if d.best else ""
@@ -138,12 +139,12 @@ def diagnosis_sections(d: Diagnosis) -> tuple[Section, ...]:
             [table(where_rows(d), caption)],  # the maps have the words
         ),
         *([] if by_laws else [what]),
-        Section("Curve and formula", law_blocks(d)),
+        Section("Curve and formula", law_blocks(d, request)),
         Section("What to log next", following),
         *([what] if by_laws else []),
         Section("Invisible in this data", _invisible(d)),
         Section("In the model, but not supported", [paragraph(each) for each in idle]),
-        *fit_sections(d.fit, first=felt),
+        *fit_sections(d.fit, first=felt, request=request),
     )
 
 
@@ -235,12 +236,14 @@ def write_diagnosis(
     folder: str | Path,
     more: Mapping[str, bytes] | None = None,
     sections: Sequence[Section] = (),
+    request: Request = PYTHON,
 ) -> list[Path]:
     """Write diagnosis.json, report.html with `sections` first, files of laws, and `more`."""
     title = f"{d.fit.mechanism.name}: diagnosis"
-    with writing(folder):
-        screen, every = screen_of(d), (*sections, *diagnosis_sections(d))
-        report = report_page(title, card(d), every, screen.front, screen.machine)
+    request = replace(request, folder=str(folder))
+    screen, every = screen_of(d), (*sections, *diagnosis_sections(d, request))
+    top = card(d, request=request)
+    report = report_page(title, top, every, screen.front, screen.machine)
     files = {**diagnosis_files(d), **(more or {}), "report.html": report}
     return write_instead(d, Path(folder), files)
 
@@ -276,7 +279,7 @@ def _noise(d: Diagnosis, joint: str) -> float | None:
 
 def _where(d: Diagnosis, failure: Failure) -> dict[str, Any]:
     """Return the failure of a joint with its held-out error, before and after, as in the text."""
-    joint, after = failure.joint, (errors_with(d) or d.after)[failure.joint]
+    joint, after = failure.joint, (errors_with_named(d) or d.after)[failure.joint]
     error = errors_of(d.fit)[joint]
     return {
         **failure.json, "rms": error.rms, "relative": error.relative,
@@ -338,6 +341,7 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
             "health": d.health.json(),
             "judged": sum(not each.curve for each in first.contest.candidates),
             "next_experiment": d.next_experiment,
+            "assessment": assess_diagnosis(d).json(),
             "text": d.text,
         }
     )

@@ -4,28 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 
+from ident.assess.assessment import Assessment
+from ident.assess.fit import assess_fit, increase_of
 from ident.display import renders
 from ident.errors import FitError
 from ident.faults.data_checks import Health
 from ident.fit.consistency import Binding
-from ident.fit.files import Saved, residual_before, write_fit, write_urdf
+from ident.fit.files import residual_before, write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import Reactions
 from ident.fit.result import Fit
 from ident.fit.values import STRONG, BaseValue, Correlation, Value
-from ident.information.blocks import Error
-from ident.show.card import Card, bars_of, body_words, doubts_of, enough, good_enough, next_command
+from ident.request import PYTHON, Request
+from ident.show.body import body_words
+from ident.show.card import Card, card_of
 from ident.show.charts import PRIOR, Chart, Dots, Panel
 from ident.show.comparison import change_tables, changes_line, plot_forces
+from ident.show.headline import error_words, headline
 from ident.show.html import Block, Section, Sheet, by_log, folded, items, paragraph, report_page
 from ident.show.html import table as html_table
 from ident.show.motion import made_of, understood
-from ident.show.residual import compared, error_rows, errors_section, residual_sections, short
-from ident.text import listed, percent, rounded, shortened, significant, some, two_digits
+from ident.show.residual import compared, error_rows, errors_section, residual_sections
+from ident.text import listed, percent, rounded, shortened, shortlist, significant, two_digits
 
 MOST = 60  # parameters in one chart
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
@@ -225,19 +228,8 @@ def _multiplier_rows(fit: Fit) -> Rows:
     return rows
 
 
-def headline(fit: Fit) -> str:
-    """Return how well it predicts, in one line."""
-    errors = fit.held_out or fit.train
-    known = sorted((e.relative, name) for name, e in errors.items() if e.relative is not None)
-    if not known:
-        return "No torque was measured that could be compared."
-    what = "held out" if fit.held_out else "in the data that were fitted"
-    ends = [f"{percent(x)} ({name})" for x, name in dict.fromkeys((known[0], known[-1]))]
-    return f"The predicted torque is off by {' to '.join(ends)}, {what}."
-
-
 @renders(Fit, "sheet")
-def sheet(fit: Fit) -> Sheet:
+def sheet(fit: Fit, request: Request = PYTHON) -> Sheet:
     """Return errors, effects, parameters, statistics, and what to know before trusting them."""
     caption, errors = error_table(fit)
     cut = fit.motion.band.cutoff
@@ -253,8 +245,8 @@ def sheet(fit: Fit) -> Sheet:
         lines.append(calibrate)
     if pairs := _pairs(fit.correlation):
         lines.append(
-            f"known only together (correlation of errors): {some(pairs)}: their sum or difference "
-            "is known better than each"
+            f"known only together (correlation of errors): {shortlist(pairs)}: their sum or "
+            "difference is known better than each"
         )
     line = (
         f"fit of {fit.mechanism.name} to {', '.join(fit.motion.names)}: {fit.rows} rows of "
@@ -262,74 +254,52 @@ def sheet(fit: Fit) -> Sheet:
         + (f"zero-phase filter at {cut:.3g} Hz" if cut else "unfiltered")
     )
     tables = {**change_tables(fit.changes), caption: errors, **value_tables(fit)}
-    return Sheet(card(fit), line, tables=tables, lines=lines, notes=fit.warnings)
+    return Sheet(card(fit, request), line, tables=tables, lines=lines, notes=fit.warnings)
 
 
-def card(fit: Fit) -> Card:
-    """Return how well a fit predicts, better than the URDF's own numbers or not, and what next."""
-    earlier = fit.earlier if isinstance(fit.earlier, Fit | Saved) else None
-    errors, floor, away = (
-        fit.held_out or fit.train,
-        fit.noise,
-        fit.residual.errors_away_from_reversals,
-    )
-    judged, shown = errors, (errors, floor)
-    if fit.validation:
-        before, (judged, floor) = errors, _worst(fit, lambda e, x: e.rms / (x or 1e-300))
-        shown = _worst(fit, lambda e, _: (e.relative or 0.0, e.rms))
-        held = "held out" if fit.held_out else "in the fit"
-        change = f"{held} → on {some([*fit.validation], 2)}"
-        change += ", of each joint the log where it is worst" * (len(fit.validation) > 1)
-        away = {}
-    elif not len(fit.columns):  # nothing is unknown: the model is as it was
-        before, change = {}, ""
+def card(fit: Fit, request: Request = PYTHON) -> Card:
+    """Return how well a fit predicts, better than the model before or not, and what next."""
+    a, sentences = assess_fit(fit, acceptable=request.acceptable), list[str]()
+    wrong = doubts_words(fit, a)
+    if fit.changes is not None:
+        line = f"{a.subject}: {changes_line(fit.changes, a.changed)}"
+        sentences += [f"{_capital(error_words(a))}.", *wrong]
+    elif a.spoilt and a.errors:
+        line, *wrong = wrong
+        sentences += [*wrong, f"{_capital(error_words(a))}."]
     else:
-        before = residual_before(fit).errors
-        # the URDF's numbers, or those of the fit that wrote the mechanism
-        own = "the URDF's own" if fit.mechanism.covariance is None else "the earlier"
-        change = f"of {short(earlier.name)}" if earlier else f"of {own} numbers"
-        change += " → of the identified ones" + ", held out" * bool(fit.held_out)
-    bars = bars_of(before, *shown)
-    larger = [] if earlier or fit.validation else [bar.joint for bar in bars if bar.rises]
-    words = ""
-    if worse := [j for j in larger if fit.train[j].rms > before[j].rms]:
-        words = f"The error of the identified numbers is larger in {listed(worse)}."
-    elif larger:  # in its own rows the fit is better
-        own = listed(f"{j} ({percent(fit.train[j].relative)} in the fit)" for j in larger)
-        words = f"Held out, the error of the identified numbers is larger in {own}."
-    doubts = fit.health.findings
-    good = good_enough(judged, floor, away, logs=[*fit.validation], doubts=doubts)
-    fine = enough(judged, floor, doubts)
-    following = "compare" if len(fit.columns) and not fit.validation else "monitor"
-    command = next_command(following if fine else "diagnose")
-    wrong, grave = doubts_of(fit.health, fit.findings)
-    if fit.changes is None:
-        line, *rest = [*wrong, headline(fit)] if grave and bars else [headline(fit), *wrong]
-        trust = " ".join(filter(None, [*rest, good, words])) * bool(bars)
-        return Card(line, trust, bars, command, change=change)
-    trust = " ".join(filter(None, [*wrong, good, words])) * bool(bars)
-    if fit.changes.changed:  # with the earlier bodies known, which names the cause
-        command = next_command("diagnose")
-    then = earlier.errors if earlier else {}
-    worse = fit.residual.increased_errors(then.get("held out") or then.get("train") or {})
-    line = changes_line(fit.changes, worse)
-    return Card(line, f"{headline(fit)} {trust}", bars, command, change=change)
+        line, sentences = headline(a), wrong
+    increase = increase_of(fit)
+    if increase.in_fit:
+        names = listed(increase.joints)
+        sentences.append(f"The error of the identified numbers is larger in {names}.")
+    elif increase.joints:  # in its own rows the fit is better
+        names = listed(
+            f"{j} ({percent(fit.train[j].relative)} in the fit)" for j in increase.joints
+        )
+        sentences.append(f"Held out, the error of the identified numbers is larger in {names}.")
+    return card_of(a, request, line=line, sentences=sentences)
 
 
-def _worst(
-    fit: Fit, size: Callable[[Error, float], Any]
-) -> tuple[dict[str, Error], dict[str, float]]:
-    """Return error and noise by joint in the validation log in which `size` of both is largest."""
-    errors, floor = dict[str, Error](), dict[str, float]()
-    for j in fit.train:
-        sizes = [(e[j], fit.noise_on(log)[j]) for log, e in fit.validation.items()]
-        errors[j], floor[j] = max(sizes, key=lambda x: size(*x))
-    return errors, floor
+def doubts_words(fit: Fit, a: Assessment) -> list[str]:
+    """Return what looks wrong in the data of a fit, in sentences."""
+    faults = {*fit.health.faults}
+    texts = {"magnitude": "The size looks wrong of"}
+    return [
+        f"The data look wrong: {finding}."
+        if finding in faults
+        else f"{texts.get(finding.code, 'The sign looks wrong of')} {finding}."
+        for finding in a.doubts
+    ]
 
 
-def summary(fit: Fit) -> str:
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def summary(fit: Fit, request: Request = PYTHON) -> str:
     """Return errors, effects, parameters and statistics of a fit."""
-    return sheet(fit).summary()
+    return sheet(fit, request).summary()
 
 
 @renders(Fit, "plot_parameters")
@@ -374,20 +344,29 @@ renders(Fit, "urdf")(write_urdf)
 
 
 @renders(Fit, "report")
-def report(fit: Fit, known: Reactions | None = None, more: Sequence[Section] = ()) -> bytes:
+def report(
+    fit: Fit,
+    known: Reactions | None = None,
+    more: Sequence[Section] = (),
+    request: Request = PYTHON,
+) -> bytes:
     """Return the report of a fit, with further sections after those of its residual."""
     from ident.show.front import first_screen, forest  # pages only: it is slow to import
 
-    sections = fit_sections(fit, known, more)
+    sections = fit_sections(fit, known, more, request=request)
     before = residual_before(fit) if len(fit.columns) else fit.residual
     screen = first_screen(before, fit.residual)
     front = [*screen.front[:1], forest(fit)]
     title = f"{fit.mechanism.name}: identification"
-    return report_page(title, card(fit), sections, front, screen.machine)
+    return report_page(title, card(fit, request), sections, front, screen.machine)
 
 
 def fit_sections(
-    fit: Fit, known: Reactions | None = None, more: Sequence[Section] = (), first: str = ""
+    fit: Fit,
+    known: Reactions | None = None,
+    more: Sequence[Section] = (),
+    first: str = "",
+    request: Request = PYTHON,
 ) -> tuple[Section, ...]:
     """Return warnings, parameters, errors, where it fails, multipliers, and what went in.
 
@@ -405,7 +384,7 @@ def fit_sections(
         *more,
         Section("Multipliers", _multipliers(fit, known)),
         understood(fit.mechanism, fit.motion),
-        made_of(fit.mechanism, fit.motion),
+        made_of(fit.mechanism, fit.motion, command=request.command),
     )
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from ident.assess.errors import largest_change
 from ident.display import renders
 from ident.fit.files import residual_before
 from ident.fit.identify import Comparison
@@ -47,16 +48,6 @@ class Stretch:
     experiment: int
     samples: slice
     joint: str
-
-
-def most_changed(before: Residual, now: Residual) -> list[str]:
-    """Return the joints, the one whose error changes most as a share of its torque first."""
-    change = {
-        joint: abs(error.rms - now.errors[joint].rms) * ((error.relative or 0) / (error.rms or 1))
-        for joint, error in before.errors.items()
-        if joint in now.errors and not error.unmeasured
-    }
-    return sorted(change, key=lambda joint: -change[joint])
 
 
 def stretch_of(before: Residual, now: Residual, joint: str) -> Stretch:
@@ -133,7 +124,7 @@ def first_screen(
         effect: label of an effect of `now` whose torque is drawn through the points.
         marks: words beside joints of the machine; effects: with values, drawn where they sit.
     """
-    joints = most_changed(before, now) if before is not now else []
+    joints = largest_change(before.errors, now.errors) if before is not now else []
     joints = joints or [failure.joint for failure in now.where]
     if not joints or not now.predictions:
         return FirstScreen()

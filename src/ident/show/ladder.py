@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from ident.assess.diagnosis import assess_growth, larger_on_validation
+from ident.assess.errors import largest_change, noise_errors
+from ident.assess.verdict import formulas_explain
 from ident.diagnosis.grow import NAME as ROUNDS
 from ident.diagnosis.grow import History, Step
-from ident.diagnosis.result import errors_of
 from ident.diagnosis.unobservable import name_of
-from ident.display import renders, writing
+from ident.display import renders
 from ident.effects.library import named
 from ident.errors import FitError, IdentError
 from ident.files import json_bytes
@@ -24,20 +26,21 @@ from ident.fit.files import fit_json, identified_files, identified_urdf, multipl
 from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
-from ident.show.card import Card, bars_of, next_command
+from ident.request import PYTHON, Request
+from ident.show.card import Card
 from ident.show.charts import Chart, Level, Line, Mark, Panel
-from ident.show.diagnosis import card, errors_with, short
+from ident.show.diagnosis import card, short
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.error_axis import ErrorAxis
-from ident.show.front import FirstScreen, first_screen, main_effect, most_changed
+from ident.show.front import FirstScreen, first_screen, main_effect
+from ident.show.headline import headline
 from ident.show.html import Section, Sheet, report_page, table
-from ident.show.verdict import noise_errors, verdict_line
-from ident.text import percent, rounded, significant, some, width, wrapped
+from ident.show.verdict import formulas_of
+from ident.text import percent, rounded, shortlist, significant, width, wrapped
 
 NAME, CELL = 30, 7  # characters of the columns
 LONG = "+ viscous friction in "  # and a joint: as long as most names are
 NOISE = "noise alone"
-HIGHER = 1.1  # times its least on the ladder: from there an error on a validation log is listed
 SIZES = 4  # numbers of what was added that stand in the first lines
 CAPTION = "Held-out error, rung by rung"
 
@@ -141,7 +144,7 @@ def rows(history: History) -> list[list[str]]:
 @renders(History, "sheet")
 def sheet(history: History) -> Sheet:
     """Return the verdict and the ladder."""
-    return Sheet(verdict_line(history.diagnosis), tables={CAPTION: history.table()})
+    return Sheet(headline(assess_growth(history)), tables={CAPTION: history.table()})
 
 
 def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
@@ -188,7 +191,7 @@ def screen_of(history: History) -> FirstScreen:
     after = replace(now, name="with all that was added")
     if len(history.fits) == 1:
         return first_screen(after, after)
-    joint = (most_changed(before, now) or [now.where[0].joint])[0]
+    joint = (largest_change(before.errors, now.errors) or [now.where[0].joint])[0]
     labels = [effect.label for effect in history.added]
     added = [values for values in history.fit.effects if values.effect.label in labels]
     effect = main_effect(now, joint, labels)
@@ -196,48 +199,33 @@ def screen_of(history: History) -> FirstScreen:
     return first_screen(before, after, joint, effect, {joint: effect or joint}, added)
 
 
-def history_card(history: History) -> Card:
-    """Return the verdict on what is left, what was added, and the error before and after."""
-    d, first = history.diagnosis, history.steps[0].errors
-    top = card(d, history.added)
-    errors = {**errors_of(history.fit), **errors_with(d)}
-    last = next((s.added for s in history.steps[::-1] if s.added), ())
-    joints = [top.first, *(joint for effect in last for joint in effect.joints)]
-    bars = bars_of(first, errors, d.floor)
-    if d.verdict == "nothing":
-        top = replace(top, command=next_command("compare", history.added))
-    sure = f"Added: {_added(history)}{_sizes(history)}. {_larger(history)}{top.sure}"
-    change = "as given → with all that is named"
-    first_bar = next(filter(None, joints), "")
-    return replace(top, sure=sure, bars=bars, change=change, first=first_bar)
+def history_card(history: History, request: Request = PYTHON) -> Card:
+    """Return what was gained from the model as given to the last one, and what is left."""
+    d = history.diagnosis
+    a = assess_growth(history, acceptable=request.acceptable)
+    top = card(d, history.added, request, a)
+    line = top.line if a.doubts else f"{headline(a)}{_named_beside(history)}"
+    sizes = _sizes(history)
+    values = f"Values: {sizes}. " if sizes else ""
+    return replace(top, line=line, sure=f"{values}{_larger(history)}{top.sure}")
 
 
-def _added(history: History) -> str:
-    """Return what was added, and beside it what this data cannot tell from it."""
-    open_ = [step for step in history.steps if step.rivals and step.added]
-    unsure = {effect.label for step in open_ for effect in step.added}
-    sure = [effect for effect in history.added if effect.label not in unsure]
-    parts = [named(sure)] * bool(sure)
-    for step in open_:
-        if still_there := [effect for effect in step.added if effect in history.added]:
-            rivals = f"{named(still_there)} or {named(step.rivals, 'or')}"
-            parts.append(f"{rivals}, which this data cannot tell apart")
-    return "; ".join(parts) or "nothing"
+def _named_beside(history: History) -> str:
+    """Return the formulas that a diagnosis of the grown model gives for what is left."""
+    d = history.diagnosis
+    if not d.laws or d.best is not None:
+        return ""
+    does = "explains it" if formulas_explain(d) else "lowers the error"
+    return f" A formula {does}: {formulas_of(d)}."
 
 
 def _larger(history: History) -> str:
     """Return which errors on validation logs were clearly smaller on an earlier rung."""
     text = ""
-    for log, errors in history.fit.validation.items():
-        rises = []
-        for joint, error in errors.items():
-            least = min(fit.validation[log][joint].rms for fit in history.fits)
-            if error.relative and error.rms > HIGHER * least:
-                before = percent(least / error.rms * error.relative)
-                rises.append(f"{joint} ({before} instead of {percent(error.relative)})")
-        if rises:
-            text += f"On {log} an earlier rung predicts {some(rises, 3)} better: "
-            text += "not all that was added after it helps there. "
+    for log, joints in larger_on_validation(history).items():
+        rises = [f"{joint} ({percent(then)} instead of {percent(x)})" for joint, then, x in joints]
+        text += f"On {log} an earlier rung predicts {shortlist(rises, 3)} better: "
+        text += "not all that was added after it helps there. "
     return text
 
 
@@ -246,15 +234,18 @@ def _sizes(history: History) -> str:
     added = {effect.label for effect in history.added}
     values = [v for e in history.fit.effects if e.effect.label in added for v in e.parameters]
     sizes = [f"{v.name} = {rounded(v.value, v.stderr)} {v.unit}".removesuffix(" 1") for v in values]
-    return f" ({', '.join(sizes)})" if 0 < len(sizes) <= SIZES else ""
+    return ", ".join(sizes) if 0 < len(sizes) <= SIZES else ""
 
 
 # the first lines of a diagnosis, with the error before and after
-renders(History, "short")(lambda history: short(history.diagnosis, history_card(history)))
+@renders(History, "short")
+def short_of(history: History, request: Request = PYTHON) -> str:
+    """Return the first lines: what was gained, the error by joint, and what to do next."""
+    return short(history.diagnosis, history_card(history, request), request)
 
 
 @renders(History, "files")
-def write(history: History, place: str | Path) -> list[Path]:
+def write(history: History, place: str | Path, request: Request = PYTHON) -> list[Path]:
     """Write the grown mechanism's folder, with the last fit, diagnosis and a report of the ladder.
 
     Raises:
@@ -262,13 +253,12 @@ def write(history: History, place: str | Path) -> list[Path]:
     """
     refuse_own(history.mechanism, Path(place))
     ladder = Section("The error falls", [history.plot()], unfolded=True)
-    with writing(place):
-        sections = (ladder, *diagnosis_sections(history.diagnosis))
-        title = f"{history.mechanism.name}: grown model"
-        screen = screen_of(history)
-        below = [table(rows(history), CAPTION, tied=False)]  # so the machine has room on the right
-        front = [*screen.front, *screen.machine]
-        report = report_page(title, history_card(history), sections, front, below)
+    request = replace(request, folder=str(place))
+    sections = (ladder, *diagnosis_sections(history.diagnosis, request))
+    title = f"{history.mechanism.name}: grown model"
+    screen, top = screen_of(history), history_card(history, request)
+    below = [table(rows(history), CAPTION, tied=False)]  # so the machine has room on the right
+    report = report_page(title, top, sections, [*screen.front, *screen.machine], below)
     data = {**diagnosis_files(history.diagnosis), "report.html": report}
     data["grow.json"] = json_bytes(history_json(history))
     written = write_instead(history.diagnosis, Path(place), model_files(history.fit) | data)

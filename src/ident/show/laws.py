@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from ident.assess.verdict import formulas_explain
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Diagnosis, Law
-from ident.display import folder
 from ident.effects import KINDS, Effect, Unknown
-from ident.faults.channel_fits import HALF
 from ident.fit.values import Value
 from ident.information import linear
-from ident.show.card import body_words
+from ident.request import PYTHON, Request
+from ident.show.body import body_words
 from ident.show.charts import FAINT, Chart, Level, Line, Panel
 from ident.show.html import Block, code, headed, paragraph, table
-from ident.text import listed, percent, rounded, some, wrapped
+from ident.text import listed, percent, rounded, shortlist, wrapped
 
 FRONT = (
     "Formulas for which no simpler one leaves as little error: complexity (operators and "
@@ -49,7 +49,7 @@ def numbers(parameters: Sequence[Value]) -> str:
         unknown = v.stderr is not None and abs(v.value) < v.stderr
         value = f"{name} = {number} {v.unit}".removesuffix(" 1")
         texts.append(value + " (not determined)" * unknown)
-    return some(texts)
+    return shortlist(texts)
 
 
 def curve_name(curve: Effect) -> str:
@@ -91,15 +91,9 @@ def curves(d: Diagnosis) -> list[str]:
     ]
 
 
-def solved(d: Diagnosis) -> bool:
-    """Return whether the formulas take more than half of the error of each of their joints."""
-    before, after = (d.laws[0].before, d.laws[-1].after) if d.laws else ({}, {})
-    return all(after[law.felt].rms < HALF * before[law.felt].rms for law in d.laws)
-
-
-def laws(d: Diagnosis) -> list[str]:
+def laws(d: Diagnosis, request: Request = PYTHON) -> list[str]:
     """Return the formulas for what no effect explains, with constants, relatives and rivals."""
-    paragraphs, does = [], "explains it" if solved(d) else "lowers the error"
+    paragraphs, does = [], "explains it" if formulas_explain(d) else "lowers the error"
     for law in d.laws:
         formula = law.found
         before, after = (errors[law.felt].relative for errors in (law.before, law.after))
@@ -126,7 +120,7 @@ def laws(d: Diagnosis) -> list[str]:
         paragraphs.append(
             f"{head} {law_words(law)};{error}.{not_all}{or_}{one}{instead} "
             f"It is a description, not yet a cause. `--out DIR` writes it as {law.file}: `--with "
-            f"{folder.get() or 'DIR'}/{law.option} --allow-code`."
+            f"{request.folder or 'DIR'}/{law.option} --allow-code`."
         )
     return paragraphs
 
@@ -134,13 +128,13 @@ def laws(d: Diagnosis) -> list[str]:
 # --- charts, report, JSON ----------------------------------------------------------------------
 
 
-def law_blocks(d: Diagnosis) -> list[Block]:
+def law_blocks(d: Diagnosis, request: Request = PYTHON) -> list[Block]:
     """Return the curve with its band, the formula over it, the front, and the effect file."""
     blocks: list[Block] = [paragraph(item) for item in curves(d)]
     of_joint = {item.joint: item for item in d.laws}
     for curve in d.curves:
         blocks.append(plot_curve(curve, of_joint.get(curve.joint)))
-    blocks += [paragraph(item) for item in laws(d)]
+    blocks += [paragraph(item) for item in laws(d, request)]
     for law in d.laws:
         blocks += [headed(f"Formulas for {law.joint}"), paragraph(FRONT), plot_front(law)]
         rows = [["complexity", "squared error left", "formula"]]

@@ -4,40 +4,34 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ident.display import renders, running
-from ident.equations.problem import information_of
-from ident.equations.unknowns import Columns
-from ident.errors import FitError, MechanismError
-from ident.faults.channel_checks import RARE, log_findings
+from ident.assess.check import (
+    LogCheck,
+    assembled_coordinates,
+    beyond_limits,
+    check_logs,
+    data_findings,
+    identifiable,
+    joints_json,
+)
+from ident.display import renders
+from ident.errors import MechanismError
 from ident.files import version
-from ident.finding import Finding
-from ident.fit.findings import POOR, excitation
-from ident.fit.identify import identify
-from ident.fit.shapes import initial
-from ident.fit.values import absorbed_by, base_names
-from ident.information.chance import LEAVES
-from ident.information.estimate import estimate
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.motion.closures import LoopSolver
-from ident.show.card import Card, next_command
+from ident.request import PYTHON, Request
+from ident.show.card import Card
 from ident.show.html import Section, Sheet, code, definitions, headed, items, paragraph, table
-from ident.text import significant, some
+from ident.text import shortlist, significant
 from ident.text import table as text_table
 
 PACKAGES = ("ident", "pin", "casadi", "numpy", "scipy", "clarabel", "bokeh")
-IMPOSSIBLE = 10.0  # times a drive's effort limit, which is nominal in many URDFs
-ROUNDING = 1e-6  # of positions and speeds beyond a limit
-BESIDE = "with friction, rotors and offsets of all joints"  # the effects that every machine has
 CHANNELS = "what was measured of the motion: its white noise, and measured less smoothed (rms)"
 
 
@@ -58,24 +52,6 @@ def _facts(x: Motion) -> dict[str, str]:
     }
 
 
-def joints_json(mechanism: Mechanism, motion: Motion | None = None) -> list[dict[str, Any]]:
-    """Return by joint its state, its limits, and how far a motion takes it."""
-    found = []
-    for i, joint in enumerate(mechanism.joints):
-        state = "driven" if joint.name in mechanism.driven else "passive"
-        if joint.name.startswith("closure."):
-            state = "of a closure"
-        found.append({
-            "joint": joint.name, "state": state, "unit": joint.unit, "lower": joint.lower,
-            "upper": joint.upper, "speed_limit": joint.velocity,
-        })  # fmt: skip
-        if motion is not None:
-            y = np.concatenate([e.y[:, i] for e in motion.experiments])
-            yd = np.concatenate([e.yd[:, i] for e in motion.experiments])
-            found[-1] |= {"from": y.min(), "to": y.max(), "top_speed": np.abs(yd).max()}
-    return found
-
-
 def joint_rows(mechanism: Mechanism, motion: Motion | None = None) -> list[list[str]]:
     """Return the same as a table."""
     rows = [["joint", "", "unit", "lower", "upper", "speed limit"]]
@@ -89,35 +65,6 @@ def joint_rows(mechanism: Mechanism, motion: Motion | None = None) -> list[list[
             rows[-1] += [significant(x[end], 4) for end in ("from", "to")]
             rows[-1].append(f"{x['top_speed']:.3g} {x['unit']}/s")
     return rows
-
-
-def beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
-    """Return a note on the joints that a motion takes beyond the URDF's limits, and one on torques
-    that no drive of it could make: their unit is another.
-    """
-    found, torques = list[str](), list[str]()
-    for x in joints_json(mechanism, motion):
-        off = ROUNDING + ROUNDING * abs(x["to"] - x["from"])
-        unit, lower, upper, most = x["unit"], x["lower"], x["upper"], x["speed_limit"]
-        if lower < upper and not (lower - off <= x["from"] and x["to"] <= upper + off):
-            span = f"{significant(x['from'], 4)} to {significant(x['to'], 4)} {unit}"
-            found.append(f"{x['joint']} {span} (limits {lower:.4g} to {upper:.4g})")
-        if 0 < most < x["top_speed"] * (1 - ROUNDING):  # 0: not stated
-            found.append(f"{x['joint']} {x['top_speed']:.3g} {unit}/s (limit {most:.3g})")
-    for i, name in enumerate(mechanism.driven):
-        limit, unit = mechanism.joint(name).effort, mechanism.joint(name).force_unit
-        most = max(float(np.abs(e.tau[:, i]).max(initial=0.0)) for e in motion.experiments)
-        if 0 < limit < most / IMPOSSIBLE:
-            torques.append(f"tau.{name} {significant(most)} {unit} (limit {limit:.4g})")
-    beyond = (
-        f"beyond the limits of the URDF: {'; '.join(found)}: the machine must not be asked for "
-        "this motion; if it was measured, check the encoder's zero, sign and scale"
-    )
-    above = (
-        f"over {IMPOSSIBLE:g} times the effort limits of the URDF: {'; '.join(torques)}: check "
-        "their units (mN m, counts, currents?), and the effort limits of the URDF"
-    )
-    return [beyond] * bool(found) + [above] * bool(torques)
 
 
 # --- mechanisms ---------------------------------------------------------------------------------
@@ -183,7 +130,9 @@ def understood(mechanism: Mechanism, motion: Motion) -> Section:
     return Section("What was understood", blocks)
 
 
-def made_of(mechanism: Mechanism, motion: Motion | None, more: Sequence[Path] = ()) -> Section:
+def made_of(
+    mechanism: Mechanism, motion: Motion | None, more: Sequence[Path] = (), command: str = ""
+) -> Section:
     """Return how to reproduce a result: command, versions, and hashes of files, logs and `more`."""
     files = [path for path in (mechanism.urdf, mechanism.toml) if path and path != Path()]
     rows = [["file", "SHA-256"]]
@@ -194,7 +143,6 @@ def made_of(mechanism: Mechanism, motion: Motion | None, more: Sequence[Path] = 
         except OSError:
             rows.append([file.name, "no longer there"])
     rows += [[x.name, x.sha256 or "made in memory"] for x in (motion.logs if motion else ())]
-    command = running.get()
     first = code(command) if command else paragraph("Made in Python, by no command.")
     versions = {name: version(name, "not installed") for name in PACKAGES}
     versions["Python"] = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
@@ -204,111 +152,70 @@ def made_of(mechanism: Mechanism, motion: Motion | None, more: Sequence[Path] = 
 # --- what a motion determines ---------------------------------------------------------------------
 
 
-def _assembled(mechanism: Mechanism) -> np.ndarray:
-    """Return the coordinates (joints,) of the assembled mechanism."""
-    names = tuple(joint.name for joint in mechanism.joints)
-    return LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
-
-
-def check_card(
-    mechanism: Mechanism, motion: Motion | None, found: Mapping[str, Any], wrong: Sequence[Finding]
-) -> Card:
+def check_card(check: LogCheck, request: Request = PYTHON) -> Card:
     """Return whether a log can be used for identification, what to look at first, and what next."""
-    rank, unknowns = found["rank"], found["unknowns"]
-    if motion is None:
-        words = f"a motion can identify {rank} base parameters of {unknowns} unknowns"
-        words = words if unknowns else "nothing is unknown, so nothing can be identified"
-        return Card(f"{mechanism.name}: {words}.", command=next_command("excite"))
-    able = max(identifiable(mechanism)["rank"], rank)
-    size = f"{rank} of {able} base parameters"
-    columns = {name for log in motion.logs for name in log.columns}
-    filled = set.intersection(*map(_filled, motion.logs)) if motion.logs else set()
-    without = [f"tau.{name}" for name in mechanism.measured if f"tau.{name}" not in filled]
-    dead = [channel for each in wrong if each.code == "constant" for channel in each.where]
-    blind = [channel.removeprefix("tau.") for channel in (*without, *dead)]
-    if mechanism.closures or len(blind) == len(mechanism.measured) or len(motion.logs) > 1:
-        blind = []  # only a tree can do without an equation, and not without all; or without a log
-    torques = {f"tau.{name}" for name in mechanism.measured}
-    lacking = [log.name for log in motion.logs if torques - _filled(log)]
-    logs = some(lacking if without and len(motion.logs) > 1 else motion.names, 2)
-    if without or not rank:
-        why, verb, sure = "its motion determines no parameter", "excite", ""
-        if without:
-            values = "values of " * ({*without} <= columns)
-            why = f"it has no {values}{some(without)}; with them it would determine {size}"
-        if without and len(motion.logs) > len(lacking):
-            verb, sure = "", "Leave this log out, or map the columns of its torques in [log]."
-        if without and blind:
-            verb, sure = "identify", "Without a sensor, leave out the equation of the joint:"
-        if not unknowns:
-            why, verb, sure = "nothing is unknown in the model", "diagnose", ""
-        line = f"{logs} cannot be used for identification: {why}."
-        return Card(line, sure, command=next_command(verb, unmeasured=blind) if verb else "")
-    problems = [*map(str, wrong), *beyond_limits(mechanism, motion), *_empty_rows(motion)]
-    if (condition := found["condition_number"]) > POOR:
-        problems.append(f"some are excited poorly (condition number {significant(condition)})")
-    look = f", but look at this first: {problems[0]}" if problems else ": nothing looks wrong in it"
-    line = f"{logs} can be used for identification of {size}{look}."
-    return Card(line, command=next_command("identify", unmeasured=blind))
+    name, size = check.mechanism, f"{check.rank} of {check.able} base parameters"
+    command = request.line(check.next)
+    if not check.logs:
+        words = f"a motion can identify {check.rank} base parameters of {check.unknowns} unknowns"
+        words = words if check.unknowns else "nothing is unknown, so nothing can be identified"
+        return Card(f"{name}: {words}.", command=command, step=check.next)
+    logs = shortlist(check.logs, 2)
+    if check.usable:
+        look = f", but look at this first: {check.problems[0]}" if check.problems else ""
+        look = look or ": nothing looks wrong in it"
+        line = f"{logs} can be used for identification of {size}{look}."
+        return Card(line, command=command, step=check.next)
+    why = "nothing is unknown in the model"
+    if check.without:
+        values = "values of " * check.empty
+        why = f"it has no {values}{shortlist(check.without)}; with them it would determine {size}"
+    elif check.unknowns:
+        why = "its motion determines no parameter"
+    sure = ""
+    if check.without and check.others:
+        sure = "Leave this log out, or map the columns of its torques in [log]."
+    elif check.without and check.next:
+        sure = "Without a sensor, leave out the equation of the joint:"
+    line = f"{logs} cannot be used for identification: {why}."
+    return Card(line, sure, command=command, step=check.next)
 
 
-def _filled(log: Log) -> set[str]:
-    """Return the columns of a log that have a value."""
-    return {name for name, x in log.columns.items() if not np.isnan(x).all()}
-
-
-def _empty_rows(motion: Motion) -> Iterator[str]:
-    """Yield notes on logs with rows that have no value but their time."""
-    for log in motion.logs:
-        empty = np.isnan([*log.columns.values()]).all(axis=0)
-        if empty.mean() > RARE:
-            first = log.t[empty.argmax()]
-            yield (
-                f"{log.name}: {empty.sum()} of {len(log.t)} rows have no value but their time, the "
-                f"first at t = {first:.6g} s"
-            )
-
-
-def check_text(mechanism: Mechanism, motion: Motion | None = None) -> str:
-    """Return whether a log can be used, joints, what was measured, and what it identifies."""
-    found = identifiable(mechanism, motion)
-    wrong = data_findings(mechanism, motion)
-    column = ["assembled", *(f"{x:.4g}" for x in _assembled(mechanism))]
+def check_text(
+    mechanism: Mechanism,
+    motion: Motion | None = None,
+    request: Request = PYTHON,
+    *,
+    verbose: bool = True,
+) -> str:
+    """Return whether a log can be used, joints and columns, and how much it identifies; `verbose`:
+    with the channels, all notes and the base parameters.
+    """
+    check = check_logs(mechanism, motion)
+    column = ["assembled", *(f"{x:.4g}" for x in assembled_coordinates(mechanism))]
     rows = zip(joint_rows(mechanism, motion), column, strict=True)
     joints = text_table([[*row, cell] for row, cell in rows])
-    card = check_card(mechanism, motion, found, wrong)
-    parts = [card.text(), [str(mechanism), *joints]]
+    card = check_card(check, request)
+    notes = [f"note: {each}" for each in check.notes if each not in card.line]
+    if not verbose and len(notes) > 1:
+        first = notes[0].removeprefix("note: ")
+        notes = [f"note: {len(notes)} notes, the first: {first}; --verbose shows them"]
+    parts = [card.text(), [str(mechanism) if verbose else mechanism_line(mechanism), *joints]]
     if start := mechanism.found_start:
         values = ", ".join(f'"{name}" = {value:g}' for name, value in start.items())
         parts.append([f"the loops close at, to keep in mechanism.toml: start = {{ {values} }}"])
     if motion is not None:
-        notes = *map(str, wrong), *beyond_limits(mechanism, motion)
-        parts += [[f"note: {each}"] for each in notes if each not in card.line]
-        parts += [[str(motion)], [CHANNELS, *text_table(_channels(mechanism, motion))]]
+        parts += [[note] for note in notes]
+        channels = [CHANNELS, *text_table(_channels(mechanism, motion))]
+        columns = [f"columns of {log.name}: {', '.join(log.columns)}" for log in motion.logs]
+        parts += [[str(motion)], channels] if verbose else [columns]
     texts = map("\n".join, parts)
-    return "\n\n".join([*texts, structure(found, motion is not None)])
+    return "\n\n".join([*texts, structure(check.identifiable, motion is not None, verbose)])
 
 
-def data_findings(mechanism: Mechanism, motion: Motion | None) -> list[Finding]:
-    """Return what looks wrong in logged data: in channels by themselves, and, where all torques are
-    measured, beside a fit with the effects that every machine has.
-    """
-    if motion is None:
-        return []
-    torques = [f"tau.{name}" for name in mechanism.measured]
-    measured = all(_filled(log) >= {*torques} for log in motion.logs)
-    if measured and motion.experiments and mechanism.unknown:
-        model = mechanism
-        for effect in mechanism.candidates(motion.experiments[0].logged):
-            model = model + effect if effect.common else model
-        with suppress(FitError):
-            fit = identify(model, motion, estimator="least-squares")
-            hardly = (x for x in fit.checks.poor() if x.threshold == LEAVES)
-            return [
-                *fit.health.findings,
-                *(replace(x, meaning=f"{BESIDE}, {x.meaning}") for x in hardly),
-            ]
-    return [*log_findings(mechanism, motion)]
+def mechanism_line(m: Mechanism) -> str:
+    """Return the parts of a mechanism, without its notes."""
+    return mechanism_sheet(m).summary()
 
 
 def _channels(mechanism: Mechanism, motion: Motion) -> list[list[str]]:
@@ -324,40 +231,28 @@ def _channels(mechanism: Mechanism, motion: Motion) -> list[list[str]]:
     return rows
 
 
-def structure(found: Mapping[str, Any], moved: bool) -> str:
-    """Return which base parameters a motion identifies, or could at best where none was `moved`."""
+def structure(found: Mapping[str, Any], moved: bool, verbose: bool = True) -> str:
+    """Return how many base parameters a motion identifies, or could at best where none was `moved`;
+    `verbose`: which.
+    """
     if not found["unknowns"]:
         return "nothing is unknown"
     what = "this motion identifies" if moved else "a motion can identify"
-    lines = [
+    line = (
         f"{what} {found['rank']} base parameters of {found['unknowns']} unknowns "
-        f"(condition number {significant(found['condition_number'])}):",
-        *(f"  {name}" for name in found["base_parameters"]),
-    ]
+        f"(condition number {significant(found['condition_number'])})"
+    )
+    if not verbose:
+        return f"{line}; --verbose names them"
+    lines = [f"{line}:", *(f"  {name}" for name in found["base_parameters"])]
     if nothing := found["without_effect"]:
         lines.append(f"without effect on any torque: {', '.join(nothing)}")
     return "\n".join(lines)
 
 
-def identifiable(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, Any]:
-    """Return the base parameters of a motion, of a lively one if none is given."""
-    columns = Columns.of(mechanism)
-    if not len(columns):
-        return {"unknowns": 0, "rank": 0, "base_parameters": []}
-    motion = motion or excitation(mechanism)
-    information = information_of(mechanism, columns, motion, initial(mechanism, motion))
-    ones = np.ones(information.d)
-    base = estimate(information.totals, columns.prior, ones, sigma=ones).base
-    nothing = [name for name, carrier in absorbed_by(columns, base).items() if not carrier]
-    return {
-        "unknowns": len(columns), "rank": base.rank, "condition_number": base.condition_number,
-        "base_parameters": list(base_names(columns, base)), "without_effect": nothing,
-    }  # fmt: skip
-
-
 def check_json(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, Any]:
     """Return what `ident check` shows."""
-    joints = zip(joints_json(mechanism, motion), _assembled(mechanism), strict=True)
+    joints = zip(joints_json(mechanism, motion), assembled_coordinates(mechanism), strict=True)
     logs = [] if motion is None else motion.experiments
     return {
         "schema": "ident.check/1",

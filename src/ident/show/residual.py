@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.assess.comparison import NamedErrors, errors_that_count
 from ident.display import render, renders
 from ident.errors import FitError, one_of
 from ident.fit.identify import Comparison
@@ -43,7 +43,6 @@ MOST = 3  # windows that are shown; all are in compare.json
 LABEL = 28  # characters of a model's name in a chart or table
 FILM = 400  # moments of the mechanism in a report
 BINS = 30  # of the mean that is drawn through a cloud
-SAME_ROWS = 0.02  # of an error: in the rows of its own log a fit may be weighed otherwise
 JOINT_SIGNALS = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
 SUM = "the sum taken apart, rms: rigid bodies + effects = predicted"
 MAPS = (
@@ -52,7 +51,6 @@ MAPS = (
     "beside those that were chosen before it; the largest is framed."
 )
 Models = Mapping[str, Residual]
-NamedErrors = tuple[str, Mapping[str, Error]]  # what the errors are, as `held-out error`; by joint
 
 
 # --- text -----------------------------------------------------------------------------------------
@@ -91,32 +89,15 @@ def parts_rows(residual: Residual) -> list[list[str]]:
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def judged_of(fit: Fit) -> NamedErrors:
+def errors_of_fit(fit: Fit) -> NamedErrors:
     """Return the errors of a fit's card: those held out in time, where there are any."""
     return ("held-out error", fit.held_out) if fit.held_out else ("error in the fit", fit.train)
 
 
-def fitted(c: Comparison, name: str) -> Mapping[str, Error]:
-    """Return a model's errors when it was fitted, held out in time where that is known."""
-    return c.fitted[name].get("held out") or c.fitted[name].get("train") or {}
-
-
-def judged(c: Comparison, name: str) -> NamedErrors:
-    """Return a model's errors that count: on the data of its own fit those held out of it."""
-    errors, train = c.errors[name], c.fitted[name].get("train", {})
-    same = train.keys() == errors.keys() and all(
-        math.isclose(train[j].rms, e.rms, rel_tol=SAME_ROWS) for j, e in errors.items()
-    )
-    if not same:
-        return "error", errors
-    held_out = c.fitted[name].get("held out")
-    return "held-out error" if held_out else "error in the fit", fitted(c, name)
-
-
 @renders(Failure, "text")
-def failure_text(failure: Failure, several: bool = True, judged: NamedErrors | None = None) -> str:
+def failure_text(failure: Failure, several: bool = True, counted: NamedErrors | None = None) -> str:
     """Return how a model fails in one joint: its error, on what that depends, when it is worst."""
-    what, errors = judged or ("residual", {})
+    what, errors = counted or ("residual", {})
     error = errors.get(failure.joint, failure)
     size = f"{significant(error.rms)} {failure.unit} ({percent(error.relative)})"
     white = "no structure found" if failure.white else "has structure"
@@ -450,7 +431,7 @@ def residual_sections(
         blocks: list[Block] = []
         for name, residual in c.residuals.items():
             own_failure = residual.failure(failure.joint)
-            text = failure_text(own_failure, len(logs) > 1, judged(c, name))
+            text = failure_text(own_failure, len(logs) > 1, errors_that_count(c, name))
             blocks.append(paragraph(f"{shown[name]}, {text}" if len(shown) > 1 else text))
         blocks.append(plot_maps(c, failure.joint))
         options[failure.joint] = blocks

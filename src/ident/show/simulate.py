@@ -14,6 +14,7 @@ from ident.files import json_bytes
 from ident.lazy import lazy
 from ident.montecarlo import SUMS, MonteCarlo
 from ident.motion import complete
+from ident.request import PYTHON, Request
 from ident.show.charts import BELOW, MEASURED, PRIOR, RESIDUAL, Chart, Level, Line, Mark, Panel
 from ident.show.html import Section, Sheet, by_log, paragraph, report_page
 from ident.show.motion import made_of, understood
@@ -332,7 +333,7 @@ def _quantiles(x: MonteCarlo, rows: pl.DataFrame, column: str) -> tuple[Line, ..
 
 
 @renders(MonteCarlo, "files")
-def study_files(x: MonteCarlo) -> dict[str, bytes]:
+def study_files(x: MonteCarlo, request: Request = PYTHON) -> dict[str, bytes]:
     """Return the contents of all files by name."""
     plan = x.plan
     data = {
@@ -346,7 +347,7 @@ def study_files(x: MonteCarlo) -> dict[str, bytes]:
     sections = (
         Section("What noise does", [*study_sheet(x, None).blocks(), chart]),
         understood(plan.mechanism, motion),
-        made_of(plan.mechanism, motion),
+        made_of(plan.mechanism, motion, command=request.command),
     )
     title = f"{plan.mechanism.name} on {plan.log.name}: Monte Carlo"
     return {

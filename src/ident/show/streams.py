@@ -6,7 +6,6 @@ The page of `monitor` has parameters with bands, reaction forces, errors and ala
 from __future__ import annotations
 
 import json
-import shlex
 import threading
 from collections import Counter
 from collections.abc import Sequence
@@ -15,12 +14,17 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from ident.display import inputs, render, renders
+from ident.assess.machine import assess_machine, explained_alone, typical_error
+from ident.display import renders
 from ident.information.chance import ALPHA
 from ident.mechanism import Mechanism
-from ident.show.card import Bar, Card, good_enough, next_command
+from ident.request import PYTHON, Request
+from ident.show.card import Bar, Card, card_of
 from ident.show.charts import FAINT, RESIDUAL, Chart, Level, Line, Mark, Panel, pieces_of
+from ident.show.diagnosis import sheet as diagnosis_sheet
+from ident.show.diagnosis import short
 from ident.show.fit import summary
+from ident.show.headline import error_words
 from ident.show.html import ROWS, Block, Section, Sheet, paragraph, piece, report_page, table
 from ident.show.motion import made_of
 from ident.streams.charts import OFTEN
@@ -28,13 +32,11 @@ from ident.streams.gather import Gathered
 from ident.streams.many_logs import Disagreement, LogComparison, Verdict, Verdicts
 from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
 from ident.streams.online import Forces, Snapshot
-from ident.text import listed, percent, rounded, some, stamp
+from ident.text import listed, percent, rounded, shortlist, stamp
 
 NAMED = 6  # logs in a sentence; more are counted
 SHOWN = 6  # logs in one command
 LAST = 2  # parameters in one line
-POOR = 0.05  # of the torque: a model that leaves more hides differences between logs
-MOSTLY = 0.9  # of a log's difference, that a part must explain to be named
 TINY = 1e-12  # a smaller chance is printed as this
 SIZED = 3  # rivals of a cause, below which all are printed with their sizes
 BLIND = 10.0  # times a change: a standard error beyond which it is not printed
@@ -46,13 +48,12 @@ BLIND = 10.0  # times a change: a standard error beyond which it is not printed
 @renders(LogComparison, "sentence")
 def who_disagrees(x: LogComparison) -> str:
     """Return how many logs disagree, and at which rate logs that are alike would."""
-    typical = float(np.median([each.own for each in x.used if each.own is not None] or [0.0]))
-    if not x.odd and typical > POOR:
+    if (typical := typical_error(x)) is not None:
         return (
             f"no log disagrees with the others by more than what the model leaves in each, "
             f"{percent(typical)}, and that is much: see what it lacks first (ident diagnose)"
         )
-    names = some(x.odd, NAMED) if x.odd else "no log"
+    names = shortlist(x.odd, NAMED) if x.odd else "no log"
     whom = "each other" if len(x.used) == len(x.odd) == 2 else "the others"
     return (
         f"{names} {'disagree' if len(x.odd) > 1 else 'disagrees'} with {whom}; of 100 folders of "
@@ -78,7 +79,7 @@ def log_rows(x: LogComparison) -> list[list[str]]:
 
 def _difference(odd: Disagreement) -> str:
     share = f"{100 * odd.share:.0f} %"
-    if odd.share < MOSTLY:
+    if not explained_alone(odd):
         return f"no part of the model alone: {odd.parts[0]} explains {share}" if odd.parts else ""
     change = f"{'+' if odd.change > 0 else ''}{rounded(odd.change, odd.stderr)} {odd.unit}"
     several = "each of " if len(odd.parts) > 1 else ""
@@ -96,9 +97,10 @@ renders(LogComparison, "section")(lambda x: Section("Log by log", log_sheet(x).b
 
 
 @renders(Gathered, "summary")
-def gathered_summary(x: Gathered) -> str:
+def gathered_summary(x: Gathered, request: Request = PYTHON) -> str:
     """Return the summary of the fit and, of several logs, the logs one by one."""
-    return f"{summary(x.fit)}\n\n{log_sheet(x.each).summary()}" if x.several else summary(x.fit)
+    of_fit = summary(x.fit, request)
+    return f"{of_fit}\n\n{log_sheet(x.each).summary()}" if x.several else of_fit
 
 
 @renders(Gathered, "text")
@@ -127,24 +129,25 @@ def _each_sheet(x: Verdicts) -> Sheet:
     return Sheet("each log by itself", tables={"logs": verdict_rows(x.logs)}, notes=x.notes)
 
 
-def partly(logs: Sequence[Verdict], left: Sequence[Path]) -> tuple[str, str]:
-    """Return the verdicts of the logs that are done, and how to go on with those that are left."""
-    text = Sheet(f"{len(logs)} logs by themselves", tables={"logs": verdict_rows(logs)}).summary()
-    given = inputs.get()
-    if not left or given is None:
-        return text, "only the diagnosis of all logs together is missing"
-    words = ["ident", "diagnose", given.mechanism, *map(str, left), *given.options]
-    command = shlex.join(words) if len(left) <= SHOWN else f"the logs from {left[0]} on"
-    return text, f"{len(left)} of {len(logs) + len(left)} logs are left; go on with: {command}"
+def partly(logs: Sequence[Verdict]) -> str:
+    """Return the verdicts of the logs that are done."""
+    return Sheet(f"{len(logs)} logs by themselves", tables={"logs": verdict_rows(logs)}).summary()
 
 
 @renders(Verdicts, "text")
-def verdicts_text(x: Verdicts, together: str = "text") -> str:
-    """Return each log's verdict, and the diagnosis of all logs together in a form."""
-    return f"{_each_sheet(x).summary()}\n\nall logs together\n{render(x.together, together)}"
+def verdicts_text(x: Verdicts, request: Request = PYTHON) -> str:
+    """Return each log's verdict, and the diagnosis of all logs together."""
+    together = diagnosis_sheet(x.together, request).text()
+    return f"{_each_sheet(x).summary()}\n\nall logs together\n{together}"
 
 
-renders(Verdicts, "short")(lambda x: verdicts_text(x, "short"))
+@renders(Verdicts, "short")
+def short_verdicts(x: Verdicts, request: Request = PYTHON) -> str:
+    """Return each log's verdict, and what to read first of all logs together."""
+    together = short(x.together, request=request)
+    return f"{_each_sheet(x).summary()}\n\nall logs together\n{together}"
+
+
 renders(Verdicts, "section")(lambda x: Section("Log by log", _each_sheet(x).blocks()))
 renders(Verdicts, "html")(lambda x: _each_sheet(x).html() + x.together._repr_html_())
 
@@ -168,7 +171,7 @@ def snapshot_line(x: Snapshot) -> str:
     errors = [f"{name} {percent(e.relative)}" for name, e in x.errors.items()]
     known = [str(value) for value in x.identified]
     more = [f"{len(known) - LAST} more parameters"] if len(known) > LAST else []
-    parts = [f"error of {some(errors)}"] if errors else []
+    parts = [f"error of {shortlist(errors)}"] if errors else []
     parts += [listed([*known[-LAST:], *more])] if known else []
     parts += [str(x.multipliers)] if x.multipliers is not None else []
     return f"t = {stamp(x.t)} s: {'; '.join(parts)}"
@@ -301,8 +304,8 @@ class MonitorHistory:
     `silent` states why there are no alarms; empty where the machine is watched.
     """
 
-    def __init__(self, mechanism: Mechanism, silent: str) -> None:
-        self._mechanism, self._silent = mechanism, silent
+    def __init__(self, mechanism: Mechanism, silent: str, request: Request = PYTHON) -> None:
+        self._mechanism, self._silent, self._request = mechanism, silent, request
         self._parameters, self._errors, self._forces = (ThinnedSeries() for _ in range(3))
         self.alarms: list[Alarm] = []
         self._lock = threading.RLock()  # a page is drawn while samples come
@@ -334,18 +337,18 @@ class MonitorHistory:
         if self._last is None:
             return Card(f"{self._mechanism.name}: no sample yet")
         head = f"{self._mechanism.name} at t = {stamp(self._last.t)} s: "
-        errors, noise = self._last.errors, self._last.noise
-        bars = tuple(Bar(joint, e, noise=noise[joint]) for joint, e in errors.items())
+        a = assess_machine(
+            self._mechanism.name, self._last, self.alarms, watched=not self._silent,
+            like=bool(self._request.like), acceptable=self._request.acceptable,
+        )  # fmt: skip
         if self.alarms:  # its own model is fitted to the changed machine
             count = f"{n} alarms, the last" if (n := len(self.alarms)) > 1 else "1 alarm"
             how = "Identify the log of normal operation with --out DIR: `ident diagnose "
             how += "DIR/identified` on this log then compares the machine with its normal values."
+            bars = tuple(map(Bar.of, a.errors))
             return Card(f"{head}{count}: {self.alarms[-1].headline}", how, bars)
-        good, given = good_enough(errors, noise), inputs.get()
-        fine = "Not in" not in good
-        short = self._silent and given and given.like  # they would raise no alarm then either
-        command = next_command("monitor" if fine else "diagnose") if not (fine and short) else ""
-        return Card(head + (self._silent or "no alarm"), good, bars, command)
+        size = f"; {error_words(a)}" if a.now else ""
+        return card_of(a, self._request, line=f"{head}{self._silent or 'no alarm'}{size}.")
 
     @property
     def sections(self) -> tuple[Section, ...]:
@@ -420,9 +423,9 @@ class MonitorHistory:
 
     def report(self) -> bytes:
         """Return report.html."""
-        given = inputs.get()
-        logs = [Path(name) for name in (*given.logs, *given.like)] if given else []
-        went_in = made_of(self._mechanism, None, [log for log in logs if log.is_file()])
+        logs = [Path(name) for name in (*self._request.logs, *self._request.like)]
+        files = [log for log in logs if log.is_file()]
+        went_in = made_of(self._mechanism, None, files, self._request.command)
         return report_page(f"{self._mechanism.name}: monitor", self.card, (*self.sections, went_in))
 
     def live(self) -> str:

@@ -29,6 +29,7 @@ from ident.mechanism.parameters import Consistency
 from ident.motion.closures import check_freedom
 from ident.motion.recipe import AUTO
 from ident.pool import Workers
+from ident.request import PYTHON, Request
 from ident.streams.logs import Given, LogOnDisk, excerpt, log_paths
 from ident.streams.many_logs import LogComparison, compare_logs
 from ident.streams.portions import Checkpoint, Plan, absorbed, multipliers_of, summaries, with_logs
@@ -79,7 +80,9 @@ class Gathered(Displayed):
         of_logs = self.each.notes if self.several else ()
         return tuple(dict.fromkeys((*self.fit.warnings, *of_logs)))
 
-    def write(self, folder: str | Path, reactions: Reactions | None = None) -> list[Path]:
+    def write(
+        self, folder: str | Path, reactions: Reactions | None = None, request: Request = PYTHON
+    ) -> list[Path]:
         """Write what `Fit.write` writes, all or none, with multipliers of all samples; of several
         logs logs.csv too, one row a log, and a table in the report. It ends the checkpoint.
 
@@ -100,7 +103,7 @@ class Gathered(Displayed):
                 sentence = f"{render(self.each, 'sentence')}: see Log by log"
                 fit = replace(fit, findings=(note(sentence), *fit.findings))
         multipliers = self._multiplier_rows() if fit.mechanism.closures else None
-        paths = write_fit(fit, folder, reactions, multipliers, more, sections)
+        paths = write_fit(fit, folder, reactions, multipliers, more, sections, request)
         if self.checkpoint is not None:
             self.checkpoint.remove()
         return paths

@@ -29,6 +29,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import complete
 from ident.motion.recipe import AUTO
 from ident.pool import Workers
+from ident.request import PYTHON, Request
 from ident.streams.logs import Given, excerpt, log_paths, summarise
 
 if TYPE_CHECKING:
@@ -199,7 +200,7 @@ class Verdicts(Displayed):
         """Verdicts, and what to read first of the diagnosis of all logs together."""
         return str(render(self, "short"))
 
-    def write(self, folder: str | Path) -> list[Path]:
+    def write(self, folder: str | Path, request: Request = PYTHON) -> list[Path]:
         """Write diagnosis.json and report.html of all logs together, and logs.csv, all or none, to
         a folder that is made if it is not there. Return the files.
 
@@ -211,7 +212,7 @@ class Verdicts(Displayed):
             "logs.csv": self.table.write_csv().encode(),
         }
         sections = [render(self, "section")]
-        paths: list[Path] = render(self.together, "files", folder, more, sections)
+        paths: list[Path] = render(self.together, "files", folder, more, sections, request)
         return paths
 
 

@@ -7,7 +7,6 @@ import re
 import sys
 import threading
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 from explored import given, grown, judged, odd, screened
@@ -15,7 +14,7 @@ from explored import given, grown, judged, odd, screened
 import ident
 from helpers import ROBOTS
 from ident import FitError, MechanismError
-from ident.display import Inputs
+from ident.cli.lines import ShellRequest
 from ident.effects.library import named
 from ident.show.board import JUDGED, VIEWS, Board, top
 from ident.show.ladder import changed
@@ -202,16 +201,14 @@ def test_judged_it_says_the_verdict(board, monkeypatch):
 
 def test_the_command_of_the_verdict_has_what_was_added():
     e = replace(grown("viscous:elbow"), diagnosis=judged().diagnosis)
-    assert " viscous:elbow " in top(e).command
+    assert " viscous:elbow " in top(e, ShellRequest("arm", ("run.csv",))).command
 
 
-def test_before_a_verdict_the_card_says_what_is_known_so_far(tmp_path, monkeypatch):
+def test_before_a_verdict_the_card_says_what_is_known_so_far(tmp_path):
     assert "being fitted" in Board("arm", tmp_path).state["card"]
-    monkeypatch.setattr(
-        "ident.show.card.inputs", SimpleNamespace(get=lambda: Inputs("arm", ("run.csv",), ()))
-    )
-    early, e = top(given()), screened()
-    known = top(e)
+    request = ShellRequest("arm", ("run.csv",))
+    early, e = top(given(), request), screened()
+    known = top(e, request)
     assert "largest in wrist" in early.line
     assert (early.line, early.bars, early.command) == (known.line, known.bars, known.command)
     assert known.command == "ident diagnose arm run.csv"
@@ -219,7 +216,7 @@ def test_before_a_verdict_the_card_says_what_is_known_so_far(tmp_path, monkeypat
     assert f"first candidate is {named([first.effect])}, " in known.sure
     ends = f"from {percent(first.before.relative)} to {percent(first.after.relative)},"
     assert f"bring the error of {first.joints[0]} {ends}" in known.sure
-    after = top(grown("viscous:elbow"))
+    after = top(grown("viscous:elbow"), request)
     assert after.command.endswith("--with viscous:elbow")
     assert all(bar.after for bar in after.bars)
 

@@ -1,0 +1,215 @@
+"""Whether logs can be used for identification, what looks wrong in them, what they determine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ident.equations.problem import information_of
+from ident.equations.unknowns import Columns
+from ident.errors import FitError
+from ident.faults.channel_checks import RARE, log_findings
+from ident.finding import Finding
+from ident.fit.findings import POOR, excitation
+from ident.fit.identify import identify
+from ident.fit.shapes import initial
+from ident.fit.values import absorbed_by, base_names
+from ident.information.chance import LEAVES
+from ident.information.estimate import estimate
+from ident.log import Log
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+from ident.motion.closures import LoopSolver
+from ident.request import Step
+from ident.text import significant
+
+IMPOSSIBLE = 10.0  # shown: times a drive's effort limit, which is nominal in many URDFs
+ROUNDING = 1e-6  # numerics: of positions and speeds beyond a limit
+BESIDE = "with friction, rotors and offsets of all joints"  # the effects that every machine has
+CONTRADICTS = "contradict"  # in a note of a motion: its channels speak against each other
+
+
+@dataclass(frozen=True)
+class LogCheck:
+    """Whether logs can be used for identification, and what to look at first.
+
+    Attributes:
+        mechanism: its name; logs: names of those that were checked, of some that cannot be used
+            these; none without a motion.
+        usable: whether parameters can be identified from them.
+        rank: base parameters that they determine; able: that a lively motion determines.
+        unknowns: of the mechanism; identifiable: all of that as numbers and names.
+        without: torque columns that are lacking; empty: whether they are there without values.
+        others: whether other logs have them.
+        problems: what looks wrong, the first to be looked at; notes: these and all further ones.
+        next: the step that goes on from here.
+    """
+
+    mechanism: str
+    rank: int
+    unknowns: int
+    able: int = 0
+    logs: tuple[str, ...] = ()
+    usable: bool = False
+    identifiable: Mapping[str, Any] = field(default_factory=dict)
+    without: tuple[str, ...] = ()
+    empty: bool = False
+    others: bool = False
+    problems: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    next: Step = field(default_factory=Step)
+
+
+def check_logs(mechanism: Mechanism, motion: Motion | None = None) -> LogCheck:
+    """Check whether logs can be used for identification; without a motion, what any could tell."""
+    known = identifiable(mechanism, motion)
+    rank, unknowns = known["rank"], known["unknowns"]
+    if motion is None:
+        return LogCheck(mechanism.name, rank, unknowns, identifiable=known, next=Step("excite"))
+    wrong = data_findings(mechanism, motion)
+    able = max(identifiable(mechanism)["rank"], rank)
+    columns = {name for log in motion.logs for name in log.columns}
+    filled = set.intersection(*map(_filled, motion.logs)) if motion.logs else set()
+    without = [f"tau.{name}" for name in mechanism.measured if f"tau.{name}" not in filled]
+    dead = [channel for each in wrong if each.code == "constant" for channel in each.where]
+    blind = [channel.removeprefix("tau.") for channel in (*without, *dead)]
+    if mechanism.closures or len(blind) == len(mechanism.measured) or len(motion.logs) > 1:
+        blind = []  # only a tree can do without an equation, and not without all; or without a log
+    torques = {f"tau.{name}" for name in mechanism.measured}
+    lacking = [log.name for log in motion.logs if torques - _filled(log)]
+    several = bool(without) and len(motion.logs) > 1
+    usable = not without and bool(rank)
+    verb = "identify"
+    if not usable:
+        verb = "identify" if blind else "excite" * (not without)
+        if several and len(motion.logs) > len(lacking):
+            verb = ""
+        if not unknowns:
+            verb = "diagnose"
+    problems = [*map(str, wrong), *beyond_limits(mechanism, motion), *_empty_rows(motion)]
+    problems += [note for note in motion.notes if CONTRADICTS in note]
+    condition = known.get("condition_number", 0.0)
+    if usable and condition > POOR:
+        size = significant(condition)
+        problems.append(f"some are excited poorly (condition number {size})")
+    notes = [*map(str, wrong), *beyond_limits(mechanism, motion), *motion.notes]
+    return LogCheck(
+        mechanism.name, rank, unknowns, able,
+        logs=tuple(lacking if several else motion.names),
+        usable=usable, identifiable=known, without=tuple(without),
+        empty={*without} <= columns, others=len(motion.logs) > len(lacking),
+        problems=tuple(dict.fromkeys(problems)), notes=tuple(dict.fromkeys(notes)),
+        next=Step(verb, unmeasured=tuple(blind)) if verb else Step(),
+    )  # fmt: skip
+
+
+def joints_json(mechanism: Mechanism, motion: Motion | None = None) -> list[dict[str, Any]]:
+    """Return by joint its state, its limits, and how far a motion takes it."""
+    found = []
+    for i, joint in enumerate(mechanism.joints):
+        state = "driven" if joint.name in mechanism.driven else "passive"
+        if joint.name.startswith("closure."):
+            state = "of a closure"
+        found.append({
+            "joint": joint.name, "state": state, "unit": joint.unit, "lower": joint.lower,
+            "upper": joint.upper, "speed_limit": joint.velocity,
+        })  # fmt: skip
+        if motion is not None:
+            y = np.concatenate([e.y[:, i] for e in motion.experiments])
+            yd = np.concatenate([e.yd[:, i] for e in motion.experiments])
+            found[-1] |= {"from": y.min(), "to": y.max(), "top_speed": np.abs(yd).max()}
+    return found
+
+
+def beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
+    """Return a note on the joints that a motion takes beyond the URDF's limits, and one on torques
+    that no drive of it could make: their unit is another.
+    """
+    found, torques = list[str](), list[str]()
+    for x in joints_json(mechanism, motion):
+        off = ROUNDING + ROUNDING * abs(x["to"] - x["from"])
+        unit, lower, upper, most = x["unit"], x["lower"], x["upper"], x["speed_limit"]
+        if lower < upper and not (lower - off <= x["from"] and x["to"] <= upper + off):
+            span = f"{significant(x['from'], 4)} to {significant(x['to'], 4)} {unit}"
+            found.append(f"{x['joint']} {span} (limits {lower:.4g} to {upper:.4g})")
+        if 0 < most < x["top_speed"] * (1 - ROUNDING):  # 0: not stated
+            found.append(f"{x['joint']} {x['top_speed']:.3g} {unit}/s (limit {most:.3g})")
+    for i, name in enumerate(mechanism.driven):
+        limit, unit = mechanism.joint(name).effort, mechanism.joint(name).force_unit
+        most = max(float(np.abs(e.tau[:, i]).max(initial=0.0)) for e in motion.experiments)
+        if 0 < limit < most / IMPOSSIBLE:
+            torques.append(f"tau.{name} {significant(most)} {unit} (limit {limit:.4g})")
+    beyond = (
+        f"beyond the limits of the URDF: {'; '.join(found)}: the machine must not be asked for "
+        "this motion; if it was measured, check the encoder's zero, sign and scale"
+    )
+    above = (
+        f"over {IMPOSSIBLE:g} times the effort limits of the URDF: {'; '.join(torques)}: check "
+        "their units (mN m, counts, currents?), and the effort limits of the URDF"
+    )
+    return [beyond] * bool(found) + [above] * bool(torques)
+
+
+def assembled_coordinates(mechanism: Mechanism) -> np.ndarray:
+    """Return the coordinates (joints,) of the assembled mechanism."""
+    names = tuple(joint.name for joint in mechanism.joints)
+    return LoopSolver(mechanism, names).coordinates(mechanism.assembled[None]).value[0]
+
+
+def _filled(log: Log) -> set[str]:
+    """Return the columns of a log that have a value."""
+    return {name for name, x in log.columns.items() if not np.isnan(x).all()}
+
+
+def _empty_rows(motion: Motion) -> Iterator[str]:
+    """Yield notes on logs with rows that have no value but their time."""
+    for log in motion.logs:
+        empty = np.isnan([*log.columns.values()]).all(axis=0)
+        if empty.mean() > RARE:
+            first = log.t[empty.argmax()]
+            yield (
+                f"{log.name}: {empty.sum()} of {len(log.t)} rows have no value but their time, the "
+                f"first at t = {first:.6g} s"
+            )
+
+
+def data_findings(mechanism: Mechanism, motion: Motion | None) -> list[Finding]:
+    """Return what looks wrong in logged data: in channels by themselves, and, where all torques are
+    measured, beside a fit with the effects that every machine has.
+    """
+    if motion is None:
+        return []
+    torques = [f"tau.{name}" for name in mechanism.measured]
+    measured = all(_filled(log) >= {*torques} for log in motion.logs)
+    if measured and motion.experiments and mechanism.unknown:
+        model = mechanism
+        for effect in mechanism.candidates(motion.experiments[0].logged):
+            model = model + effect if effect.common else model
+        with suppress(FitError):
+            fit = identify(model, motion, estimator="least-squares")
+            hardly = (x for x in fit.checks.poor() if x.threshold == LEAVES)
+            return [
+                *fit.health.findings,
+                *(replace(x, meaning=f"{BESIDE}, {x.meaning}") for x in hardly),
+            ]
+    return [*log_findings(mechanism, motion)]
+
+
+def identifiable(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, Any]:
+    """Return the base parameters of a motion, of a lively one if none is given."""
+    columns = Columns.of(mechanism)
+    if not len(columns):
+        return {"unknowns": 0, "rank": 0, "base_parameters": []}
+    motion = motion or excitation(mechanism)
+    information = information_of(mechanism, columns, motion, initial(mechanism, motion))
+    ones = np.ones(information.d)
+    base = estimate(information.totals, columns.prior, ones, sigma=ones).base
+    nothing = [name for name, carrier in absorbed_by(columns, base).items() if not carrier]
+    return {
+        "unknowns": len(columns), "rank": base.rank, "condition_number": base.condition_number,
+        "base_parameters": list(base_names(columns, base)), "without_effect": nothing,
+    }  # fmt: skip

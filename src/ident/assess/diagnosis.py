@@ -1,0 +1,158 @@
+"""The judgement on a diagnosis, and on a model that grew."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ident.assess.assessment import Assessment, Cause, Remainder
+from ident.assess.errors import JointErrors, joint_errors
+from ident.assess.experiment import next_experiment
+from ident.assess.good_enough import good_enough
+from ident.assess.verdict import (
+    errors_with_named,
+    incomplete_before,
+    joints_at_reversals,
+    spoiling_faults,
+)
+from ident.diagnosis.grow import History
+from ident.diagnosis.result import Diagnosis, Explanation, errors_of
+from ident.effects import Effect
+from ident.effects.library import by_kind
+from ident.fit import Fit
+from ident.fit.values import Value
+from ident.request import Step
+
+# shown: times its least on the ladder, from which an error on a validation log is listed
+HIGHER = 1.1
+
+
+def assess_diagnosis(
+    d: Diagnosis, *, acceptable: float | None = None, added: Sequence[Effect] = ()
+) -> Assessment:
+    """Judge a diagnosis; `added` effects are in its model, but not in the mechanism as given."""
+    errors, after = errors_of(d.fit), errors_with_named(d)
+    bars = tuple(
+        JointErrors(joint, error, after.get(joint), d.floor[joint])
+        for joint, error in errors.items()
+        if not error.unmeasured
+    )
+    now = {**errors, **after}
+    turns = joints_at_reversals(d)
+    left = Remainder.of(now, d.floor, turns, d.decision.material)
+    answer = good_enough(
+        errors, d.floor, acceptable=acceptable, away=d.fit.residual.errors_away_from_reversals,
+        doubts=d.health.findings,
+    )  # fmt: skip
+    worst = d.candidates[0].joint if d.best else d.laws[0].felt if d.laws else ""
+    return Assessment(
+        subject=f"{d.fit.mechanism.name} on {', '.join(d.fit.motion.names)}",
+        verdict=d.verdict,
+        errors=bars,
+        compared=("as it is", "with what is named") if after else ("", ""),
+        causes=causes_of(d),
+        left=left,
+        doubts=tuple(spoiling_faults(d)),
+        good_enough=answer,
+        next=next_step(d, added),
+        worst=worst,
+    )
+
+
+def causes_of(d: Diagnosis) -> tuple[Cause, ...]:
+    """Return what a diagnosis names, with its rivals."""
+    if d.best is None:
+        return ()
+    labels = {effect.label for effect in d.group}
+    named: list[Explanation] = [x for x in d.every if x.effect.label in labels]
+    values = tuple(value for explanation in named for value in explanation.parameters)
+    return (Cause(d.group, values, d.rivals, bool(d.candidates[0].known)),)
+
+
+def next_step(d: Diagnosis, added: Sequence[Effect] = ()) -> Step:
+    """Return what goes on from a diagnosis: a motion that separates rivals, a model with what is
+    named, an experiment, or another verb.
+    """
+    labels = tuple(effect.label for effect in added)
+    if d.verdict == "nothing":  # of a model without unknowns nothing is to be identified
+        return Step("identify" if len(d.fit.columns) else "monitor", labels)
+    if incomplete_before(d):
+        return Step("grow", labels)
+    if (planned := separating_step(d, labels)) and d.health.good:
+        return planned
+    if d.best is not None:
+        named = tuple(effect.label for effect in d.group)
+        # a model in which everything is known is a reference, and stays as it is
+        verb = "add" if len(d.fit.columns) else "diagnose"
+        return Step(verb, (*labels, *named))
+    if d.laws:
+        return Step("add", labels, tuple(law.option for law in d.laws))
+    return Step("explore", labels)
+
+
+def separating_step(d: Diagnosis, added: Sequence[str] = ()) -> Step:
+    """Return the step that plans a motion which tells the best effect and a rival apart, if the
+    next experiment is one.
+    """
+    step = next_experiment(d).step
+    return Step("excite", tuple(added), separate=step.separate) if step.separate else Step()
+
+
+def assess_growth(history: History, *, acceptable: float | None = None) -> Assessment:
+    """Judge a model that grew: from the model as given to the last one with all that is named."""
+    d, first = history.diagnosis, history.steps[0].errors
+    last = next((step.added for step in history.steps[::-1] if step.added), ())
+    judged = assess_diagnosis(d, acceptable=acceptable, added=history.added)
+    errors = {**errors_of(history.fit), **errors_with_named(d)}
+    joints = [judged.worst, *(joint for effect in last for joint in effect.joints)]
+    step = judged.next
+    if d.verdict == "nothing":
+        step = Step("compare", tuple(effect.label for effect in history.added), grown=True)
+    elif step.verb == "explore":
+        step = Step("explore", step.effects, grown=True)
+    return Assessment(
+        subject=judged.subject,
+        verdict=d.verdict,
+        errors=joint_errors(first, errors, d.floor),
+        compared=("as given", "with all that is named"),
+        causes=(*causes_of_growth(history), *judged.causes),
+        left=judged.left,
+        doubts=judged.doubts,
+        good_enough=judged.good_enough,
+        next=step,
+        worst=next(filter(None, joints), ""),
+    )
+
+
+def causes_of_growth(history: History) -> tuple[Cause, ...]:
+    """Return what was added and is still in the model, kind by kind, with its rivals."""
+    rivals = {
+        effect.label: step.rivals for step in history.steps if step.rivals for effect in step.added
+    }
+    values = values_by_effect(history.fit)
+    causes = []
+    for effects in by_kind(history.added):
+        sure = [effect for effect in effects if effect.label not in rivals]
+        groups = [sure] * bool(sure) + [[e] for e in effects if e.label in rivals]
+        for group in groups:
+            of_group = tuple(v for e in group for v in values.get(e.label, ()))
+            causes.append(Cause(tuple(group), of_group, rivals.get(group[0].label, ())))
+    return tuple(causes)
+
+
+def values_by_effect(fit: Fit) -> dict[str, tuple[Value, ...]]:
+    """Return the values of a fit's effects by label."""
+    return {each.effect.label: tuple(each.parameters) for each in fit.effects}
+
+
+def larger_on_validation(history: History) -> dict[str, list[tuple[str, float, float]]]:
+    """Return by validation log the joints whose error was clearly smaller on an earlier rung, with
+    that error and the last one as shares of the torque.
+    """
+    logs: dict[str, list[tuple[str, float, float]]] = {}
+    for log, errors in history.fit.validation.items():
+        for joint, error in errors.items():
+            least = min(fit.validation[log][joint].rms for fit in history.fits)
+            if error.relative and error.rms > HIGHER * least:
+                before = least / error.rms * error.relative
+                logs.setdefault(log, []).append((joint, before, error.relative))
+    return logs

@@ -1,0 +1,168 @@
+"""The judgement on a fit: better than the model before or not, and good enough or not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ident.assess.assessment import Assessment, Cause, Remainder
+from ident.assess.errors import JointErrors, joint_errors
+from ident.assess.good_enough import GoodEnough, good_enough
+from ident.assess.verdict import doubts_of, faults_that_explain
+from ident.effects.library import by_kind
+from ident.fit import Fit
+from ident.fit.files import Saved, residual_before
+from ident.information.blocks import Error
+from ident.information.chance import CERTAIN
+from ident.information.estimate import MATERIAL
+from ident.request import Step
+
+FRICTION = ("viscous", "coulomb")  # the kinds that are offered where no friction is in the model
+# of the residual of a joint, which say that it rubs, and effects that would make it so
+RUBS = ("v", "sign(v)")
+
+
+@dataclass(frozen=True)
+class Increase:
+    """Joints whose error the identified numbers have made larger.
+
+    Attributes:
+        joints: them; in_fit: whether it is larger in the rows that were fitted, too.
+    """
+
+    joints: tuple[str, ...] = ()
+    in_fit: bool = False
+
+
+def assess_fit(fit: Fit, *, acceptable: float | None = None) -> Assessment:
+    """Judge a fit, beside the model before it: the URDF's numbers, or those of an earlier fit."""
+    errors, floor = fit.held_out or fit.train, fit.noise
+    away: Mapping[str, float] = fit.residual.errors_away_from_reversals
+    bars, compared = errors_beside(fit), names_of(fit)
+    if fit.validation:
+        errors, floor = worst_on_validation(fit, lambda e, x: e.rms / (x or 1e-300))
+        away = {}
+    doubts = doubts_of(fit.health, fit.findings)
+    answer = good_enough(
+        errors, floor, acceptable=acceptable, away=away, logs=[*fit.validation],
+        doubts=fit.health.findings,
+    )  # fmt: skip
+    reversals = [j for j in errors if j in away and away[j] <= 1.5 * floor.get(j, 0.0)]
+    verdict = "identified"
+    if fit.changes is not None:
+        verdict = "changed" if fit.changes.changed else "unchanged"
+    return Assessment(
+        subject=f"{fit.mechanism.name} on {', '.join(fit.motion.names)}",
+        verdict=verdict,
+        errors=bars,
+        compared=compared,
+        causes=causes_of_fit(fit),
+        left=Remainder.of(errors, floor, reversals, MATERIAL),
+        doubts=doubts,
+        good_enough=answer,
+        next=next_step(fit, answer),
+        changed=joints_changed(fit),
+        spoilt=bool(faults_that_explain(fit.health)),
+    )
+
+
+def errors_beside(fit: Fit) -> tuple[JointErrors, ...]:
+    """Return errors before and now: of the fitted logs and the worst validation log, or of the
+    model before and the fit; those now alone where nothing was unknown.
+    """
+    errors = fit.held_out or fit.train
+    if fit.validation:
+        shown, floor = worst_on_validation(fit, lambda e, _: (e.relative or 0.0, e.rms))
+        return joint_errors(errors, shown, floor)
+    if not len(fit.columns):  # nothing is unknown: the model is as it was
+        return joint_errors({}, errors, fit.noise)
+    return joint_errors(residual_before(fit).errors, errors, fit.noise)
+
+
+def names_of(fit: Fit) -> tuple[str, str]:
+    """Return what the errors before and now are of."""
+    held = "held out" if fit.held_out else "in the fit"
+    if fit.validation:
+        return held, ", ".join(fit.validation)
+    if not len(fit.columns):
+        return "", ""
+    # the URDF's numbers, or those of the fit that wrote the mechanism
+    earlier = earlier_of(fit)
+    before = "the URDF's numbers" if fit.mechanism.covariance is None else "the earlier numbers"
+    return earlier.name if earlier else before, f"the identified ones, {held}"
+
+
+def earlier_of(fit: Fit) -> Fit | Saved | None:
+    """Return the fit since which changes are looked for; None of a first fit."""
+    return fit.earlier if isinstance(fit.earlier, Fit | Saved) else None
+
+
+def worst_on_validation(
+    fit: Fit, size: Callable[[Error, float], Any]
+) -> tuple[dict[str, Error], dict[str, float]]:
+    """Return error and noise by joint in the validation log in which `size` of both is largest."""
+    errors, floor = dict[str, Error](), dict[str, float]()
+    for joint in fit.train:
+        pairs = [(e[joint], fit.noise_on(log)[joint]) for log, e in fit.validation.items()]
+        errors[joint], floor[joint] = max(pairs, key=lambda pair: size(*pair))
+    return errors, floor
+
+
+def causes_of_fit(fit: Fit) -> tuple[Cause, ...]:
+    """Return the effects of the model, kind by kind, that were identified clearly."""
+    values = {each.effect.label: tuple(each.parameters) for each in fit.effects}
+    clear = [
+        each.effect
+        for each in fit.effects
+        if not each.effect.known
+        and any(v.stderr and abs(v.value) > CERTAIN * v.stderr for v in each.parameters)
+    ]
+    return tuple(
+        Cause(tuple(group), tuple(v for e in group for v in values[e.label]))
+        for group in by_kind(clear)
+    )
+
+
+def joints_changed(fit: Fit) -> tuple[str, ...]:
+    """Return the joints in which an earlier fit does clearly worse than on its own log."""
+    earlier = earlier_of(fit)
+    if fit.changes is None or earlier is None:
+        return ()
+    then = earlier.errors.get("held out") or earlier.errors.get("train") or {}
+    return tuple(fit.residual.increased_errors(then))
+
+
+def increase_of(fit: Fit) -> Increase:
+    """Return the joints whose error the identified numbers make larger than the URDF's."""
+    if earlier_of(fit) or fit.validation:
+        return Increase()
+    bars = [bar for bar in errors_beside(fit) if bar.rises]
+    in_fit = tuple(bar.joint for bar in bars if fit.train[bar.joint].rms > bar.before.rms)
+    return Increase(in_fit, True) if in_fit else Increase(tuple(bar.joint for bar in bars))
+
+
+def next_step(fit: Fit, answer: GoodEnough) -> Step:
+    """Return what goes on from a fit: another log, a diagnosis, or friction where it rubs."""
+    if fit.changes is not None and fit.changes.changed:
+        return Step("diagnose", known=True)  # with the earlier bodies known, which names the cause
+    if answer.fits:
+        return Step("compare" if len(fit.columns) and not fit.validation else "monitor")
+    if rubs(fit):
+        return Step("identify", FRICTION)
+    return Step("diagnose")
+
+
+def rubs(fit: Fit) -> bool:
+    """Return whether the model has no friction, and the residual of a joint with much of the misfit
+    follows its speed or the direction of it.
+    """
+    if not len(fit.columns) or not fit.health.good:
+        return False
+    if any(effect.kind in FRICTION or effect.jumps for effect in fit.mechanism.effects):
+        return False
+    return any(
+        depends.signal in {f"{kind}.{failure.joint}" for kind in RUBS}
+        for failure in fit.residual.where[:2]
+        for depends in failure.depends_on[:2]
+    )

@@ -1,0 +1,184 @@
+"""An assessment in words: what was gained, what was found, what is left, and whether that will do.
+
+Error 31–112 % → 0.4–0.8 %. Found: dry friction in joint1 to joint7. Left: …
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ident.assess.assessment import Assessment, Cause, Range, Remainder
+from ident.assess.good_enough import Answer, GoodEnough, Reason
+from ident.effects import Effect
+from ident.effects.library import effect_noun, named
+from ident.text import listed, percent, places, shortlist, significant, two_digits
+
+CLEAR = 10.0  # shown: times the noise, beyond which the number says nothing
+MANY = 3  # shown: joints, from which they are counted in the first line
+CAUSES = 5  # shown: causes in the first line
+
+
+def share_words(shares: Range) -> str:
+    """Return a range of shares of the torque in percent.
+
+    >>> share_words((0.312, 1.12)), share_words((0.0041, 0.0041)), share_words((0.004, 0.0079))
+    ('31–112 %', '0.41 %', '0.4–0.79 %')
+    """
+    low, high = (_percent(share) for share in shares)
+    if high == low:
+        return percent(shares[1]) if "over" in high else f"{high} %"
+    return f"{low}–{high} %" if "over" not in high else f"{low} % to {high} %"
+
+
+def _percent(share: float) -> str:
+    if share > 10.0:
+        return "over 1000"
+    return f"{100 * share:.0f}" if share >= 0.1 else significant(100 * share, 2)
+
+
+def times_words(times: Range) -> str:
+    """Return a range of multiples of the noise, the word `times` included; empty where it is so
+    large that it says nothing, or unknown.
+
+    >>> times_words((2.04, 3.9)), times_words((2.0, 2.01))
+    ('2 to 3.9 times', '2 times')
+    """
+    if times[1] > CLEAR or math.isinf(times[1]):
+        return ""
+    low, high = map(two_digits, times)
+    return f"{high} times" if low == high else f"{low} to {high} times"
+
+
+def error_words(a: Assessment) -> str:
+    """Return the error before and now as shares of the torque, all joints in a range."""
+    now = a.now
+    if now is None:
+        return "no torque was measured that could be compared"
+    if a.before is None:
+        return f"error {share_words(now)} of the torque"
+    return f"error {share_words(a.before)} → {share_words(now)}"
+
+
+def cause_words(cause: Cause) -> str:
+    """Return a cause: effects of one kind with their joints, counted where they are many, and what
+    this data cannot tell from them.
+    """
+    words = effects_words(cause.effects)
+    if cause.rivals:
+        words += f" or {named(cause.rivals, 'or')}, which this data cannot tell apart"
+    return f"{'other values of ' * cause.changed}{words}"
+
+
+def effects_words(effects: Sequence[Effect]) -> str:
+    """Return effects of one kind, of many joints their number."""
+    single = [effect.joints[0] for effect in effects if len(effect.joints) == 1]
+    if len(single) < len(effects) or len(single) <= MANY or any(x.signal for x in effects):
+        return named(effects)
+    return f"{effect_noun(effects[0])} in {joints_words(single)}"
+
+
+def causes_words(causes: Sequence[Cause]) -> str:
+    """Return all causes; the kinds of effects in the same joints together."""
+    same: dict[tuple[str, ...], list[Cause]] = {}
+    for i, cause in enumerate(causes):
+        alike = not (cause.rivals or cause.changed or any(x.signal for x in cause.effects))
+        single = alike and all(len(effect.joints) == 1 for effect in cause.effects)
+        joints = sorted(effect.joints[0] for effect in cause.effects) if single else [f"{i}"]
+        same.setdefault((str(single), *joints), []).append(cause)
+    words = []
+    for group in same.values():
+        if not group[1:]:
+            words.append(cause_words(group[0]))
+            continue
+        nouns = [effect_noun(cause.effects[0]) for cause in group]
+        joints = [effect.joints[0] for effect in group[0].effects]
+        words.append(f"{_common_noun(nouns)} in {joints_words(joints)}")
+    return shortlist(words, CAUSES)
+
+
+def _common_noun(nouns: Sequence[str]) -> str:
+    """Return nouns as an enumeration, the last word once if they share it.
+
+    >>> _common_noun(["viscous friction", "dry friction"])
+    'viscous and dry friction'
+    """
+    lasts = {noun.rpartition(" ")[2] for noun in nouns}
+    firsts = [noun.rpartition(" ")[0] for noun in nouns]
+    return f"{listed(firsts)} {lasts.pop()}" if len(lasts) == 1 and all(firsts) else listed(nouns)
+
+
+def joints_words(joints: Sequence[str]) -> str:
+    """Return joints by name, of many their number, unless their names make a range."""
+    names = places(joints)
+    return names if len(joints) <= MANY or " to " in names else f"{len(joints)} joints"
+
+
+def left_words(left: Remainder) -> str:
+    """Return how much is left beyond noise, in which joints, and where; empty where noise is all
+    that is left.
+    """
+    if not left.joints:
+        return ""
+    size = f"{share_words(left.share)} of the torque" if left.share else "more than noise"
+    times = times_words(left.times) if left.times else ""
+    beside = f" ({times} the noise)" if times else ""
+    where = ", near reversals only" if left.near_reversals else ""
+    return f"{size}{beside} in {joints_words(left.joints)}{where}"
+
+
+def headline(a: Assessment) -> str:
+    """Return what was gained, what was found, and what is left: the first line of every result."""
+    parts = [f"{a.subject}: {error_words(a)}"]
+    if a.causes:
+        parts.append(f"Found: {causes_words(a.causes)}")
+    parts.append(remainder_sentence(a))
+    return ". ".join(filter(None, parts)) + "."
+
+
+def remainder_sentence(a: Assessment) -> str:
+    """Return what is left in a sentence without its full stop, and whether anything explains it."""
+    left = left_words(a.left)
+    if a.verdict == "identified" and left and not a.causes:
+        return ""  # it is the error itself
+    if a.verdict == "nothing":
+        return f"Left: {left}, too little to matter" if left else "Left: noise of the sensors"
+    if not left:
+        return "Left: noise of the sensors" if a.floor and a.verdict != "unexplained" else ""
+    why = {
+        "unexplained": "; no effect of the library explains that",
+        "undecided": "; this log cannot tell whether that is noise or physics",
+    }.get(a.verdict, "")
+    return f"Left: {left}{why}"
+
+
+def good_enough_words(answer: GoodEnough) -> str:
+    """Return whether the errors are good enough, in a sentence; empty where nothing can be said."""
+    if answer.reason is Reason.UNKNOWN or answer.errors is None:
+        return ""
+    logs = f" on {shortlist([*answer.logs], 2)}" if answer.logs else ""
+    ask, size = f"Good enough{logs}?", share_words(answer.errors)
+    noise = f"; noise would leave {share_words(answer.noise)}" if answer.noise else ""
+    turns = (
+        ", near reversals only, where a smoothed speed misses the jump of dry friction"
+        * answer.near_reversals
+    )
+    if answer.reason is Reason.HIDDEN and answer.noise:
+        size = f"{percent(answer.noise[1])} of the torque of {answer.joints[0]}"
+        return f"{ask} These logs cannot show it: noise is {size}."
+    if answer.reason is Reason.DOUBTFUL:
+        return f"{ask} Doubtful: it fits, but the size of the torques looks wrong."
+    if answer.reason is Reason.LARGE:
+        if answer.answer is Answer.NOT_TESTED:
+            return f"It fits this log to {size} of the torque{noise}{turns}; not tested on another."
+        of = f"{len(answer.joints)} of {answer.count} joints"
+        if len(answer.joints) < min(answer.count, MANY + 1):
+            of = listed(answer.joints)
+        beyond = f", more than {percent(answer.acceptable)}" * answer.stated
+        return f"{ask} No: the error is {size} of the torque in {of}{beyond}{noise}{turns}."
+    how = "noise of the sensors"
+    if answer.reason is Reason.SMALL:
+        how = f"noise, or below {percent(answer.acceptable)} of the torque"
+    if answer.answer is Answer.YES:
+        return f"{ask} Yes: in every joint the error is {how} ({size})."
+    return f"It fits this log: in every joint the error is {how}; not tested on another."
