@@ -414,7 +414,7 @@ def diagnose(
                 raise
         written = [] if out is None else outcome.write(out, request)
         form = "json" if json else "text" if verbose else "short"
-        shown = outcome.json() if json else render(outcome, form, request)
+        shown = outcome.json() if json else render(outcome, form, request=request)
     conclude(shown, written, remarks, verbose=verbose)
     lost = (
         [f"the laws of {', '.join(unsearched)}"]
