@@ -357,6 +357,7 @@ def diagnose(
     model, since = model.as_fitted(mechanism)
     output_folder(out, [*DIAGNOSIS_FILES, "logs.csv"], logs)
     outcome: Diagnosis | Verdicts
+    shown: object
     with progress() as on_progress:
         if many(logs, jobs, scheduler):
             from ident.files import write_all
@@ -413,14 +414,15 @@ def diagnose(
                     notes([f"{out} has the fit that was diagnosed; where it fails: {look}"])
                 raise
         written = [] if out is None else outcome.write(out, request)
-        form = "json" if json else "text" if verbose else "short"
-        shown = outcome.json() if json else render(outcome, form, request=request)
+        if json:
+            shown = outcome.json()
+        elif verbose and isinstance(outcome, Diagnosis):
+            shown = render(outcome, "sheet", request=request).text()
+        else:
+            shown = render(outcome, "text" if verbose else "short", request=request)
     conclude(shown, written, remarks, verbose=verbose)
-    lost = (
-        [f"the laws of {', '.join(unsearched)}"]
-        if (unsearched := getattr(outcome, "unsearched", ()))
-        else []
-    )
+    unsearched = getattr(outcome, "unsearched", ())
+    lost = [f"the laws of {', '.join(unsearched)}"] * bool(unsearched)
     if isinstance(outcome, Diagnosis):  # none of many logs
         lost += ["the next experiment"] * next_experiment(outcome).interrupted
     if lost:
