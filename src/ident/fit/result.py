@@ -234,6 +234,8 @@ class Fit(Charted):
         """The budget, and what the data say against it or why there is none."""
         if self.mechanism.calibration.exact or not self.rank:
             return None, []
+        if self.known_errors is not None:  # of an earlier fit, as the same sensors log them
+            return None, []
         try:
             found = budget_of(self.problem, self.checks.table, self.estimate)
         except (IdentError, np.linalg.LinAlgError) as error:
