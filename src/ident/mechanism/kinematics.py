@@ -123,13 +123,13 @@ class Kinematics:
             first += len(constraint.names)
         return forces
 
-    def _compile(self, name: str, value: ca.SX, moving: bool = True) -> ca.Function:
+    def _compile(self, name: str, value: ca.SX, outputs: slice = slice(None)) -> ca.Function:
         q, v = self._symbols
         N = rates(self.model, q)
         qd = N @ v  # a second derivative along q̇: N(q) is differentiated too
         drift = ca.jtimes(ca.jtimes(value, q, qd), q, qd)
-        outputs = (value, ca.jacobian(value, q) @ N, drift)[: 3 if moving else 2]
-        return ca.Function(name, [q, v], [ca.densify(x) for x in outputs])
+        every = (value, ca.jacobian(value, q) @ N, drift)
+        return ca.Function(name, [q, v], [ca.densify(x) for x in every[outputs]])
 
     @cached_property
     def _phi(self) -> ca.SX:
@@ -143,7 +143,12 @@ class Kinematics:
     @cached_property
     def _place_function(self) -> ca.Function:
         """(q, v) → (Φ, J), half the work."""
-        return self._compile("place", self._phi, moving=False)
+        return self._compile("place", self._phi, slice(2))
+
+    @cached_property
+    def _drift_function(self) -> ca.Function:
+        """(q, v) → J̇v, half the work."""
+        return self._compile("drift", self._phi, slice(2, None))
 
     @cached_property
     def own_function(self) -> ca.Function:
@@ -158,17 +163,27 @@ class Kinematics:
             return ConstraintRows(none, np.zeros((len(q), 0, self.model.nv)), none)
         return self._rows(self._place_function if v is None else self.closure_function, q, v)
 
+    def closure_drift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return J̇v (n, m) alone, of q (n, nq) and v (n, nv)."""
+        if not self.closures:
+            return np.zeros((len(q), 0))
+        return self._outputs(self._drift_function, q, v)[0][..., 0]
+
     def own_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
         """Return y, W and Ẇv of the closures' own joints, as `closure_rows`."""
         return self._rows(self.own_function, q, v)
 
-    def _rows(self, function: ca.Function, q: np.ndarray, v: np.ndarray | None) -> ConstraintRows:
-        v = np.zeros((len(q), self.model.nv)) if v is None else v
+    def _outputs(self, function: ca.Function, q: np.ndarray, v: np.ndarray) -> list[np.ndarray]:
+        """Return the outputs of a function of q and v, each (n, rows, columns)."""
         parts = []
         for start in range(0, max(len(q), 1), CHUNK):
             part = slice(start, start + CHUNK)
             parts.append(self._mapped(function, len(q[part]))(q[part], v[part]))
-        value, rate, *moving = (np.concatenate(x) for x in zip(*parts, strict=True))
+        return [np.concatenate(x) for x in zip(*parts, strict=True)]
+
+    def _rows(self, function: ca.Function, q: np.ndarray, v: np.ndarray | None) -> ConstraintRows:
+        v = np.zeros((len(q), self.model.nv)) if v is None else v
+        value, rate, *moving = self._outputs(function, q, v)
         drift = moving[0][..., 0] if moving else np.zeros(value.shape[:2])
         return ConstraintRows(value[..., 0], rate, drift)
 

@@ -7,7 +7,7 @@
     δK⁺ = −K⁺ δK K⁺ + K⁺K⁺ᵀ δKᵀ (1 − K K⁺)      the second term where equations are redundant
 
 δK and δdrift (of J̇v, Ẇv) are differences between both states; K⁺ is that of the state itself, so
-nothing is solved or factored anew: three evaluations of the closures a joint.
+nothing is solved or factored anew: two evaluations of the closures a joint.
 
 Source of δK⁺: G. Golub, V. Pereyra, SIAM J. Numer. Anal. 10, 1973.
 """
@@ -37,19 +37,20 @@ class Neighbours:
     def _solver(self) -> LoopSolver:
         return LoopSolver(self.mechanism, self.names)
 
-    def _stacked(
-        self, solver: LoopSolver, q: np.ndarray, v: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return K (n, m + d, nv) and its drift (n, m + d) at q and v, without v at rest."""
-        closure, joints = self.mechanism.kinematics.closure_rows(q, v), solver.coordinates(q, v)
-        return (
-            np.concatenate([closure.rate, joints.rate], axis=1),
-            np.concatenate([closure.drift, joints.drift], axis=1),
-        )
+    def _rate(self, solver: LoopSolver, q: np.ndarray) -> np.ndarray:
+        """Return K (n, m + d, nv) at q."""
+        closure, joints = self.mechanism.kinematics.closure_rows(q), solver.coordinates(q)
+        return np.concatenate([closure.rate, joints.rate], axis=1)
+
+    def _drift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return J̇v and Ẇv (n, m + d) at q and v."""
+        closure = self.mechanism.kinematics.closure_drift(q, v)
+        return np.concatenate([closure, self._solver.coordinates(q, v).drift], axis=1)
 
     @cached_property
     def _state(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._stacked(self._solver, self.e.q, self.e.v)
+        """K and its drift of the state itself."""
+        return self._rate(self._solver, self.e.q), self._drift(self.e.q, self.e.v)
 
     @cached_property
     def _inverse(self) -> np.ndarray:
@@ -63,25 +64,38 @@ class Neighbours:
         """
         e, K_inverse = self.e, self._inverse
         z = step * K_inverse[:, :, self.names.index(name) - len(self.names)]
-        K, drift = self._state
         q, v, a, loop = e.q, e.v, e.a, e.loop
         if order == 2:
             a = a + z
         elif order == 1:
             v = v + z
-            change = self._stacked(self._solver, q, v)[1] - drift
-            a = a - _times(K_inverse, change)
+            a = a - _times(K_inverse, self._change_of_drift(name, v, step))
         else:
             q = integrate(self.mechanism.model, q, z)
-            K_there, _ = self._stacked(self._solver, q)
-            change = K_there - K
+            change = self._rate(self._solver, q) - self._state[0]
+            self._changes[name] = _times(change, e.v) / step
             v = v - _times(K_inverse, _times(change, v))
-            drift_there = self._stacked(self._solver, q, v)[1]
-            a = a - _times(K_inverse, _times(change, a) + drift_there - drift)
+            drift = self._drift(q, v) - self._state[1]
+            a = a - _times(K_inverse, _times(change, a) + drift)
             loop = self._loop(q, change)
         turns = {joint.name: e.y[:, i] for i, joint in enumerate(self.mechanism.joints)}
         y, yd, ydd = joint_coordinates(self.mechanism, q, v, a, turns)
         return replace(e, q=q, v=v, a=a, y=y, yd=yd, ydd=ydd, loop=loop)
+
+    @cached_property
+    def _changes(self) -> dict[str, np.ndarray]:
+        """∂K/∂y v (n, m + d) by joint, as far as it has been shifted."""
+        return {}
+
+    def _change_of_drift(self, name: str, v: np.ndarray, step: float) -> np.ndarray:
+        """Return δdrift (n, m + d) at the rates v, which differ by `step` in a joint's rate.
+
+        Of scalar joints the drift is vᵀ ∂²Φ v, whose derivative along z is twice ∂K/∂y v.
+        """
+        model = self.mechanism.model
+        if model.nq == model.nv and name in self._changes:
+            return 2.0 * step * self._changes[name]
+        return self._drift(self.e.q, v) - self._state[1]
 
     def _loop(self, q: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return K⁺ and the velocity transmission of the independent joints at q, where K of the
@@ -109,7 +123,7 @@ class Neighbours:
 
     @cached_property
     def _independent_rows(self) -> np.ndarray:
-        return self._stacked(LoopSolver(self.mechanism, self.e.independent), self.e.q)[0]
+        return self._rate(LoopSolver(self.mechanism, self.e.independent), self.e.q)
 
 
 def _times(M: np.ndarray, x: np.ndarray) -> np.ndarray:
