@@ -104,17 +104,20 @@ function drawScene(scene, place, told) {
           if (dot(normal, minus(camera, world[a])) <= 0) continue // its back
           const bright = 0.6 + 0.4 * Math.max(0, dot(unit(normal), light))
           faces.push({order: ORDER[shape.kind], depth: eye[a][2] + eye[b][2] + eye[c][2], points: [a, b, c].map((j) => seen(eye[j])),
-                      colour: css(rgb, bright, shape.kind === "body" ? 0.85 : 1)})
+                      colour: css(rgb, bright)})
         }
       }
       return faces.sort((a, b) => a.order - b.order || b.depth - a.depth)
     }
     function fill(context, faces) {
       for (const {points, colour} of faces) {
-        context.fillStyle = colour
+        context.fillStyle = context.strokeStyle = colour
+        context.lineWidth = 0.8 // closes the seam to the next face
         context.beginPath()
         points.forEach((p, i) => i ? context.lineTo(...p) : context.moveTo(...p))
+        context.closePath()
         context.fill()
+        context.stroke()
       }
     }
 
