@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from lxml import etree
-from robots import noisy_log, public_robot
+from public_robots import noisy_log, public_robot
 
 import ident
 from ident.fit.files import identified_urdf

@@ -5,7 +5,7 @@ import difflib
 import mujoco
 import numpy as np
 import pytest
-from robots import public_robot
+from public_robots import public_robot
 
 import ident
 from ident.export.export import export
