@@ -22,6 +22,7 @@ TARGETS = {
     "mjcf": "ident.export.mjcf_target:MJCF",
     "urdf": "ident.export.urdf:URDF",
     "drake": "ident.export.urdf:DRAKE",
+    "c": "ident.export.c:C",
 }
 
 

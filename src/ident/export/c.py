@@ -1,0 +1,307 @@
+"""A machine as one C header for controllers: inverse dynamics, friction, gravity, regressor, motion.
+
+Straight-line code from CasADi's expressions (`equations`), and a small runtime that integrates the
+motion with dry friction that sticks (`runtime.h`). C99, no heap, no library but libm.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+
+import casadi as ca
+import numpy as np
+
+from ident.errors import IdentError, MechanismError
+from ident.export.c_print import body, constant, used
+from ident.export.equations import DRY, POSITION, Equations
+from ident.export.laws import Vocabulary
+from ident.export.target import Job, Product, Target, translated
+
+SMOOTH = 0.01  # range: [rad/s | m/s] over which dry friction changes its sign, of the inverse
+STEP = 2.5e-4  # range: [s] longest step of the integration
+EFFECTS = {
+    "viscous": "inverse_dynamics", "coulomb": "inverse_dynamics, friction",
+    "rotor_inertia": "mass_matrix", "drag": "friction", "spring": "gravity", "cable": "gravity",
+    "torque_offset": "gravity", "torque_gain": "gain", "encoder_offset": "offset",
+    "payload": "all", "coupling": "friction, mass_matrix", "gravity_tilt": "gravity",
+    "geometry": "all", **dict.fromkeys(DRY, "friction"), **dict.fromkeys(POSITION, "gravity"),
+}  # fmt: skip
+CLOSURES = dict.fromkeys(
+    ("point", "revolute", "prismatic", "cylindrical", "universal", "planar", "fixed", "distance",
+     "linear", "function"), "independent coordinates",
+)  # fmt: skip
+WORDS = Vocabulary(EFFECTS, CLOSURES, degree=7)
+
+
+def write(job: Job) -> Product:
+    """Return the header of a job."""
+    real = str(job.settings.get("real", "double"))
+    if real not in ("double", "float"):
+        raise IdentError(f"real = {real!r}; valid: double, float")
+    translation = translated(job, WORDS)
+    text = header(Equations(translation, SMOOTH), symbol(job.out.stem), real)
+    return Product({job.out.name: text.encode()}, translation)
+
+
+def symbol(text: str) -> str:
+    """Return a name as C may have it."""
+    found = re.sub(r"\W", "_", text)
+    return found if found[:1].isalpha() else f"m_{found}"
+
+
+def header(equations: Equations, name: str, real: str = "double") -> str:
+    """Return the text of the header."""
+    machine = equations.machine
+    independent = equations.independent
+    if not independent or len(independent) != machine.drawing.degrees_of_freedom:
+        raise MechanismError(
+            f"{machine.name}: no joints of the tree determine its motion, so there are no "
+            "coordinates for a controller"
+        )
+    functions = equations.functions
+    parts = [_head(equations, name, real)]
+    for key, f in functions.items():
+        inputs = [_input(f, i) for i in range(f.n_in())]
+        outputs = ["out"] if f.n_out() == 1 else ["phi", "J"]
+        signature = ", ".join(
+            [f"const {real} {x}[]" for x in inputs] + [f"{real} {x}[]" for x in outputs]
+        )
+        unused = "".join(
+            f"    (void){x};\n" for x, is_used in zip(inputs, used(f), strict=True) if not is_used
+        )
+        code = body(f, inputs, outputs, real)
+        parts.append(f"static void {name}_{key}_tree({signature})\n{{\n{unused}{code}\n}}\n")
+    parts += [_tree(equations, name, real), _public(equations, name, real), _runtime(name, real)]
+    parts.append(f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {name.upper()}_H */\n")
+    return "\n".join(parts)
+
+
+def _input(f: ca.Function, i: int) -> str:
+    """Return the name of a function's argument: q, v and a in this order, v alone for friction."""
+    return "v" if f.name() in ("friction", "dry_friction") else "qva"[i]
+
+
+def _array(name: str, values: object, real: str) -> str:
+    numbers = np.ravel(np.asarray(values, dtype=float))
+    kind = real if real in ("double", "float") else "int"
+    words = [constant(x, real) if kind != "int" else str(int(x)) for x in numbers]
+    return f"static const {kind} {name}[{len(words)}] = {{{', '.join(words)}}};"
+
+
+def _head(equations: Equations, name: str, real: str) -> str:
+    machine, independent = equations.machine, equations.independent
+    n, d = equations.n, len(independent)
+    suffix = "f" if real == "float" else ""
+    joints = sorted(machine.links, key=lambda link: link.joint.index)
+    places = [machine.by_joint[x].joint.index for x in independent]
+    friction = [
+        any([equations.translation.laws[x].coulomb,
+             *(machine.values.get(kind, {}).get((x,)) for kind in DRY)])
+        for x in independent
+    ]  # fmt: skip
+    order = ", ".join(f"{link.joint.name} [{link.joint.unit}]" for link in joints)
+    units = ", ".join(f"{x}" for x in independent)
+    rest, tiny, short = (1e-12, 1e-14, 1e-9) if real == "double" else (1e-6, 1e-9, 1e-4)
+    lines = [
+        f"/* {machine.name}: dynamics, written by ident from its identified model.",
+        "",
+        f"   Coordinates of the {n} joints: {order}.",
+        f"   Arguments are those of the {d} independent ones: {units}.",
+        "   Units: rad, rad/s, rad/s^2, N m (m, m/s, m/s^2, N of sliding joints). Coordinates are",
+        "   those of the log; torques are the drives' as they are logged. */",
+        f"#ifndef {name.upper()}_H\n#define {name.upper()}_H\n",
+        "#include <math.h>\n",
+        '#ifdef __cplusplus\nextern "C" {\n#endif\n',
+        f"#if defined(__GNUC__)\n#define {name}_API static __attribute__((unused))\n#else\n"
+        f"#define {name}_API static\n#endif\n",
+        f"#define {name}_DOF {d}\n#define {name}_JOINTS {n}",
+        f"#define {name}_SMOOTH {constant(equations.smooth, real)}",
+        f"#define {name}_STEP {constant(STEP, real)}",
+        f"#define {name}_REST {constant(rest, real)}\n#define {name}_TINY {constant(tiny, real)}",
+        f"#define {name}_SHORT {constant(short, real)}\n#define {name}_MOST 100000",
+        f"#define {name}_HALVINGS {50 if real == 'double' else 20}",
+        f"#define {name}_abs fabs{suffix}\n#define {name}_tanh tanh{suffix}\n",
+        _array(f"{name}_independent", places, "int"),
+        _array(f"{name}_is_independent", [i in places for i in range(n)], "int"),
+        _array(f"{name}_has_friction", friction, "int"),
+        _array(f"{name}_offset", equations.offsets, real),
+        _array(f"{name}_gain", equations.gains[places], real),
+        _array(f"{name}_assembled", machine.start, real) + "\n",
+    ]
+    return "\n".join(lines)
+
+
+LOOPS = """/* Coordinates of all joints from those of the independent ones by Newton's method from `tree`,
+   with their rates, d tree/d q = Z, and what accelerations have beside Z: 0 at a singular one. */
+static int NAME_tree(const REAL q[], const REAL v[], REAL tree[], REAL rates[], REAL Z[],
+                     REAL drift[])
+{
+    REAL phi[RANK], J[RANK * NAME_JOINTS], A[NAME_JOINTS * NAME_JOINTS], B[NAME_JOINTS * (NAME_DOF + 1)];
+    for (int k = 0; k < 30; k++) {
+        REAL most = 0;
+        NAME_closure_tree(tree, phi, J);
+        for (int i = 0; i < NAME_JOINTS; i++) {
+            const int own = i < RANK ? 0 : NAME_independent[i - RANK];
+            B[i] = i < RANK ? -phi[i] : q[i - RANK] + NAME_offset[own] - tree[own];
+            most = NAME_abs(B[i]) > most ? NAME_abs(B[i]) : most;
+            for (int j = 0; j < NAME_JOINTS; j++)
+                A[i + NAME_JOINTS * j] = i < RANK ? J[i + RANK * j] : (REAL)(j == own);
+        }
+        if (!NAME_solve(NAME_JOINTS, 1, A, B)) return 0;
+        for (int j = 0; j < NAME_JOINTS; j++) tree[j] += B[j];
+        if (most < CLOSED) break;
+        if (k == 29) return 0;
+    }
+    NAME_closure_tree(tree, phi, J);
+    for (int pass = 0; pass < 2; pass++) {
+        const int columns = pass ? 1 : NAME_DOF;
+        for (int i = 0; i < NAME_JOINTS; i++) {
+            const int own = i < RANK ? 0 : NAME_independent[i - RANK];
+            for (int j = 0; j < NAME_JOINTS; j++)
+                A[i + NAME_JOINTS * j] = i < RANK ? J[i + RANK * j] : (REAL)(j == own);
+            for (int c = 0; c < columns; c++)
+                B[i + NAME_JOINTS * c] = i < RANK ? (pass ? -phi[i] : 0) : (REAL)(!pass && i - RANK == c);
+        }
+        if (!NAME_solve(NAME_JOINTS, columns, A, B)) return 0;
+        if (pass) {
+            for (int j = 0; j < NAME_JOINTS; j++) drift[j] = B[j];
+        } else {
+            for (int j = 0; j < NAME_JOINTS; j++) {
+                rates[j] = 0;
+                for (int c = 0; c < NAME_DOF; c++) {
+                    Z[j + NAME_JOINTS * c] = B[j + NAME_JOINTS * c];
+                    rates[j] += B[j + NAME_JOINTS * c] * v[c];
+                }
+            }
+            NAME_closure_drift_tree(tree, rates, phi);
+        }
+    }
+    return 1;
+}
+"""
+TREE = """static int NAME_tree(const REAL q[], const REAL v[], REAL tree[], REAL rates[], REAL Z[],
+                     REAL drift[])
+{
+    for (int j = 0; j < NAME_JOINTS; j++) {
+        tree[j] = q[j] + NAME_offset[j];
+        rates[j] = v[j];
+        drift[j] = 0;
+        for (int c = 0; c < NAME_DOF; c++) Z[j + NAME_JOINTS * c] = (REAL)(j == c);
+    }
+    return 1;
+}
+"""
+SOLVE = "static int NAME_solve(int n, int k, REAL *a, REAL *b);\n"
+PLAIN = {
+    "inverse_dynamics": (("q", "v", "a"), "tau", "Torques of a motion, with all friction"),
+    "gravity": (("q",), "tau", "Torques that hold still: gravity, springs, offsets"),
+    "friction": (("v",), "tau", "Torques of friction; give a wanted v to compensate it"),
+    "regressor": (("q", "v", "a"), "Y", "Y (joints, 10 bodies), column by column"),
+}
+
+
+def _tree(equations: Equations, name: str, real: str) -> str:
+    loops = bool(equations.machine.drawing.closures)
+    rank = str(equations.n - len(equations.independent))
+    text = LOOPS.replace("RANK", rank) if loops else TREE
+    closed = "1e-12" if real == "double" else "1e-5F"
+    return _named((SOLVE + text if loops else text).replace("CLOSED", closed), name, real)
+
+
+def _public(equations: Equations, name: str, real: str) -> str:
+    """Return the functions that a controller calls."""
+    parts = []
+    loops = bool(equations.machine.drawing.closures)
+    moved = any(equations.offsets)
+    for key, (inputs, out, says) in PLAIN.items():
+        signature = ", ".join([f"const {real} {x}[]" for x in inputs] + [f"{real} {out}[]"])
+        if loops:
+            continue
+        head = f"/* {says}. */\n{name}_API void {name}_{key}({signature})\n{{\n"
+        if moved and "q" in inputs:
+            head += (
+                f"    {real} tree[{name}_JOINTS];\n"
+                f"    for (int j = 0; j < {name}_JOINTS; j++) tree[j] = q[j] + {name}_offset[j];\n"
+            )
+        given = ", ".join("tree" if x == "q" and moved else x for x in inputs)
+        parts.append(f"{head}    {name}_{key}_tree({given}, {out});\n}}\n")
+    if loops:
+        parts.append(_named(REDUCED, name, real))
+    return "\n".join(parts)
+
+
+REDUCED = """/* Torques of the independent joints for their motion, with all friction. `tree`: coordinates of
+   all joints, first NAME_assembled, then those of the call before. 0 at a singular position. */
+NAME_API int NAME_inverse_dynamics(const REAL q[], const REAL v[], const REAL a[], REAL tree[],
+                                   REAL tau[])
+{
+    REAL rates[NAME_JOINTS], Z[NAME_JOINTS * NAME_DOF], drift[NAME_JOINTS], full[NAME_JOINTS];
+    if (!NAME_tree(q, v, tree, rates, Z, drift)) return 0;
+    for (int j = 0; j < NAME_JOINTS; j++)
+        for (int c = 0; c < NAME_DOF; c++) drift[j] += Z[j + NAME_JOINTS * c] * a[c];
+    NAME_inverse_dynamics_tree(tree, rates, drift, full);
+    for (int c = 0; c < NAME_DOF; c++) {
+        tau[c] = 0;
+        for (int j = 0; j < NAME_JOINTS; j++) tau[c] += Z[j + NAME_JOINTS * c] * full[j];
+    }
+    return 1;
+}
+
+/* Torques of the independent joints that hold still. */
+NAME_API int NAME_gravity(const REAL q[], REAL tree[], REAL tau[])
+{
+    REAL rates[NAME_JOINTS], Z[NAME_JOINTS * NAME_DOF], drift[NAME_JOINTS], full[NAME_JOINTS];
+    const REAL v[NAME_DOF] = {0};
+    if (!NAME_tree(q, v, tree, rates, Z, drift)) return 0;
+    NAME_gravity_tree(tree, full);
+    for (int c = 0; c < NAME_DOF; c++) {
+        tau[c] = 0;
+        for (int j = 0; j < NAME_JOINTS; j++) tau[c] += Z[j + NAME_JOINTS * c] * full[j];
+    }
+    return 1;
+}
+
+/* Torques of friction at the independent joints. */
+NAME_API int NAME_friction(const REAL q[], const REAL v[], REAL tree[], REAL tau[])
+{
+    REAL rates[NAME_JOINTS], Z[NAME_JOINTS * NAME_DOF], drift[NAME_JOINTS], full[NAME_JOINTS];
+    if (!NAME_tree(q, v, tree, rates, Z, drift)) return 0;
+    NAME_friction_tree(rates, full);
+    for (int c = 0; c < NAME_DOF; c++) {
+        tau[c] = 0;
+        for (int j = 0; j < NAME_JOINTS; j++) tau[c] += Z[j + NAME_JOINTS * c] * full[j];
+    }
+    return 1;
+}
+
+/* Y (dof, 10 bodies) of the independent joints, column by column. */
+NAME_API int NAME_regressor(const REAL q[], const REAL v[], const REAL a[], REAL tree[], REAL Y[])
+{
+    REAL rates[NAME_JOINTS], Z[NAME_JOINTS * NAME_DOF], drift[NAME_JOINTS];
+    REAL full[NAME_JOINTS * NAME_JOINTS * 10];
+    if (!NAME_tree(q, v, tree, rates, Z, drift)) return 0;
+    for (int j = 0; j < NAME_JOINTS; j++)
+        for (int c = 0; c < NAME_DOF; c++) drift[j] += Z[j + NAME_JOINTS * c] * a[c];
+    NAME_regressor_tree(tree, rates, drift, full);
+    for (int k = 0; k < 10 * NAME_JOINTS; k++)
+        for (int c = 0; c < NAME_DOF; c++) {
+            REAL s = 0;
+            for (int j = 0; j < NAME_JOINTS; j++) s += Z[j + NAME_JOINTS * c] * full[j + NAME_JOINTS * k];
+            Y[c + NAME_DOF * k] = s;
+        }
+    return 1;
+}
+"""
+
+
+def _runtime(name: str, real: str) -> str:
+    text = (files("ident.export") / "runtime.h").read_text(encoding="utf-8")
+    return _named(text.replace("HALF", constant(0.5, real)), name, real)
+
+
+def _named(text: str, name: str, real: str) -> str:
+    return text.replace("NAME", name).replace("REAL", real)
+
+
+C = Target("c", "a C header", ".h", WORDS, write, settings=("real",))
