@@ -176,7 +176,8 @@ def test_loops_have_the_torques_of_ident(robots, tmp_path):
     export(mechanism, "c", values=values, out=tmp_path / "five.h").write()
     built = library(
         tmp_path, "five",
-        ["int inverse_dynamics(const REAL q[],const REAL v[],const REAL a[],REAL tree[],REAL tau[])"],
+        ["int inverse_dynamics(const REAL q[],const REAL v[],const REAL a[],REAL tree[],"
+         "REAL tau[])"],
     )  # fmt: skip
     t = np.arange(0.0, 2.0, 0.005)
     columns = {}
@@ -190,9 +191,7 @@ def test_loops_have_the_torques_of_ident(robots, tmp_path):
     log, _ = ident.simulate(mechanism, Log.from_arrays("run", t, columns), values=values)
     tree = mechanism.assembled.copy()
     for k in range(0, len(log.t), 20):
-        q, v, a = (
-            np.array([log.columns[f"{c}.{j}"][k] for j in ("left", "right")]) for c in "qva"
-        )
+        q, v, a = (np.array([log.columns[f"{c}.{j}"][k] for j in ("left", "right")]) for c in "qva")
         tau = np.zeros(2)
         assert caller(built.x_inverse_dynamics)(q, v, a, tree, tau)
         right = [log.columns[f"tau.{j}"][k] for j in ("left", "right")]

@@ -1,4 +1,4 @@
-"""A machine as one C header for controllers: inverse dynamics, friction, gravity, regressor, motion.
+"""A machine as one C header for controllers: inverse dynamics, gravity, regressor, motion.
 
 Straight-line code from CasADi's expressions (`equations`), and a small runtime that integrates the
 motion with dry friction that sticks (`runtime.h`). C99, no heap, no library but libm.
@@ -132,66 +132,6 @@ def _head(equations: Equations, name: str, real: str) -> str:
     return "\n".join(lines)
 
 
-LOOPS = """/* Coordinates of all joints from those of the independent ones by Newton's method from `tree`,
-   with their rates, d tree/d q = Z, and what accelerations have beside Z: 0 at a singular one. */
-static int NAME_tree(const REAL q[], const REAL v[], REAL tree[], REAL rates[], REAL Z[],
-                     REAL drift[])
-{
-    REAL phi[RANK], J[RANK * NAME_JOINTS], A[NAME_JOINTS * NAME_JOINTS], B[NAME_JOINTS * (NAME_DOF + 1)];
-    for (int k = 0; k < 30; k++) {
-        REAL most = 0;
-        NAME_closure_tree(tree, phi, J);
-        for (int i = 0; i < NAME_JOINTS; i++) {
-            const int own = i < RANK ? 0 : NAME_independent[i - RANK];
-            B[i] = i < RANK ? -phi[i] : q[i - RANK] + NAME_offset[own] - tree[own];
-            most = NAME_abs(B[i]) > most ? NAME_abs(B[i]) : most;
-            for (int j = 0; j < NAME_JOINTS; j++)
-                A[i + NAME_JOINTS * j] = i < RANK ? J[i + RANK * j] : (REAL)(j == own);
-        }
-        if (!NAME_solve(NAME_JOINTS, 1, A, B)) return 0;
-        for (int j = 0; j < NAME_JOINTS; j++) tree[j] += B[j];
-        if (most < CLOSED) break;
-        if (k == 29) return 0;
-    }
-    NAME_closure_tree(tree, phi, J);
-    for (int pass = 0; pass < 2; pass++) {
-        const int columns = pass ? 1 : NAME_DOF;
-        for (int i = 0; i < NAME_JOINTS; i++) {
-            const int own = i < RANK ? 0 : NAME_independent[i - RANK];
-            for (int j = 0; j < NAME_JOINTS; j++)
-                A[i + NAME_JOINTS * j] = i < RANK ? J[i + RANK * j] : (REAL)(j == own);
-            for (int c = 0; c < columns; c++)
-                B[i + NAME_JOINTS * c] = i < RANK ? (pass ? -phi[i] : 0) : (REAL)(!pass && i - RANK == c);
-        }
-        if (!NAME_solve(NAME_JOINTS, columns, A, B)) return 0;
-        if (pass) {
-            for (int j = 0; j < NAME_JOINTS; j++) drift[j] = B[j];
-        } else {
-            for (int j = 0; j < NAME_JOINTS; j++) {
-                rates[j] = 0;
-                for (int c = 0; c < NAME_DOF; c++) {
-                    Z[j + NAME_JOINTS * c] = B[j + NAME_JOINTS * c];
-                    rates[j] += B[j + NAME_JOINTS * c] * v[c];
-                }
-            }
-            NAME_closure_drift_tree(tree, rates, phi);
-        }
-    }
-    return 1;
-}
-"""
-TREE = """static int NAME_tree(const REAL q[], const REAL v[], REAL tree[], REAL rates[], REAL Z[],
-                     REAL drift[])
-{
-    for (int j = 0; j < NAME_JOINTS; j++) {
-        tree[j] = q[j] + NAME_offset[j];
-        rates[j] = v[j];
-        drift[j] = 0;
-        for (int c = 0; c < NAME_DOF; c++) Z[j + NAME_JOINTS * c] = (REAL)(j == c);
-    }
-    return 1;
-}
-"""
 SOLVE = "static int NAME_solve(int n, int k, REAL *a, REAL *b);\n"
 PLAIN = {
     "inverse_dynamics": (("q", "v", "a"), "tau", "Torques of a motion, with all friction"),
@@ -204,7 +144,7 @@ PLAIN = {
 def _tree(equations: Equations, name: str, real: str) -> str:
     loops = bool(equations.machine.drawing.closures)
     rank = str(equations.n - len(equations.independent))
-    text = LOOPS.replace("RANK", rank) if loops else TREE
+    text = _resource("loops.h" if loops else "tree.h").replace("RANK", rank)
     closed = "1e-12" if real == "double" else "1e-5F"
     return _named((SOLVE + text if loops else text).replace("CLOSED", closed), name, real)
 
@@ -227,77 +167,17 @@ def _public(equations: Equations, name: str, real: str) -> str:
         given = ", ".join("tree" if x == "q" and moved else x for x in inputs)
         parts.append(f"{head}    {name}_{key}_tree({given}, {out});\n}}\n")
     if loops:
-        parts.append(_named(REDUCED, name, real))
+        parts.append(_named(_resource("reduced.h"), name, real))
     return "\n".join(parts)
 
 
-REDUCED = """/* Torques of the independent joints for their motion, with all friction. `tree`: coordinates of
-   all joints, first NAME_assembled, then those of the call before. 0 at a singular position. */
-NAME_API int NAME_inverse_dynamics(const REAL q[], const REAL v[], const REAL a[], REAL tree[],
-                                   REAL tau[])
-{
-    REAL rates[NAME_JOINTS], Z[NAME_JOINTS * NAME_DOF], drift[NAME_JOINTS], full[NAME_JOINTS];
-    if (!NAME_tree(q, v, tree, rates, Z, drift)) return 0;
-    for (int j = 0; j < NAME_JOINTS; j++)
-        for (int c = 0; c < NAME_DOF; c++) drift[j] += Z[j + NAME_JOINTS * c] * a[c];
-    NAME_inverse_dynamics_tree(tree, rates, drift, full);
-    for (int c = 0; c < NAME_DOF; c++) {
-        tau[c] = 0;
-        for (int j = 0; j < NAME_JOINTS; j++) tau[c] += Z[j + NAME_JOINTS * c] * full[j];
-    }
-    return 1;
-}
-
-/* Torques of the independent joints that hold still. */
-NAME_API int NAME_gravity(const REAL q[], REAL tree[], REAL tau[])
-{
-    REAL rates[NAME_JOINTS], Z[NAME_JOINTS * NAME_DOF], drift[NAME_JOINTS], full[NAME_JOINTS];
-    const REAL v[NAME_DOF] = {0};
-    if (!NAME_tree(q, v, tree, rates, Z, drift)) return 0;
-    NAME_gravity_tree(tree, full);
-    for (int c = 0; c < NAME_DOF; c++) {
-        tau[c] = 0;
-        for (int j = 0; j < NAME_JOINTS; j++) tau[c] += Z[j + NAME_JOINTS * c] * full[j];
-    }
-    return 1;
-}
-
-/* Torques of friction at the independent joints. */
-NAME_API int NAME_friction(const REAL q[], const REAL v[], REAL tree[], REAL tau[])
-{
-    REAL rates[NAME_JOINTS], Z[NAME_JOINTS * NAME_DOF], drift[NAME_JOINTS], full[NAME_JOINTS];
-    if (!NAME_tree(q, v, tree, rates, Z, drift)) return 0;
-    NAME_friction_tree(rates, full);
-    for (int c = 0; c < NAME_DOF; c++) {
-        tau[c] = 0;
-        for (int j = 0; j < NAME_JOINTS; j++) tau[c] += Z[j + NAME_JOINTS * c] * full[j];
-    }
-    return 1;
-}
-
-/* Y (dof, 10 bodies) of the independent joints, column by column. */
-NAME_API int NAME_regressor(const REAL q[], const REAL v[], const REAL a[], REAL tree[], REAL Y[])
-{
-    REAL rates[NAME_JOINTS], Z[NAME_JOINTS * NAME_DOF], drift[NAME_JOINTS];
-    REAL full[NAME_JOINTS * NAME_JOINTS * 10];
-    if (!NAME_tree(q, v, tree, rates, Z, drift)) return 0;
-    for (int j = 0; j < NAME_JOINTS; j++)
-        for (int c = 0; c < NAME_DOF; c++) drift[j] += Z[j + NAME_JOINTS * c] * a[c];
-    NAME_regressor_tree(tree, rates, drift, full);
-    for (int k = 0; k < 10 * NAME_JOINTS; k++)
-        for (int c = 0; c < NAME_DOF; c++) {
-            REAL s = 0;
-            for (int j = 0; j < NAME_JOINTS; j++) s += Z[j + NAME_JOINTS * c] * full[j + NAME_JOINTS * k];
-            Y[c + NAME_DOF * k] = s;
-        }
-    return 1;
-}
-"""
-
-
 def _runtime(name: str, real: str) -> str:
-    text = (files("ident.export") / "runtime.h").read_text(encoding="utf-8")
-    return _named(text.replace("HALF", constant(0.5, real)), name, real)
+    return _named(_resource("runtime.h").replace("HALF", constant(0.5, real)), name, real)
+
+
+def _resource(name: str) -> str:
+    """Return a part of the header that is the same for all machines."""
+    return (files("ident.export") / name).read_text(encoding="utf-8")
 
 
 def _named(text: str, name: str, real: str) -> str:

@@ -68,7 +68,7 @@ class Equations:
         q, v, a = (ca.SX.sym(word, self.n) for word in "qva")
         return q, v, a
 
-    def rigid(self, q: ca.SX, v: ca.SX, a: ca.SX, pi: ca.SX | np.ndarray) -> ca.SX:
+    def rigid(self, q: ca.SX, v: ca.SX, a: ca.SX, pi: ca.SX) -> ca.SX:
         """Return Γ π (n,) of dynamic parameters π (10 n,)."""
         links = self.machine.links
         w, dw, acc, R, F, N = ([ca.SX.zeros(3)] * len(links) for _ in range(6))
@@ -226,7 +226,7 @@ class Equations:
     def functions(self) -> dict[str, ca.Function]:
         """The functions of the tree by name, each with dense outputs, in true coordinates."""
         q, v, a = self.symbols
-        pi, none = ca.DM(self.pi), ca.SX.zeros(self.n)
+        pi, none = ca.SX(self.pi), ca.SX.zeros(self.n)
         sign = ca.tanh(v / self.smooth)
         friction = self.slipping(v) + self.dry(v) * sign + self.coupled(v)
         rest = self.springs(q) + friction + self.rotors(a)

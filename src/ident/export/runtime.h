@@ -118,6 +118,23 @@ static int NAME_runge_kutta(const NAME_state *s, const REAL tau[], REAL dt, NAME
     return 1;
 }
 
+/* Whether a joint has stopped within a step, or friction no longer holds one that is stuck. */
+static int NAME_event(const NAME_state *s, const NAME_state *next, const REAL tau[])
+{
+    REAL acc[NAME_DOF], f[NAME_DOF], F[NAME_DOF], tree[NAME_JOINTS];
+    int stuck = 0;
+    for (int i = 0; i < NAME_DOF; i++) {
+        if (s->mode[i] != 0 && next->v[i] * (REAL)s->mode[i] < 0) return 1;
+        stuck |= s->mode[i] == 0 && NAME_has_friction[i];
+    }
+    if (!stuck) return 0;
+    for (int j = 0; j < NAME_JOINTS; j++) tree[j] = next->tree[j];
+    if (!NAME_acceleration(next->q, next->v, tau, s->mode, tree, acc, f, F)) return 0;
+    for (int i = 0; i < NAME_DOF; i++)
+        if (s->mode[i] == 0 && F[i] > 0 && NAME_abs(f[i]) > F[i]) return 1;
+    return 0;
+}
+
 /* Let joints at rest stick if friction can hold them, else slide the way they are pushed. */
 static int NAME_decide(NAME_state *s, const REAL tau[], const int resting[])
 {
@@ -165,19 +182,13 @@ NAME_API int NAME_step(NAME_state *state, const REAL tau[], REAL duration)
     if (!NAME_decide(&s, tau, resting)) return 0;
     while (left > NAME_SHORT * duration && moved++ < NAME_MOST) {
         REAL h = left < NAME_STEP ? left : NAME_STEP, low = 0;
-        int stops = 0;
         if (!NAME_runge_kutta(&s, tau, h, &next)) return 0;
-        for (int i = 0; i < NAME_DOF; i++)
-            stops |= s.mode[i] != 0 && next.v[i] * (REAL)s.mode[i] < 0;
-        if (stops) {
+        if (NAME_event(&s, &next, tau)) {
             REAL high = h;
             for (int k = 0; k < NAME_HALVINGS; k++) {
                 const REAL middle = HALF * (low + high);
-                int beyond = 0;
                 if (!NAME_runge_kutta(&s, tau, middle, &next)) return 0;
-                for (int i = 0; i < NAME_DOF; i++)
-                    beyond |= s.mode[i] != 0 && next.v[i] * (REAL)s.mode[i] < 0;
-                if (beyond) high = middle;
+                if (NAME_event(&s, &next, tau)) high = middle;
                 else low = middle;
             }
             h = high;

@@ -23,6 +23,7 @@ TARGETS = {
     "urdf": "ident.export.urdf:URDF",
     "drake": "ident.export.urdf:DRAKE",
     "c": "ident.export.c:C",
+    "fmu": "ident.export.fmu:FMU",
 }
 
 

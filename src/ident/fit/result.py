@@ -530,3 +530,7 @@ class Fit(Charted):
     def write_urdf(self, path: str | Path) -> Path:
         """Write the URDF with the identified inertias to `path`, which is returned."""
         return Path(render(self, "urdf", path))
+
+    def export(self, to: str, **options: Any) -> Any:
+        """Return the identified machine for a simulator or a controller, as `ident.export` does."""
+        return render(self, "export", to, **options)

@@ -8,7 +8,7 @@ MODULES = {
     "diagnosis": ("diagnosis", "diagnosis_report", "experiment", "ladder"),
     "excite": ("simulate",),
     "export": ("export",),
-    "fit": ("comparison", "fit", "residual"),
+    "fit": ("comparison", "export", "fit", "residual"),
     "log": ("motion",),
     "mechanism": ("motion", "view"),
     "montecarlo": ("simulate",),

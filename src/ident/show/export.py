@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from ident.display import render, renders
-from ident.export import Export
+from ident.export import Export, export
 from ident.export.laws import Lost
+from ident.fit.result import Fit
 from ident.show.html import Sheet
 from ident.text import significant
 
@@ -65,3 +66,9 @@ def export_json(x: Export) -> dict[str, Any]:
         "notes": list(x.notes),
         **({} if x.replays is None else {"replay": render(x.replays, "json")}),
     }  # fmt: skip
+
+
+@renders(Fit, "export")
+def export_of(fit: Fit, to: str, **options: Any) -> Export:
+    """Return an identified machine for a simulator or a controller."""
+    return export(fit, to, **options)
