@@ -22,6 +22,7 @@ from ident.mechanism.description import Description, align_z, mimic_table, parse
 from ident.mechanism.urdf import RigidBody, UrdfWriter, Visual, effect_notes, place_table
 
 TREE = ("revolute", "continuous", "prismatic", "fixed")  # joints that a URDF has, too
+SEVERAL = ("ball", "universal")  # in the tree where no other joint carries the link
 LOOP = {  # a joint that closes a loop, and the kind of closure
     "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed",
     "ball": "point", "universal": "universal",
@@ -103,11 +104,17 @@ class _SdfModel:
         for joint in self.carrying.values():
             self._add(urdf, joint)
         mimics = [m for j in self.carrying.values() if (m := self._mimic(j))]
+        crosses = [j for j in self.carrying.values() if j.get("type") == "universal"]
+        names = [str(joint.get("name")) for joint in crosses]
         return Description(
             urdf=urdf.text(),
             format="sdf",
             closures=(*(self._closure(joint) for joint in self.closing), *mimics),
-            passive=tuple(mimic["joints"][0] for mimic in mimics),
+            passive=(
+                *(mimic["joints"][0] for mimic in mimics),
+                *(f"{name}.{i}" for name in names for i in (1, 2)),
+            ),
+            auxiliary=tuple(f"{name}.cross" for name in names),
             gravity=gravity,
             notes=(*notes, *self._notes()),
         )
@@ -268,11 +275,22 @@ class _SdfModel:
 
     def _add(self, urdf: UrdfWriter, joint: etree._Element) -> None:
         name, kind = str(joint.get("name")), joint.get("type") or ""
-        if kind not in TREE:
-            why = ", which only a joint that closes a loop may be" if kind in LOOP else ""
-            self.refuse(joint, f"joint '{name}' is of type '{kind}'{why}; {one_of(kind, TREE)}")
+        if kind not in (*TREE, *SEVERAL):
+            valid = one_of(kind, (*TREE, *SEVERAL))
+            self.refuse(joint, f"joint '{name}' is of type '{kind}'; {valid}")
         ends = self._ends(joint)
         placement = self.origin(ends[0]).inverse() * self.pose_of(name)
+        if kind == "ball":
+            urdf.joint(name, kind, ends, placement)
+            return
+        if kind == "universal":  # two turns, the first about the parent's axis
+            between = f"{name}.cross"
+            urdf.link(between)
+            first, second = (self._axis(joint, tag) for tag in ("axis", "axis2"))
+            urdf.joint(f"{name}.1", "continuous", (ends[0], between), placement, first)
+            at = pin.SE3.Identity()
+            urdf.joint(f"{name}.2", "continuous", (between, ends[1]), at, second)
+            return
         if kind == "fixed":
             urdf.joint(name, kind, ends, placement)
             return

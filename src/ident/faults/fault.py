@@ -23,6 +23,7 @@ from ident.log import Column
 from ident.mechanism.description import is_rotational, joint_axis
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
+from ident.motion.unforced import free_slides
 from ident.text import listed, percent, places
 
 PARALLEL = 0.999  # numerics: cosine of two axes that are one, up to rounding in a URDF
@@ -142,7 +143,9 @@ def motion_faults(
             faults.append(none.with_("gravity", *map(float, g), state=turned))
     faults += (scale_of_time(none, s) for s in CLOCKS)
     faults += _positions(none, mechanism, states, poor) if poor else ()
-    for factor in (-1.0, 0.0) if any(e.wrench is not None for e in states) else ():
+    # without what alone moves a base, masses of 0 would fit exactly
+    factors = (-1.0,) if free_slides(mechanism) else (-1.0, 0.0)
+    for factor in factors if any(e.wrench is not None for e in states) else ():
 
         def wrenched(mechanism: Mechanism, e: State, f: float = factor) -> tuple[Mechanism, State]:
             return mechanism, replace(e, wrench=None if e.wrench is None else f * e.wrench)

@@ -372,9 +372,10 @@ def _passive_and_start(
     section.check("passive", "start", "locked", "unmeasured", "order")
     q, places = pin.neutral(tree.model), {joint.name: joint.index for joint in joints}
     start = section.table("start")
-    # a chain has no motor, whether it is named here or not
-    chained = {name.rpartition(".")[0] for name in places}
-    passive = [x for x in section.words("passive") if x in places or x not in chained]
+    passive: list[str] = []
+    for word in section.words("passive"):  # a joint of several coordinates stands for all of them
+        chain = [name for name in places if name.rpartition(".")[0] == word and word not in places]
+        passive += chain or [word]
     for key, names in (("passive", passive), ("start", start.data)):
         for name in names:
             if name not in places and name not in locked and name.rpartition(".")[0] not in locked:

@@ -23,7 +23,7 @@ LOOKED_AT = 200  # work: samples of a log
 
 def unforced_base(mechanism: Mechanism, experiments: Sequence[State]) -> str:
     """Return what is missing where a base moves without any force; "" where nothing is."""
-    slides = _free_slides(mechanism)
+    slides = free_slides(mechanism)
     both = zip(mechanism.bodies.names, mechanism.prior, strict=True)
     known = {name for name, x in both if name.endswith(".m") and x} - {*mechanism.unknown}
     if not slides or mechanism.closures or known:
@@ -52,7 +52,7 @@ def unforced_base(mechanism: Mechanism, experiments: Sequence[State]) -> str:
     return ""
 
 
-def _free_slides(mechanism: Mechanism) -> list[str]:
+def free_slides(mechanism: Mechanism) -> list[str]:
     """Return passive slides with only passive joints between them and the ground."""
     model, slides = mechanism.model, []
     for index in range(1, model.njoints):
