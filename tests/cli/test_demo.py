@@ -15,7 +15,7 @@ def test_the_story_comes_out_right_and_keeps_its_files(done, tmp_path):
     assert "coulomb:right_elbow" in said
     answer = (folder / "answer.txt").read_text()
     assert "coulomb:right_elbow" in answer
-    assert "nothing is missing that this data could show" in said
+    assert "Nothing is missing that this data could show" in " ".join(said.split())
     assert "wrong" not in said.partition("The answer")[2]
     for name in ("before", "diagnosis", "after"):
         assert (folder / name / "report.html").stat().st_size > 1000

@@ -51,7 +51,7 @@ def test_diagnose_names_what_is_missing_and_writes_it(arm_folder, tmp_path, done
     before = snapshot(arm_folder)
     outcome = done("diagnose", arm_folder, arm_folder / "run.csv", *given(*LACKING), "--out", out)
     assert snapshot(arm_folder) == before
-    assert ": missing: " in outcome.out.splitlines()[0]
+    assert ". Missing: " in " ".join(outcome.out.split())
     assert "○ before" in outcome.out
     assert "ident add " in outcome.out
     data = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
@@ -61,7 +61,8 @@ def test_diagnose_names_what_is_missing_and_writes_it(arm_folder, tmp_path, done
     assert {"effect": "coulomb", "joints": ["elbow"]} in named
     assert data["logs"] == ["run.csv"]
     assert {path.name for path in out.iterdir()} == {"diagnosis.json", "report.html"}
-    assert f"note: wrote {out / 'report.html'}" in outcome.err.replace("\n", " ")
+    assert f"note: wrote {out}" in outcome.err
+    assert "report.html" in outcome.err
 
 
 @pytest.mark.parametrize(
@@ -147,7 +148,7 @@ def test_the_command_to_copy_tells_rivals_apart(robots, tmp_path, done):
 def test_diagnose_of_a_whole_model_is_no_failure_and_is_reproducible(arm_folder, done):
     words = ("diagnose", arm_folder, arm_folder / "run.csv", *given(*FRICTION), "--seed", "5")
     outcome = done(*words)
-    assert "nothing is missing" in outcome.out.splitlines()[0]
+    assert "Nothing is missing" in " ".join(outcome.out.split())
     assert done(*words).out == outcome.out
 
 
@@ -212,7 +213,7 @@ def test_grow_prints_the_ladder_and_writes_a_mechanism(arm_folder, tmp_path, don
 def test_grow_where_nothing_is_missing_has_one_rung(arm_folder, done):
     outcome = done("grow", arm_folder, arm_folder / "run.csv", *given(*FRICTION))
     assert outcome.out.splitlines()[2].startswith("as given")
-    assert "nothing is missing" in outcome.out
+    assert "Left: noise of the sensors" in " ".join(outcome.out.split())
     assert not [line for line in outcome.out.splitlines() if line.startswith("+ ")]
 
 
@@ -357,7 +358,7 @@ def test_ctrl_c_in_grow_keeps_what_is_fitted(moment, arm_folder, tmp_path, monke
     assert {"growing.json", "mechanism.toml", "arm.urdf"} <= {path.name for path in out.iterdir()}
     outcome = ident(*words, "--resume")
     assert outcome.status == 0
-    assert "nothing is missing" in outcome.out
+    assert "Left: noise of the sensors" in " ".join(outcome.out.split())
     assert not (out / "growing.json").exists()
 
 
@@ -418,7 +419,9 @@ def test_notes_follow_the_result(verb, arm_folder, tmp_path, done):
     lines = both.stdout.decode().splitlines()
     first = next(i for i, line in enumerate(lines) if line.startswith("note: "))
     assert first > 3
-    assert f"note: wrote {out / 'report.html'}" in lines[first:]
+    assert f"note: wrote {out}" in lines[first]
+    assert "report.html" in lines[first]
+    assert len(lines[first:]) <= 2
     assert all(line.startswith("note: ") for line in lines[first:])
 
 

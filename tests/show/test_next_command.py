@@ -133,5 +133,6 @@ def test_a_planned_motion_has_the_ranges_and_speeds_of_the_experiment():
     step = Step("excite", range=(("elbow", -0.5, 1.25),), speed=(("elbow", 0.085),))
     line = words(given(), step)
     assert line[3:] == [
-        "--range", "elbow=-0.5:1.25", "--speed", "elbow=0.085", "--out", "next.csv",
+        "--around", "a  b.csv", "--range", "elbow=-0.5:1.25", "--speed", "elbow=0.085",
+        "--out", "next.csv",
     ]  # fmt: skip

@@ -30,7 +30,7 @@ from ident.text import significant
 IMPOSSIBLE = 10.0  # shown: times a drive's effort limit, which is nominal in many URDFs
 ROUNDING = 1e-6  # numerics: of positions and speeds beyond a limit
 BESIDE = "with friction, rotors and offsets of all joints"  # the effects that every machine has
-CONTRADICTS = "contradict"  # in a note of a motion: its channels speak against each other
+CONTRADICTS = "disagree with the positions"  # in a note of a motion, on its other channels
 
 
 @dataclass(frozen=True)

@@ -95,6 +95,8 @@ class ShellRequest(Request):
     def _excited(self, step: Step) -> list[str]:
         options = self._options(step, WITH, *PAIRS, "--allow-code")
         options += ["--separate", *step.separate] if step.separate else []
+        if step.separate or step.range or step.speed:  # from the middle of what was logged
+            options += ["--around", self.logs[0]] if self.logs else []
         for joint, low, high in step.range:
             options += ["--range", f"{joint}={low:.4g}:{high:.4g}"]
         for joint, speed in step.speed:

@@ -147,13 +147,10 @@ class DataChecks(FaultSearch):
         if worse and not self.faults[0]:
             most = two_digits(np.sqrt(self.misfit.max()))
             text = (
-                f"{', '.join(worse)}: at reversals, below 3 % of the top speed, errors are up to "
-                f"{most} times as large: dry friction is no step there"
+                f"{', '.join(worse)}: near reversals the error is up to {most} times larger: real "
+                "friction does not jump; ± include this"
             )
-            remedy = (
-                "standard errors hold what these rows do to parameters; a diagnosis names friction "
-                "that builds up over much speed"
-            )
+            remedy = "a diagnosis names friction that builds up over speed"
             yield Finding(
                 "reversals", text, remedy, worse, float(self.misfit.max()), small_errors.WORSE
             )

@@ -94,8 +94,11 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
     blocks = [block for block in problem.information if block.coordinate not in off]
     if rest := sum(block.rest.rows for block in blocks):
         share = rest / sum(block.rows for block in blocks)
-        text = f"{100 * share:.3g} % of the equations are at standstill, where dry friction is open"
-        yield Finding("standstill", text, "they count in neither the fit nor errors in motion")
+        text = (
+            f"{100 * share:.3g} % of the samples are at standstill and are not used: dry friction "
+            "can have any value there"
+        )
+        yield Finding("standstill", text)
     if not len(problem.columns):
         text = "nothing is unknown: these are the errors of the model as it is"
         remedy = "to identify, give [parameters] unknown in mechanism.toml or add an effect"
@@ -120,11 +123,12 @@ def _held_unknowns(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
     ):
         if names := tuple(columns.names[i] for i in np.flatnonzero(estimate.held & kind)):
             far = ", or it is far outside its range" * (kind is shapes)
+            count = f"{len(names)} parameter{'s' * (len(names) > 1)}"
             text = (
-                f"with a residual of this size this motion cannot tell {shortlist(names, 8)}{far}"
+                f"{count} {where} ({shortlist(names, 3)}): the model error is so large that this "
+                f"motion cannot tell them{far}"
             )
-            text += f": {where}"
-            remedy = "move more joints, faster or farther, or see what is missing"
+            remedy = "see what is missing first (ident diagnose), then move more joints or faster"
             yield Finding("held", text, remedy, names)
 
 

@@ -256,9 +256,9 @@ class Periods:
         """Return what a person should know of logs of so many seconds."""
         share = f"{100 * self.repeated:.0f} %"
         text = (
-            f"the motion is repeated every {min(self.period.values()):.4g} s and {share} "
-            f"of the residual with it: {self.periods(seconds):.3g} periods are not independent, so "
-            f"standard errors are {np.sqrt(self.variance(seconds)):.3g} times as wide"
+            f"the motion repeats every {min(self.period.values()):.4g} s and {share} of the error "
+            f"with it: {self.periods(seconds):.3g} periods count as one (± are wider by "
+            f"{np.sqrt(self.variance(seconds)):.3g})"
         )
         return Finding("repeated errors", text, "", (), max(self.rho.values()), self.chance)
 

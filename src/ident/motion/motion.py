@@ -407,8 +407,8 @@ def state_of(
     }
     if rough:
         notes.append(
-            f"{log}: smoothing leaves up to {max(rough.values()):.3g} times the noise of "
-            f"{', '.join(rough)}: they contradict the positions"
+            f"{log}: {', '.join(rough)} disagree with the positions, by up to "
+            f"{max(rough.values()):.3g} times their noise; positions are used first"
         )
     if (lost := int((signals.usable & ~base.usable).sum())) > 0:
         notes.append(

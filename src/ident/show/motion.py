@@ -207,7 +207,10 @@ def check_text(
     if motion is not None:
         parts += [[note] for note in notes]
         channels = [CHANNELS, *text_table(_channels(mechanism, motion))]
-        columns = [f"columns of {log.name}: {', '.join(log.columns)}" for log in motion.logs]
+        columns = [
+            f"{log.name}: {log.t.size} samples at {log.rate:.6g} Hz; {', '.join(log.columns)}"
+            for log in motion.logs
+        ]
         parts += [[str(motion)], channels] if verbose else [columns]
     texts = map("\n".join, parts)
     return "\n\n".join([*texts, structure(check.identifiable, motion is not None, verbose)])

@@ -128,7 +128,11 @@ def certainty(d: Diagnosis) -> str:
 
 def _capital_values(d: Diagnosis) -> str:
     """Return the values of all that is named, joint by joint."""
-    labels = [effect.label for effect in d.group]
+    order = [*d.fit.mechanism.joint_index]
+    group = sorted(
+        d.group, key=lambda effect: [order.index(j) for j in effect.joints if j in order]
+    )
+    labels = [effect.label for effect in group]
     by_label = {x.effect.label: x for x in d.every}
     if len(labels) == 1 and not is_open(d):
         return numbers(by_label[labels[0]].parameters)

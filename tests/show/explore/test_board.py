@@ -190,7 +190,7 @@ def test_judged_it_says_the_verdict(board, monkeypatch):
     monkeypatch.setattr(module, "diagnose", lambda fit, progress: found)
     board.act({"do": "judge"})
     assert board.state["view"] == "Verdict"
-    assert "missing: " in board.state["card"]
+    assert "Missing: " in board.state["card"]
     assert any("missing" in piece["html"] for piece in board.state["shown"])
     rows = [row for row in board.state["effects"] if row["mark"] == JUDGED]
     assert rows == board.state["effects"][: len(rows)]  # first, and one line with one button
