@@ -408,7 +408,7 @@ def state_of(
     if rough:
         notes.append(
             f"{log}: {', '.join(rough)} disagree with the positions, by up to "
-            f"{max(rough.values()):.3g} times their noise; positions are used first"
+            f"{max(rough.values()):.3g} times their noise"
         )
     if (lost := int((signals.usable & ~base.usable).sum())) > 0:
         notes.append(
