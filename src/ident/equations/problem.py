@@ -199,13 +199,19 @@ def triangles(
 def blocks_of(log: int, block: int, rows: Rows, supports: Sequence[np.ndarray]) -> list[Block]:
     """Return the blocks of some rows of one block of time, one a coordinate."""
     span, blocks = (float(rows.t[0]), float(rows.t[-1])), []
+    by_coordinate = rows.A.transpose(1, 2, 0)  # samples are contiguous, as LAPACK wants them
     for u, support in enumerate(supports):
-        A, b, tau = rows.A[:, u, support], rows.b[:, u], rows.tau[:, u]
-        informs, moves = rows.informed[:, u], rows.moving[:, u]
-        informing_rows, open_rows, still = (
-            Triangle.of(A[mask], b[mask]) if mask.any() else Triangle.empty(len(support))
-            for mask in (informs, ~informs, informs & ~moves)
+        tau, informs, moves = rows.tau[:, u], rows.informed[:, u], rows.moving[:, u]
+        columns = np.empty((len(support) + 1, len(rows)))
+        np.take(by_coordinate[u], support, axis=0, out=columns[:-1], mode="clip")
+        columns[-1] = rows.b[:, u]
+        still, open_rows = (
+            Triangle.of_columns(columns[:, mask]) if mask.any() else Triangle.empty(len(support))
+            for mask in (informs & ~moves, ~informs)
         )
+        informing_rows = Triangle.empty(len(support))
+        if informs.any():
+            informing_rows = Triangle.of_columns(columns if informs.all() else columns[:, informs])
         torque = float(tau[moves] @ tau[moves]), float(tau[~moves] @ tau[~moves])
         blocks.append(Block(log, block, u, informing_rows, open_rows, still, support, torque, span))
     return blocks

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Columns = Index | NDArray[np.bool_] | list[int]
 
-_PIECE = 512  # work: rows reduced at a time: the piece and the triangle stay in the cache
+_PIECE = 640  # work: rows reduced at a time: the piece and the triangle stay in the cache
 _PANEL = 16  # work: columns LAPACK handles as one block
 
 
@@ -62,6 +62,18 @@ class Triangle:
         if rows < k:
             return cls._of_rows(np.column_stack([A, np.asarray(b, dtype=float)]), rows)
         return cls._absorbed(np.zeros((k + 1, k + 1), order="F"), 0, A, b)
+
+    @classmethod
+    def of_columns(cls, columns: Array) -> Triangle:
+        """Return the triangle of [A | b]ᵀ (k + 1, rows), which is overwritten."""
+        k, rows = len(columns) - 1, columns.shape[1]
+        if k <= rows <= _PIECE:
+            triangle, *_ = lapack.dtpqrt(
+                0, min(_PANEL, k + 1), np.zeros((k + 1, k + 1), order="F"), columns.T,
+                overwrite_a=1, overwrite_b=1,
+            )  # fmt: skip
+            return cls._signed(triangle, rows)
+        return cls.of(columns[:-1].T, columns[-1])
 
     @classmethod
     def merge(cls, triangles: Iterable[Triangle]) -> Triangle:
@@ -165,9 +177,14 @@ class Triangle:
             triangle, *_ = lapack.dtpqrt(
                 0, min(_PANEL, k + 1), triangle, piece, overwrite_a=1, overwrite_b=1
             )
+        return cls._signed(triangle, rows + len(b))
+
+    @classmethod
+    def _signed(cls, triangle: Array, rows: int) -> Triangle:
+        """Take a triangle (k + 1, k + 1), with a diagonal ≥ 0 and without −0.0."""
         signed = triangle * np.where(triangle.diagonal() < 0, -1.0, 1.0)[:, None]
-        signed += 0.0  # no −0.0
-        return cls._of_rows(signed, rows + len(b))
+        signed += 0.0
+        return cls._of_rows(signed, rows)
 
     @classmethod
     def of_square(cls, triangle: Array, rows: int) -> Triangle:
