@@ -54,8 +54,8 @@ GROUPS = (
     "Would change little, or no more than chance",
     "Cannot be seen in this data",
 )
-JUDGED = "judged to be missing"  # the mark of what a diagnosis names, to be added together
-UNJUDGED = (
+NAMED_MARK = "judged to be missing"  # the mark of what a diagnosis names, to be added together
+NOT_JUDGED = (
     "A falling error is no proof of a cause: `Judge it` weighs every effect against chance, and "
     "offers a curve or a formula where no effect has the right form."
 )
@@ -71,11 +71,13 @@ def top(e: Exploration, request: Request = PYTHON) -> Card:
     worst = max(bars, key=lambda bar: bar.sizes[1])
     line = f"{e.mechanism.name} on {logs}: not judged yet; the error is largest in {worst.joint}, "
     line += Bar("", worst.after or worst.before).words
-    known = e.summary if e.candidates else f"Effects are being compared. {UNJUDGED}"
+    known = e.summary if e.candidates else f"Effects are being compared. {NOT_JUDGED}"
     if not e.offered and (x := e.first) is not None and x.before and x.after:
         ends = Bar("", x.before, x.after).words.replace(" → ", " to ")
         known = f"The first candidate is {named([x.effect])}, which would bring the error of "
-        known += f"{x.joints[0]} from {ends}, as far as can be said before it is fitted. {UNJUDGED}"
+        known += (
+            f"{x.joints[0]} from {ends}, as far as can be said before it is fitted. {NOT_JUDGED}"
+        )
     change = "before the last change → now" * bool(before)
     step = Step("diagnose", tuple(effect.label for effect in _added(e)))
     return Card(line, known, bars, request.line(step), change=change, step=step)
@@ -98,10 +100,10 @@ def confirmed(e: Exploration) -> str:
 def effect_rows(e: Exploration) -> list[dict[str, Any]]:
     """Return one row an effect, group by group, the best first; a `set` shares a button."""
     d = e.diagnosis
-    marks = {} if d is None else {each.label: "as likely" for each in d.rivals}
-    marks |= {} if d is None else {each.label: JUDGED for each in d.group}
+    marks = {} if d is None else {effect.label: "as likely" for effect in d.rivals}
+    marks |= {} if d is None else {effect.label: NAMED_MARK for effect in d.group}
     rows = [*map(_offer, e.offered), *(_effect_row(x, marks) for x in e.candidates)]
-    return sorted(rows, key=lambda row: (GROUPS.index(row["group"]), row["mark"] != JUDGED))
+    return sorted(rows, key=lambda row: (GROUPS.index(row["group"]), row["mark"] != NAMED_MARK))
 
 
 def _row(effect: Effect, group: int, share: float, **more: Any) -> dict[str, Any]:
@@ -133,11 +135,11 @@ def _effect_row(x: PredictedGain, marks: dict[str, str]) -> dict[str, Any]:
         fall = 1 - x.after.rms / max(x.before.rms, 1e-300)
     about = x.effect.equation if isinstance(x.effect, Formula) else type(x.effect).summary()
     mark = "in the model" if x.present else marks.get(x.label, "")
-    judged = mark == JUDGED
-    group = 2 if x.present else 1 if x.sure or judged else 4 if x.fall is None else 3
+    is_named = mark == NAMED_MARK
+    group = 2 if x.present else 1 if x.sure or is_named else 4 if x.fall is None else 3
     return _row(
-        x.effect, group, fall, set=JUDGED if judged else x.effect.kind, mark=mark,
-        sure=x.sure or judged, fall=change, about=about, why=x.why, joint="".join(x.joints[:1]),
+        x.effect, group, fall, set=NAMED_MARK if is_named else x.effect.kind, mark=mark,
+        sure=x.sure or is_named, fall=change, about=about, why=x.why, joint="".join(x.joints[:1]),
     )  # fmt: skip
 
 
@@ -150,7 +152,7 @@ def contents(e: Exploration, view: str, joint: str) -> list[Chart | Markup]:
     if view == "Numbers":
         tables = [table(rows, title) for title, rows in value_tables(e.fit).items()]
         return [*tables, items(e.fit.warnings)]
-    return [paragraph(UNJUDGED)] if e.diagnosis is None else [*sheet(e.diagnosis).blocks()]
+    return [paragraph(NOT_JUDGED)] if e.diagnosis is None else [*sheet(e.diagnosis).blocks()]
 
 
 def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
@@ -193,7 +195,7 @@ class Board:
         }  # fmt: skip
         self._readers = Readers(lambda: json_line(self.state), self._hear)
         self._lock = self._readers.lock
-        self._over = ""  # the effect that is previewed
+        self._previewed = ""  # the effect that is previewed
         self._context = copy_context()
         self._turn = 0  # number of changes, by which work for an earlier one knows that it is late
         self._address = ""
@@ -204,14 +206,14 @@ class Board:
             e = make(self._progress("reading", 0, part(progress, 0.0, 0.4)))
             logs = ", ".join(e.fit.motion.names)
             joints, worst = list(e.fit.motion.independent), e.fit.residual.where[0].joint
-            self._tell(title=f"{e.mechanism.name} on {logs}", joints=joints, joint=worst)
+            self._change_state(title=f"{e.mechanism.name} on {logs}", joints=joints, joint=worst)
             self._show(e)
             self._draw()
         except Exception as error:
             self._say(_line(error), "bad")
             raise
-        self._tell(busy=False)
-        self._announce(0, beside=part(progress, 0.4, 1.0))
+        self._change_state(busy=False)
+        self._announce(0, progress_outside=part(progress, 0.4, 1.0))
 
     def act(self, message: dict[str, Any]) -> None:
         """Do what a click asks for, or preview what it would do; a change during another one does
@@ -227,10 +229,10 @@ class Board:
                 return  # the label is of another model
             self._turn += changes
             if do != "look":
-                self._over = label if do == "preview" else ""
+                self._previewed = label if do == "preview" else ""
             turn = self._turn
             if changes:
-                self._tell(busy=True)
+                self._change_state(busy=True)
                 self._say(f"{do} {label} …", "busy")
         words = ""
         try:
@@ -241,11 +243,11 @@ class Board:
             words = _line(error)
         finally:
             if changes:
-                self._tell(busy=False)
+                self._change_state(busy=False)
         if changes:
             self._announce(turn, words)
         elif words:
-            self._tell(preview={"label": label, "shown": pieces_of([paragraph(words)])})
+            self._change_state(preview={"label": label, "shown": pieces_of([paragraph(words)])})
 
     def _do(
         self, e: Exploration, do: str, label: str, message: dict[str, Any], turn: int
@@ -254,16 +256,16 @@ class Board:
         progress, words = self._progress(f"{do} {label}".strip(), turn), ""
         match do:
             case "look":
-                self._tell(view=str(message["view"]), joint=str(message["joint"]))
+                self._change_state(view=str(message["view"]), joint=str(message["joint"]))
             case "preview":
                 if label:
                     self._preview(e, label, turn)
                 return ""
             case "add":
-                effects = [e.effect(each) for each in label.split("\n")]
+                effects = [e.effect(part) for part in label.split("\n")]
                 after = e.with_effect(effects, progress)
                 self._show(after)
-                self._tell(joint=self._joint_of(e, effects[0]))
+                self._change_state(joint=self._joint_of(e, effects[0]))
                 words = confirmed(after)
             case "refuse":
                 self._show(e.refuse(label))
@@ -277,7 +279,7 @@ class Board:
                 self._show(e.undone)
             case "judge":
                 self._show(e.judged(progress))
-                self._tell(view="Verdict")
+                self._change_state(view="Verdict")
             case "save":
                 words = self._save(str(message["name"]).strip())
         self._draw()
@@ -307,7 +309,7 @@ class Board:
         of_command = self._context.copy().run  # commands to be copied are like this one
         threading.Thread(target=of_command, args=(self.act, json.loads(text)), daemon=True).start()
 
-    def _tell(self, **changes: Any) -> None:
+    def _change_state(self, **changes: Any) -> None:
         """Change the state here and on all pages; what is no JSON raises and changes nothing."""
         text = json_line(changes)
         with self._lock:
@@ -316,9 +318,11 @@ class Board:
 
     def _say(self, text: str, kind: str = "done", share: float = 0.0) -> None:
         """Show a line: `done`, `busy` with a share of the work done, or `bad`."""
-        self._tell(status={"kind": kind, "text": text, "share": share})
+        self._change_state(status={"kind": kind, "text": text, "share": share})
 
-    def _progress(self, words: str, turn: int, beside: Progress | None = None) -> Progress:
+    def _progress(
+        self, words: str, turn: int, progress_outside: Progress | None = None
+    ) -> Progress:
         """Return a progress function for the page; it ends work of an earlier turn."""
         last = 0.0
 
@@ -326,8 +330,8 @@ class Board:
             nonlocal last
             if turn != self._turn:
                 raise Stale
-            if beside is not None:
-                beside(what, share)
+            if progress_outside is not None:
+                progress_outside(what, share)
             if time.monotonic() - last > PAUSE:
                 last = time.monotonic()
                 self._say(f"{words}: {what} …", "busy", share)
@@ -342,7 +346,7 @@ class Board:
             rows = effect_rows(e)
             note = f"{len(rows)} effects; held-out error of the joint without → with each"
             changes = {"effects": rows, "stale": False, "note": note}
-        self._tell(
+        self._change_state(
             card=piece("card", top(e, self._request)),
             ladder=e.table(),
             undo=e.before is not None,
@@ -355,29 +359,31 @@ class Board:
         if e is not None:
             shown = pieces_of(contents(e, view, joint))
             if (e, view, joint) == (self.exploration, self.state["view"], self.state["joint"]):
-                self._tell(shown=shown)
+                self._change_state(shown=shown)
 
     def _preview(self, e: Exploration, label: str, turn: int) -> None:
         """Draw the residual as it would be with an effect, unless anything else is asked for."""
 
         def on_progress(what: str, share: float) -> None:
-            if (turn, label) != (self._turn, self._over):
+            if (turn, label) != (self._turn, self._previewed):
                 raise Stale
 
-        effects = [e.effect(each) for each in label.split("\n")]
+        effects = [e.effect(effect) for effect in label.split("\n")]
         after, joint = e.with_effect(effects, on_progress).fit, self._joint_of(e, effects[0])
-        name = named(each for each in effects if isinstance(each, Effect))
+        name = named(effect for effect in effects if isinstance(effect, Effect))
         models = {"as it is": e.fit.residual, f"with {name}": after.residual}
         chart = plot_joint(Comparison(models, {}), joint).thinned(POINTS)
-        self._tell(preview={"label": label, "shown": pieces_of([chart])})
+        self._change_state(preview={"label": label, "shown": pieces_of([chart])})
 
-    def _announce(self, turn: int, words: str = "", beside: Progress | None = None) -> None:
+    def _announce(
+        self, turn: int, words: str = "", progress_outside: Progress | None = None
+    ) -> None:
         """Predict what every effect would do, unless the model changes again; then show `words`."""
         e = self.exploration
         assert e is not None
         try:
             if not e.candidates:
-                e = e.screened(self._progress("announcing falls", turn, beside))
+                e = e.screened(self._progress("announcing falls", turn, progress_outside))
                 with self._lock:
                     if self._turn == turn:
                         self._show(e)
@@ -391,10 +397,10 @@ class Board:
 
     def _joint_of(self, e: Exploration, effect: Effect | str) -> str:
         """Return the joint to look at: the effect's own, or the one whose error it lowers most."""
-        own = () if isinstance(effect, str) else effect.joints
-        mends = [x.joints for x in e.candidates if x.effect is effect]
-        best = mends[0] if mends else e.fit.motion.independent
-        return next((j for j in own if j in best), (*best, self.state["joint"])[0])
+        joints = () if isinstance(effect, str) else effect.joints
+        lowered = [x.joints for x in e.candidates if x.effect is effect]
+        best = lowered[0] if lowered else e.fit.motion.independent
+        return next((j for j in joints if j in best), (*best, self.state["joint"])[0])
 
     def _save(self, name: str) -> str:
         """Write the present model into the folder, or one below it; return where."""

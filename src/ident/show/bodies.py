@@ -178,24 +178,24 @@ def decimated(
         place = np.floor((corners - low) / size * cells).astype(int)
         _, number, count = np.unique(place, axis=0, return_inverse=True, return_counts=True)
         number = number.reshape(-1)
-        left = number[faces]
-        a, b, c = left.T
-        left = left[(a != b) & (b != c) & (c != a)]
-        left = left[np.unique(np.sort(left, axis=1), axis=0, return_index=True)[1]]
-        if len(left) <= most:
+        remaining = number[faces]
+        a, b, c = remaining.T
+        remaining = remaining[(a != b) & (b != c) & (c != a)]
+        remaining = remaining[np.unique(np.sort(remaining, axis=1), axis=0, return_index=True)[1]]
+        if len(remaining) <= most:
             break
     means = np.stack([np.bincount(number, x) for x in corners.T], axis=1) / count[:, None]
-    return means, left
+    return means, remaining
 
 
 def hull(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return points (n, 3) and outward faces (m, 3) of their hull, of many only outer points."""
     if len(cloud) > HULL:
         cloud = cloud[np.unique((cloud @ sphere(1.0, HULL).T).argmax(axis=0))]
-    found = ConvexHull(cloud, qhull_options="QJ Pp")  # joggled: flat ones too
-    faces = found.simplices
+    convex = ConvexHull(cloud, qhull_options="QJ Pp")  # joggled: flat ones too
+    faces = convex.simplices
     a, b, c = (cloud[faces[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), found.equations[:, :3]) < 0
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), convex.equations[:, :3]) < 0
     faces[inward] = faces[inward][:, ::-1]
     return cloud, faces
 
@@ -228,8 +228,8 @@ def poses_of(model: pin.Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rotations (n, joints, 3, 3) and origins (n, joints, 3) [m], the ground first."""
     data = model.createData()
     R, p = np.zeros((len(q), model.njoints, 3, 3)), np.zeros((len(q), model.njoints, 3))
-    for k, each in enumerate(q):
-        pin.forwardKinematics(model, data, each)
+    for k, configuration in enumerate(q):
+        pin.forwardKinematics(model, data, configuration)
         for i, place in enumerate(data.oMi):
             R[k, i], p[k, i] = place.rotation, place.translation
     return R, p
@@ -255,7 +255,7 @@ def sites(mechanism: Mechanism) -> list[np.ndarray]:
     for closure in mechanism.closures:
         for frame in closure.frames:
             points[frame.joint].append(np.array(frame.placement.translation))
-    return [np.array(own).reshape(-1, 3) for own in points]
+    return [np.array(of_body).reshape(-1, 3) for of_body in points]
 
 
 def simple_body(
@@ -297,17 +297,19 @@ def urdf_shapes(urdf: Path) -> tuple[list[Drawn], list[str]]:
     for link in robot.findall("link"):
         name = link.get("name")
         for visual in link.findall("visual"):
-            own = visual.findall("material")
+            materials = visual.findall("material")
             known = [
-                *_colours(own, urdf.name).values(),
-                *(colours.get(each.get("name")) for each in own),
+                *_colours(materials, urdf.name).values(),
+                *(colours.get(material.get("name")) for material in materials),
             ]
             try:
                 shapes.append((name, *_shape(visual, urdf), next(filter(None, known), None)))
             except MechanismError as error:
                 left_out.append(f"link '{name}': {error}")
     if len(left_out) < 2:
-        return shapes, [f"a shape of {each.replace(':', ' is left out:', 1)}" for each in left_out]
+        return shapes, [
+            f"a shape of {material.replace(':', ' is left out:', 1)}" for material in left_out
+        ]
     note = f"{len(left_out)} shapes are left out, one of {left_out[0]}"
     return shapes, [f"{note}; --mesh-path DIR says where packages are"]
 
@@ -322,8 +324,8 @@ def _shape(visual: etree._Element, urdf: Path) -> tuple[pin.SE3, Surface]:
         if element.tag in SIZES:
             points, sizes = SIZES[element.tag]
             values = {key: numbers(element, key, "", n, where) for key, n in sizes.items()}
-            for key, each in values.items():
-                if min(each) <= 0:
+            for key, sizes_of in values.items():
+                if min(sizes_of) <= 0:
                     raise MechanismError(f"{where}:{element.sourceline}: {key} must be above 0")
             return place, (points(*map(np.squeeze, values.values())), None)
         if element.tag == "mesh":

@@ -40,8 +40,8 @@ from ident.show.ladder import cells, changed, model_files, refuse_own
 from ident.show.ladder import write as write_history
 from ident.text import table
 
-SOME = 2.0  # standard errors from which a gain is one
-LEAST = 0.01  # of the held-out squares: a shape that gains less is not refined
+CREDIBLE_Z = 2.0  # standard errors from which a gain is one
+LEAST_GAIN = 0.01  # of the held-out squares: a shape that gains less is not refined
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class PredictedGain:
     @property
     def sure(self) -> bool:
         """Whether the error falls by more than chance makes it, with values that can be."""
-        return self.fall is not None and self.z > SOME and (self.present or self.gain >= 0)
+        return self.fall is not None and self.z > CREDIBLE_Z and (self.present or self.gain >= 0)
 
 
 def rows_of(
@@ -96,14 +96,16 @@ def simplest_first(first: Ranking, every: Sequence[Evidence]) -> list[Evidence]:
     """
     place = {kind: i for i, kind in enumerate(KINDS)}
     ordered: list[Evidence] = []
-    left = sorted(every, key=lambda each: -(each.gain if each.sensible else -1.0))
-    while left:
-        best = left[0]
-        sound = [each for each in left if each is best or each.sensible]
+    remaining = sorted(
+        every, key=lambda candidate: -(candidate.gain if candidate.sensible else -1.0)
+    )
+    while remaining:
+        best = remaining[0]
+        sound = [candidate for candidate in remaining if candidate is best or candidate.sensible]
         equal = as_good(best, sound, first.contest)
         best = min(equal, key=lambda e: (*simplicity(e)[:3], place.get(e.effect.kind, len(place))))
         ordered.append(best)
-        left.remove(best)
+        remaining.remove(best)
     return ordered
 
 
@@ -111,46 +113,46 @@ def predicted_gains(contest: Contest) -> tuple[PredictedGain, ...]:
     """Return all effects that could be missing, then those of the model; each part best first."""
     fit, regression = contest.fit, contest.regression
     every, independent = possible(fit.mechanism, fit.motion), fit.motion.independent
-    chance = Chance({}, {}, contest.decision.alpha, LEAST)
+    chance = Chance({}, {}, contest.decision.alpha, LEAST_GAIN)
     first = rank(contest, curved=False, chance=chance)
-    hidden = {each.effect.label: each.why for each in invisible(first)}
+    hidden = {candidate.effect.label: candidate.why for candidate in invisible(first)}
     errors, losses = errors_of(fit), regression.losses.sum(axis=0)
     total = max(float(losses.sum()), 1e-300)
     open_ = []
-    shown = [each for each in first.every if each.effect.label not in hidden]
-    for each in simplest_first(first, shown):
-        left = each.refit.loss.sum(axis=0)
-        mends = sorted(each.refit.affected_coordinates, key=lambda u: -each.refit.by[u])
-        joint = independent[each.coordinate]
+    shown = [candidate for candidate in first.every if candidate.effect.label not in hidden]
+    for candidate in simplest_first(first, shown):
+        remaining = candidate.refit.loss.sum(axis=0)
+        lowered = sorted(candidate.refit.affected_coordinates, key=lambda u: -candidate.refit.by[u])
+        joint = independent[candidate.coordinate]
         open_.append(
             PredictedGain(
-                each.effect, False, 1 - float(left.sum()) / total,
-                tuple(independent[u] for u in mends), errors[joint],
-                announced_errors(errors, losses, left)[joint],
-                each.gain if each.sensible else -1.0, float(each.z), each.shape,
+                candidate.effect, False, 1 - float(remaining.sum()) / total,
+                tuple(independent[u] for u in lowered), errors[joint],
+                announced_errors(errors, losses, remaining)[joint],
+                candidate.gain if candidate.sensible else -1.0, float(candidate.z), candidate.shape,
             )
         )  # fmt: skip
     given = [effect.label for effect in fit.mechanism.effects]
     lead = Search(contest, given, no_progress).leader_first(first)
-    open_.sort(key=lambda each: each.label != lead)
+    open_.sort(key=lambda candidate: candidate.label != lead)
     shut = [PredictedGain(e, why=hidden[e.label]) for e in every if e.label in hidden]
     doubts = {x.effect.label: x.why for x in unsupported(first)}
     present = []
     for effect, places in fit.columns.effects:
-        mine = np.array([p for p in places if p >= 0], dtype=int)
-        if not len(mine):
+        places_of_effect = np.array([p for p in places if p >= 0], dtype=int)
+        if not len(places_of_effect):
             continue
-        own = PredictedGain(effect, True, why=doubts.get(effect.label, ""))
+        present_gain = PredictedGain(effect, True, why=doubts.get(effect.label, ""))
         if not effect.corrects:  # a correction is undone by another motion, not by a column
-            bare = regression.without(mine).losses.sum(axis=0)
+            bare = regression.without(places_of_effect).losses.sum(axis=0)
             without = announced_errors(errors, losses, bare)
             joint = max(errors, key=lambda name: without[name].rms / (errors[name].rms or 1.0))
             fall = 1 - total / max(float(bare.sum()), 1e-300)
-            own = replace(
-                own, fall=fall, joints=(joint,), before=without[joint], after=errors[joint]
+            present_gain = replace(
+                present_gain, fall=fall, joints=(joint,), before=without[joint], after=errors[joint]
             )
-        present.append(own)
-    return (*open_, *shut, *sorted(present, key=lambda each: -(each.fall or 0.0)))
+        present.append(present_gain)
+    return (*open_, *shut, *sorted(present, key=lambda candidate: -(candidate.fall or 0.0)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -205,19 +207,19 @@ class Exploration(Displayed):
         """Laws and curves that the diagnosis of the present model found and nobody refused."""
         d = self.diagnosis
         every: tuple[Law | FoundCurve, ...] = () if d is None else (*d.laws, *d.curves)
-        return tuple(each for each in every if each.effect.label not in self.refused)
+        return tuple(law for law in every if law.effect.label not in self.refused)
 
     @property
     def summary(self) -> str:
         """What is offered or announced first, in a sentence, and what to do about it."""
         if self.offered:
             return "What no effect explains has a law or a curve: accept it or refuse it."
-        best, judged = self.first, self.diagnosis is not None
+        best, has_verdict = self.first, self.diagnosis is not None
         if best is None:
-            sure = "the verdict is under Verdict" if judged else "judge it to be sure"
+            sure = "the verdict is under Verdict" if has_verdict else "judge it to be sure"
             return f"No effect lowers the error by more than chance would; {sure}."
         proof = ". A falling error is no proof: judge it"
-        rest = "; the verdict on it is under Verdict" if judged else proof
+        rest = "; the verdict on it is under Verdict" if has_verdict else proof
         return f"The first candidate is {named([best.effect])}{rest}."
 
     @property
@@ -227,7 +229,7 @@ class Exploration(Displayed):
 
     def effect(self, label: str) -> Effect | str:
         """Return the effect with a label among what is announced or offered; else the label."""
-        every = (each.effect for each in (*self.offered, *self.candidates))
+        every = (offer.effect for offer in (*self.offered, *self.candidates))
         return next((effect for effect in every if effect.label == label), label)
 
     def refuse(self, label: str) -> Exploration:
@@ -236,7 +238,7 @@ class Exploration(Displayed):
         Raises:
             FitError: if it is not offered.
         """
-        labels = [each.effect.label for each in self.offered]
+        labels = [law.effect.label for law in self.offered]
         if label not in labels:
             raise FitError(f"'{label}' is not offered; {one_of(label, labels)}")
         return replace(self, refused=self.refused | {label}, before=self._past)
@@ -262,14 +264,18 @@ class Exploration(Displayed):
             IdentError: for one that the mechanism cannot have, or has already.
         """
         old = mechanism = self.mechanism
-        for each in [effect] if isinstance(effect, str | Effect) else effect:
-            mechanism = mechanism.with_effect(each) if isinstance(each, str) else mechanism + each
-        new = tuple(e for e in mechanism.effects if not any(e is own for own in old.effects))
+        for added in [effect] if isinstance(effect, str | Effect) else effect:
+            if isinstance(added, str):
+                mechanism = mechanism.with_effect(added)
+            else:
+                mechanism = mechanism + added
+        before = {id(present) for present in old.effects}
+        new = tuple(e for e in mechanism.effects if id(e) not in before)
         searched = {x.label: x.shape for x in self.candidates if not x.present}
         values = dict(self.fit.point.values)
-        for each in new:
-            shape = searched.get(each.label, {})
-            names = zip(each.names[len(each.unknowns) :], each.shapes, strict=True)
+        for added in new:
+            shape = searched.get(added.label, {})
+            names = zip(added.names[len(added.unknowns) :], added.shapes, strict=True)
             values |= {full: shape[s.name] for full, s in names if s.name in shape}
         start = Point(self.fit.point.pi, values)
         return self._extended(mechanism, start, progress, added=new)

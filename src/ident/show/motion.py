@@ -81,8 +81,8 @@ def mechanism_sheet(m: Mechanism) -> Sheet:
     facts = {
         "driven": ", ".join(m.driven) or "none",
         "passive": ", ".join(m.passive) or "none",
-        "closures": ", ".join(f"{each.name} ({each.kind})" for each in m.closures),
-        "effects": ", ".join(each.label for each in m.effects) or "none",
+        "closures": ", ".join(f"{part.name} ({part.kind})" for part in m.closures),
+        "effects": ", ".join(part.label for part in m.effects) or "none",
         "unknown": f"{len(m.unknown)} of {len(m.bodies.names)} dynamic parameters",
     }
     title = f"mechanism {m.name}: {m.model.nv} coordinates, {closures}"
@@ -104,7 +104,7 @@ def log_sheet(log: Log) -> Sheet:
         _, x = log.series(name)
         columns.append(name if len(x) == log.t.size else f"{name} ({len(x)} samples)")
         size = (x.min(), x.max(), np.sqrt(np.mean(x**2))) if len(x) else ()
-        rows.append([name, str(len(x)), *([significant(each, 4) for each in size] or ["–"] * 3)])
+        rows.append([name, str(len(x)), *([significant(value, 4) for value in size] or ["–"] * 3)])
     start, end = max(gaps, key=lambda gap: gap[1] - gap[0], default=(0.0, 0.0))
     longest = f"{len(gaps)}, longest {end - start:.3g} s at t = {start:.6g} s"
     facts = {
@@ -234,21 +234,21 @@ def _channels(mechanism: Mechanism, motion: Motion) -> list[list[str]]:
     return rows
 
 
-def structure(found: Mapping[str, Any], moved: bool, verbose: bool = True) -> str:
+def structure(identifiable: Mapping[str, Any], has_motion: bool, verbose: bool = True) -> str:
     """Return how many base parameters a motion identifies, or could at best where none was `moved`;
     `verbose`: which.
     """
-    if not found["unknowns"]:
+    if not identifiable["unknowns"]:
         return "nothing is unknown"
-    what = "this motion identifies" if moved else "a motion can identify"
+    what = "this motion identifies" if has_motion else "a motion can identify"
     line = (
-        f"{what} {found['rank']} base parameters of {found['unknowns']} unknowns "
-        f"(condition number {significant(found['condition_number'])})"
+        f"{what} {identifiable['rank']} base parameters of {identifiable['unknowns']} unknowns "
+        f"(condition number {significant(identifiable['condition_number'])})"
     )
     if not verbose:
         return f"{line}; --verbose names them"
-    lines = [f"{line}:", *(f"  {name}" for name in found["base_parameters"])]
-    if nothing := found["without_effect"]:
+    lines = [f"{line}:", *(f"  {name}" for name in identifiable["base_parameters"])]
+    if nothing := identifiable["without_effect"]:
         lines.append(f"without effect on any torque: {', '.join(nothing)}")
     return "\n".join(lines)
 
@@ -262,8 +262,8 @@ def check_json(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, 
         "mechanism": mechanism.name,
         "degrees_of_freedom": mechanism.degrees_of_freedom,
         "joints": [{**joint, "assembled": at} for joint, at in joints],
-        "closures": [{"name": each.name, "kind": each.kind} for each in mechanism.closures],
-        "effects": [each.label for each in mechanism.effects],
+        "closures": [{"name": part.name, "kind": part.kind} for part in mechanism.closures],
+        "effects": [part.label for part in mechanism.effects],
         "start": mechanism.found_start,
         "logs": [
             {

@@ -103,10 +103,10 @@ def film_of(
         shown = frames(t[inside], max(most // 3, round(FRAME_RATE * float(np.ptp(t[inside])))))
         moments = np.union1d(frames(t, most // 2), inside[shown])
         at = moments - inside[0]
-        there = (at >= 0) & (at < len(inside))
+        inside_stretch = (at >= 0) & (at < len(inside))
         for name, positions in zip(GHOSTS, ghosts.positions, strict=True):
             drawn[name] = np.full((len(moments), positions.shape[1]), np.nan)
-            drawn[name][there] = positions[at[there]]
+            drawn[name][inside_stretch] = positions[at[inside_stretch]]
     q = np.asarray(experiment.q, float)[moments]
     rows = mechanism.kinematics.closure_rows(q)
     unknown = np.full((len(q), rows.rate.shape[1]), np.nan)
@@ -139,9 +139,9 @@ def reactions(
         rows = [i for i, name in enumerate(names) if name == closure.name]
         turned, ends = [], []
         for frame in closure.frames:
-            own, place = R[:, frame.joint], frame.placement
-            turned.append((own @ place.rotation).transpose(1, 0, 2).reshape(3, 3 * n))
-            ends.append(p[:, frame.joint] + own @ place.translation)
+            rotation, place = R[:, frame.joint], frame.placement
+            turned.append((rotation @ place.rotation).transpose(1, 0, 2).reshape(3, 3 * n))
+            ends.append(p[:, frame.joint] + rotation @ place.translation)
         both = _reaction(closure).map(n)(*turned, *(x.T for x in ends), multipliers[:, rows].T)
         forces += [x.full().T for x in both]
         at += [ends[1], ends[1]] if closure.sliding else ends  # of a slide both act at b
@@ -155,7 +155,7 @@ def _reaction(closure: FrameClosure) -> ca.Function:
     pa, pb = ca.SX.sym("pa", 3), ca.SX.sym("pb", 3)
     phi = closure.between(Placement(Ra, pa), Placement(Rb, pb)).phi
     multipliers = ca.SX.sym("lambda", phi.numel())
-    forces = [-ca.jtimes(phi, each, multipliers, True) for each in (pa, pb)]
+    forces = [-ca.jtimes(phi, point, multipliers, True) for point in (pa, pb)]
     return ca.Function("reaction", [Ra, Rb, pa, pb, multipliers], forces)
 
 
@@ -253,13 +253,13 @@ class View:
                 moments = np.flatnonzero(inside & (number == self.stretch[0]))
             if not len(moments):
                 continue
-            some = moments[np.unique(np.linspace(0, len(moments) - 1, LOOKED_AT).astype(int))]
-            R, origin = poses_of(self.mechanism.model, film.q[some])
+            looked_at = moments[np.unique(np.linspace(0, len(moments) - 1, LOOKED_AT).astype(int))]
+            R, origin = poses_of(self.mechanism.model, film.q[looked_at])
             clouds += [
                 (x @ R[:, i].transpose(0, 2, 1) + origin[:, None, i]).reshape(-1, 3)
                 for i, x in points
             ]
-            tips = self._tips(film)[some].reshape(-1, 3)
+            tips = self._tips(film)[looked_at].reshape(-1, 3)
             clouds.append(tips[np.isfinite(tips).all(axis=1)])
         cloud = np.concatenate(clouds)
         target = (cloud.min(axis=0) + cloud.max(axis=0)) / 2
@@ -294,7 +294,7 @@ class View:
             for x in self.shapes
         ]  # fmt: skip
         *places, depth = self.camera
-        direction, target, up, half = (each.tolist() for each in places)
+        direction, target, up, half = (place.tolist() for place in places)
         content = {
             "shapes": shapes, "films": [self._film(film, arrays) for film in self.films],
             "marks": dict(self.marks), "ramp": _ramp(SHADES), "unknown": UNKNOWN,
@@ -433,10 +433,12 @@ def view_of(
     nowhere = ", ".join(c.name for c in mechanism.closures if not c.frames)
     if nowhere and predictions:
         more.append(f"{nowhere}: λ acts along coordinates, at no place: no arrow is drawn")
-    each = max(2, most // len(experiments))
+    per_film = max(2, most // len(experiments))
     both = zip(experiments, predictions or [None] * len(experiments), strict=True)
     ghosts = ghosts or {}
-    films = tuple(film_of(mechanism, e, p, each, ghosts.get(i)) for i, (e, p) in enumerate(both))
+    films = tuple(
+        film_of(mechanism, e, p, per_film, ghosts.get(i)) for i, (e, p) in enumerate(both)
+    )
     view = View(mechanism, shapes, size, films, (*notes, *more))
     if not ghosts:
         return view

@@ -28,7 +28,7 @@ TIED = r'<span class="tied">\g<0></span>'
 CODE = re.compile(r"`([^`]*)`|(?<![\w-])--[a-z][\w-]*")  # or an option, which it would break too
 
 
-def _whole(words: str) -> Markup:
+def _unbroken(words: str) -> Markup:
     """Return words that a page does not break at their hyphens and slashes, but between them."""
     return Markup(re.sub(r"\S*[^\w\s]\S*", r"<span>\g<0></span>", str(escape(words))))
 
@@ -36,9 +36,9 @@ def _whole(words: str) -> Markup:
 def _code(words: str) -> Markup:
     """Return words with what stands between backticks as code, and options on one line."""
 
-    def marked(found: re.Match[str]) -> str:
-        own = found[1]
-        return found.expand(TIED) if own is None else f"<code>{_whole(Markup(own))}</code>"
+    def marked(match: re.Match[str]) -> str:
+        quoted = match[1]
+        return match.expand(TIED) if quoted is None else f"<code>{_unbroken(Markup(quoted))}</code>"
 
     return Markup(CODE.sub(marked, str(escape(words))))
 
@@ -58,7 +58,7 @@ def _macros() -> Any:
     environment.globals["text_of"] = lambda name: Markup(loader.get_source(environment, name)[0])
     environment.filters |= {
         "code": _code,
-        "whole": _whole,
+        "whole": _unbroken,
         "tied": _tied,
         "worded": lambda rows: [
             not any(map(NUMBER.match, x)) for x in zip(*rows[1:], strict=False)
@@ -181,8 +181,8 @@ def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, .
     if len(names) == 1:
         return draw(0).pieces(ROWS)
     options = {name: draw(i).pieces(ROWS) for i, name in enumerate(names[:LOGS])}
-    few = paragraph(f"The first {LOGS} of {len(names)} logs are drawn.")
-    return *([few] if len(names) > LOGS else []), Choice("Which log", options)
+    remark = paragraph(f"The first {LOGS} of {len(names)} logs are drawn.")
+    return *([remark] if len(names) > LOGS else []), Choice("Which log", options)
 
 
 @dataclass(frozen=True, eq=False)
