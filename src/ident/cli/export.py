@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 
 def export(
     model: ModelOptions,
-    to: str = setting("mjcf, urdf, sdf, drake, usd, c or fmu.", "TARGET", default=...),
+    to: str = setting(
+        "mjcf, urdf, sdf, drake, c, fmu, or of another package.", "TARGET", default=...
+    ),
     like: Path | None = setting(
         "Change this file of yours in place of a new one: only numbers that differ.", "FILE"
     ),

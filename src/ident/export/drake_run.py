@@ -43,7 +43,8 @@ def replayed_in_drake(
     links = {plant.get_body(i).name() for i in plant.GetBodyIndices(model)}
     if root in links and plant.GetBodiesWeldedTo(plant.world_body()) == [plant.world_body()]:
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, model))
-    plant.mutable_gravity_field().set_gravity_vector(machine.gravity)
+    gravity: Any = machine.gravity
+    plant.mutable_gravity_field().set_gravity_vector(gravity)
     plant.Finalize()
     return [_replayed(plant, model, machine, motion, e, window) for e in motion.experiments]
 

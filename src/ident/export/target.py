@@ -21,6 +21,7 @@ from ident.motion import Motion
 TARGETS = {
     "mjcf": "ident.export.mjcf_target:MJCF",
     "urdf": "ident.export.urdf:URDF",
+    "sdf": "ident.export.sdf:SDF",
     "drake": "ident.export.urdf:DRAKE",
     "c": "ident.export.c:C",
     "fmu": "ident.export.fmu:FMU",
