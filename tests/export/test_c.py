@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from compiled import FLAGS, caller, compiler, library
-from robots import CENTRE, public_robot
+from public_robots import CENTRE, public_robot
 
 import ident
 from ident import Torques
@@ -201,3 +201,19 @@ def test_loops_have_the_torques_of_ident(robots, tmp_path):
 def test_flags_are_strict():
     assert {"-Wconversion", "-Werror", "-std=c99"} <= {*FLAGS}
     assert CENTRE
+
+
+def test_the_example_of_a_loop_follows_its_reference(root, tmp_path):
+    mechanism = ident.load(root / "robots" / "arm")
+    for kind in ("viscous", "coulomb"):
+        for joint in mechanism.driven:
+            mechanism = mechanism.with_effect(f"{kind}:{joint}")
+    values = {full: 0.1 for e in mechanism.effects for full in e.names}
+    export(mechanism, "c", values=values, out=tmp_path / "arm.h").write()
+    source = (root / "examples" / "control_loop.c").read_text()
+    (tmp_path / "control_loop.c").write_text(source)
+    subprocess.run(
+        [compiler(), *FLAGS, "-I.", "-o", "loop", "control_loop.c", "-lm"], cwd=tmp_path, check=True
+    )
+    done = subprocess.run(["./loop"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
