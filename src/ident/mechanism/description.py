@@ -26,6 +26,7 @@ from lxml import etree
 
 from ident.errors import MechanismError, one_of
 from ident.files import BUILT_IN, HUGE, dialects, reader_of, regular
+from ident.mechanism.body_units import verdict_of
 
 LARGEST = 50_000_000  # work: bytes of a file
 FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf"}  # by root element
@@ -42,7 +43,6 @@ NUMBERS = {  # attributes that are numbers, by element, with their defaults
     "mass": {"value": ""},
     "inertia": {key: "" if key[1] == key[2] else "0" for key in TERMS},
 }
-PLACEHOLDER = 100.0  # range: m, a radius of gyration beyond which an inertia is no body's
 UNLIMITED = 1e9  # range: what a URDF states where there is no limit
 
 
@@ -380,17 +380,41 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
 
 
 def _without_placeholders(robot: etree._Element, where: str) -> Iterator[str]:
-    """Remove inertias that only satisfy a simulator, such as 1 kg m² at a milligram."""
+    """Remove what no body of the machine can have: other units, and inertias that only satisfy a
+    simulator, such as 1 kg m² at a milligram.
+    """
+    length = _length(robot, where)
     for link in robot.iterfind("link[inertial]"):
         inertial = link.find("inertial")
         (m,) = attribute(inertial, "mass", "value", where)
         trace = sum(attribute(inertial, "inertia", key, where)[0] for key in ("ixx", "iyy", "izz"))
-        if m > 0 and (gyration := (max(trace, 0.0) / (2 * m)) ** 0.5) > PLACEHOLDER:
-            yield (
-                f"link '{link.get('name')}': an inertia of {trace / 3:.3g} kg m² at {m:.3g} kg has "
-                f"a radius of gyration of {gyration:,.0f} m: a placeholder, which counts as zero"
-            )
+        centre = np.array(attribute(inertial, "origin", "xyz", where))
+        if (verdict := verdict_of(m, centre, trace, length)) is None:
+            continue
+        yield f"link '{link.get('name')}': {verdict.text}"
+        if verdict.inertia:
             inertial.find("inertia").attrib.update(dict.fromkeys(TERMS, "0"))
+        if verdict.centre:
+            inertial.find("origin").set("xyz", "0 0 0")
+
+
+def _length(robot: etree._Element, where: str) -> float:
+    """Return how far [m] the farthest joint is from the base, along the links."""
+    before = {
+        joint.find("child").get("link"): (
+            joint.find("parent").get("link"),
+            float(np.linalg.norm(attribute(joint, "origin", "xyz", where))),
+        )
+        for joint in robot.findall("joint")
+    }
+    lengths = {}
+    for link in before:
+        total, at = 0.0, link
+        while at in before:
+            at, step = before[at]
+            total += step
+        lengths[link] = total
+    return max(lengths.values(), default=0.0)
 
 
 def _take_mimics(moving: Sequence[etree._Element], where: str) -> list[dict[str, Any]]:

@@ -15,6 +15,7 @@ from ident.effects import Effect, Signals
 from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
+from ident.motion.encodings import signed, unwrapped
 from ident.motion.poses import scalar_columns
 from ident.motion.spline import ORDERS, Channel, grain, noise_level, rms
 from ident.text import listed, shortlist
@@ -188,6 +189,12 @@ def measure(
             )
             columns[name] = columns[name].astype(float)
             columns[name][lone] = np.nan
+    for changed, remarks in (
+        signed(columns, mechanism.sources),
+        unwrapped(mechanism, log.t, columns, longest_step(log.t)),
+    ):
+        columns |= changed
+        notes += remarks
     for name in mechanism.unmeasured:
         columns.pop(f"tau.{name}", None)
     if still := _rates_of_nothing(columns):

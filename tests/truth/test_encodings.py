@@ -1,0 +1,80 @@
+"""Raw numbers of servos and encoders, and units of URDFs: what was planted is undone or named."""
+
+import numpy as np
+import pytest
+
+import ident
+from helpers import ROBOTS
+from ident.mechanism.body_units import verdict_of
+from ident.motion.encodings import sign_bit
+
+
+def arm_log() -> ident.Log:
+    return ident.read_log(ROBOTS / "arm" / "run.csv")
+
+
+def changed(log: ident.Log, **columns: np.ndarray) -> ident.Log:
+    given = {name.replace("_", "."): x for name, x in columns.items()}
+    return ident.Log.from_arrays(log.name, log.t, {**log.columns, **given})
+
+
+def test_a_sign_in_a_bit_of_its_own_is_restored():
+    log, mechanism = arm_log(), ident.load(ROBOTS / "arm")
+    x = log.columns["tau.elbow"] - np.median(log.columns["tau.elbow"])  # of both signs
+    raw = np.rint(np.clip(1000 * x / np.abs(x).max(), -1000, 1000))
+    encoded = np.where(raw < 0, 1024 - raw, raw)
+    assert sign_bit(encoded) == 1024
+    assert sign_bit(np.abs(raw)) is None
+    assert sign_bit(raw) is None
+    motion = ident.complete(mechanism, changed(log, tau_elbow=encoded))
+    (e,) = motion.experiments
+    at = mechanism.driven.index("elbow")
+    expected = np.interp(e.t, log.t, raw)
+    np.testing.assert_allclose(e.tau[:, at], expected, atol=1e-6)
+    assert any("sign and magnitude" in note for note in motion.notes)
+
+
+@pytest.mark.parametrize("offset", [-8192, 0])
+def test_numbers_of_two_s_complement_are_left_alone(offset):
+    rng = np.random.default_rng(1)
+    raw = np.rint(np.cumsum(rng.standard_normal(500)) * 20) + 9000 + offset
+    assert sign_bit(raw - raw.min()) is None
+
+
+def test_an_encoder_within_one_turn_is_unwrapped():
+    log, mechanism = arm_log(), ident.load(ROBOTS / "arm")
+    q = log.columns["q.yaw"]
+    shift = np.pi - np.median(q)  # so that its middle is the end of a turn
+    wrapped = (q + shift + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(np.diff(wrapped)).max() > 6
+    straight, jumping = (
+        ident.complete(mechanism, changed(log, q_yaw=x), cutoff=6.0) for x in (q + shift, wrapped)
+    )
+    (a,), (b,) = straight.experiments, jumping.experiments
+    off = (a.q - b.q) / (2 * np.pi)
+    np.testing.assert_allclose(off, np.rint(off[:1]).repeat(len(off), axis=0), atol=1e-6)
+    assert any("2π" in note for note in jumping.notes)
+
+
+BODY = (2.6, np.array([0.0, 0.0, -0.16]), 0.047, 0.35)  # kg, m, kg m², the machine's m
+
+
+@pytest.mark.parametrize(
+    ("factors", "unit", "zero"),
+    [
+        ((1, 1, 1), None, ""),
+        ((1, 1, 1e6), "kg mm²", "inertia"),
+        ((1, 1, 1e9), "g mm²", "inertia"),
+        ((1, 1e3, 1), "mm", "centre"),
+        ((1e3, 1, 1), "g?", ""),
+        ((1, 1, 3 / 0.047), "placeholder", "inertia"),
+    ],
+)
+def test_a_body_of_another_unit_is_named(factors, unit, zero):
+    m, centre, trace, length = BODY
+    verdict = verdict_of(factors[0] * m, factors[1] * centre, factors[2] * trace, length)
+    if unit is None:
+        assert verdict is None
+        return
+    assert unit in verdict.text
+    assert (verdict.inertia, verdict.centre) == (zero == "inertia", zero == "centre")
