@@ -165,3 +165,17 @@ def test_joints_of_several_coordinates_in_a_urdf(kind, tmp_path):
     assert mechanism.unknown == tuple(n for n in mechanism.bodies.names if n.startswith("body."))
     with pytest.raises(MechanismError, match="no joint that moves"):
         ident.load(tmp_path / "r.urdf", locked={"j": None})
+
+
+def test_a_root_that_may_move_is_said(tmp_path):
+    legs = "".join(
+        f'<link name="leg{i}"/><joint name="hip{i}" type="continuous"><parent link="body"/>'
+        f'<child link="leg{i}"/><axis xyz="0 1 0"/></joint>'
+        for i in range(2)
+    )
+    (tmp_path / "r.urdf").write_text(urdf(joint=legs))
+    (tmp_path / "arm.urdf").write_text(urdf(joint=legs.partition('<link name="leg1"/>')[0]))
+    assert any("floating" in note for note in ident.load(tmp_path / "r.urdf").notes)
+    assert not any("floating" in note for note in ident.load(tmp_path / "arm.urdf").notes)
+    (tmp_path / "mechanism.toml").write_text('urdf = "r.urdf"\nbase = { kind = "fixed" }\n')
+    assert not any("floating" in note for note in ident.load(tmp_path).notes)

@@ -49,6 +49,33 @@ class Chain:
         return tuple(f"{self.name}.{axis}" for axis in "xyz") if self.floating else ()
 
 
+def may_float(robot: etree._Element) -> str:
+    """Return a note where the root of a `<robot>` looks like a body that moves: it has a mass, two
+    moving joints or more lead from it, and no joint leads to it from the ground; else "".
+    """
+    joints = robot.findall("joint")
+    parent = {j.find("child").get("link"): j for j in joints}
+    roots = [name for x in robot.findall("link") if (name := x.get("name")) not in parent]
+    grounded = "world" in roots or any(j.find("parent").get("link") == "world" for j in joints)
+    if grounded or not roots:
+        return ""
+    branches = 0
+    for joint in joints:
+        at = joint.find("parent").get("link")
+        while at in parent and parent[at].get("type") == "fixed":
+            at = parent[at].find("parent").get("link")
+        branches += joint.get("type") != "fixed" and at in roots
+    root = next(x for x in robot.findall("link") if x.get("name") == roots[0])
+    mass = root.find("inertial/mass")
+    if branches < 2 or mass is None or not float(mass.get("value", 0)):
+        return ""
+    return (
+        f"link '{roots[0]}' ({float(mass.get('value')):.3g} kg, {branches} branches) is taken as "
+        'the ground; if it moves, write in mechanism.toml: base = { kind = "floating" }, and log '
+        "its pose as base.x base.y base.z base.qx base.qy base.qz base.qw"
+    )
+
+
 def floating_base(robot: etree._Element, where: str) -> None:
     """Put a floating joint `base` between the ground and the root of a `<robot>`."""
     children = {joint.find("child").get("link") for joint in robot.findall("joint")}

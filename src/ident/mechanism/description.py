@@ -372,7 +372,10 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
             f"{where}: Pinocchio refuses it: {' '.join(str(error).split())}"
         ) from None
     if model.nv == 0:
-        raise MechanismError(f"{where}: has no joint that moves; every joint is fixed")
+        raise MechanismError(
+            f"{where}: has no joint that moves; every joint is fixed (a body that flies or "
+            'drives: base = { kind = "floating" } in a mechanism.toml)'
+        )
     model.gravity.linear = np.array(gravity)
     child = {j.get("name"): j.find("child").get("link") for j in robot.findall("joint")}
     links = tuple(child[name] for name in list(model.names)[1:])

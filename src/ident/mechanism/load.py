@@ -22,7 +22,15 @@ from ident.errors import MechanismError, missing_file, one_of
 from ident.files import TomlTable, is_number, read_toml, suffixes
 from ident.log import Column
 from ident.mechanism.calibration import read_calibration
-from ident.mechanism.chains import BASE, ORDERS, chains_of, expand, floating_base, pose_names
+from ident.mechanism.chains import (
+    BASE,
+    ORDERS,
+    chains_of,
+    expand,
+    floating_base,
+    may_float,
+    pose_names,
+)
 from ident.mechanism.closures import (
     Closure,
     Context,
@@ -144,6 +152,7 @@ def _read(
     if begin:
         joints_data = {**top.data["joints"], "start": {**begin}}
         top = replace(top, data={**top.data, "joints": joints_data})
+    floats = "" if "kind" in top.table("base") else may_float(robot)
     chained = _expanded(robot, str(urdf), top, to_lock)
     locks, outside = lock(robot, to_lock, str(urdf))
     tree = build_tree(robot, top.vector("gravity", 3), str(urdf))
@@ -207,7 +216,7 @@ def _read(
     still = {name: value for name, value in locks.items() if name not in idle}
     at = ", ".join(f"{name} at {value:.4g}" for name, value in still.items())
     locking = f"locked: {at}" if at else ""
-    remarks = [unused_toml(urdf, toml), *source.notes, *tree.notes, locking, *outside]
+    remarks = [unused_toml(urdf, toml), *source.notes, *tree.notes, floats, locking, *outside]
     closure_joints = (
         Joint(joint.name, joint.rotational, index, in_tree=False)
         for index, joint in enumerate(mechanism.kinematics.closure_joints)
