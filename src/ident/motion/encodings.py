@@ -19,8 +19,6 @@ from ident.mechanism.mechanism import Mechanism
 BITS = range(5, 17)  # range: places of a sign's bit
 INTEGER = 1e-6  # numerics: of 1, by which a raw number may be off an integer
 BOTH = 0.02  # range: share of the samples that each sign has at least
-SMOOTHER = 0.5  # tuned: of the steps where the sign changes, which undoing it leaves at most
-NEAR_ZERO = 0.3  # tuned: of the largest magnitude, from which a sign changes
 TURN = 2 * np.pi  # range: rad
 NEAR = 0.25  # range: of a turn, by which a step may differ from one, as of a joint that moves fast
 ENOUGH = 20  # work: samples that tell
@@ -70,8 +68,8 @@ def sign_bit(raw: np.ndarray) -> int | None:
         at = np.flatnonzero(high[1:] != high[:-1])
         step, before = (np.abs(np.diff(x))[at] for x in (value, raw))
         nearest = np.minimum(np.abs(value[at]), np.abs(value[at + 1]))
-        small = float(np.median(nearest)) <= NEAR_ZERO * float(np.abs(value).max())
-        if step.sum() <= SMOOTHER * before.sum() and small:  # signs change near zero
+        small = float(np.median(nearest)) < float(np.quantile(np.abs(value), 0.25))
+        if 2 * step.sum() < before.sum() and small:  # signs change near zero
             return bit
     return None
 
