@@ -21,7 +21,15 @@ import numpy as np
 from ident.diagnosis.candidates import HIDDEN, SURROGATES, CandidateColumns, Contest, OnProgress
 from ident.diagnosis.effect_set import EffectSet, Member, evaluate_member, in_order, past_responses
 from ident.diagnosis.null import judging, null_shares, path_shares
-from ident.diagnosis.selection import Ranking, behind, by_chance, rank, rivals, simplest
+from ident.diagnosis.selection import (
+    Ranking,
+    behind,
+    by_chance,
+    rank,
+    rank_curves,
+    rivals,
+    simplest,
+)
 from ident.information.chance import Chance, exceeding, quantile, zscore
 from ident.information.hypotheses import Index, PartialRegression
 
@@ -50,6 +58,7 @@ class Search:
         init=False
     )  # with the draws of the last null distribution
     first: Ranking = field(init=False)  # beside the start
+    at_end: Ranking | None = field(default=None, init=False)  # beside the set that was found
     all_common: bool = field(default=False, init=False)  # what every machine has is in the set
 
     @cached_property
@@ -79,6 +88,7 @@ class Search:
             if following is now and not self.new(now):
                 following = self.add_pairs(now) or now
             if following is now:
+                self.at_end = ranking
                 break
             now = following
         return replace(now, members=tuple(self.with_rivals(now, member) for member in now.members))
@@ -410,13 +420,19 @@ class Selection:
 
 def select(contest: Contest, on_progress: OnProgress) -> Selection:
     """Searches the set that explains most beside a fitted model, and judges its members."""
-    first = rank(contest)
+    first = rank(contest, curved=False)
     given = [effect.label for effect in contest.fit.mechanism.effects]
-    effect_set = Search(contest, given, on_progress).run(first)
+    search = Search(contest, given, on_progress)
+    effect_set = search.run(first)
     if not effect_set.members:
+        first = rank_curves(first)
         return Selection(first, (), first)
-    effect_set = effect_set.polished()
-    last = rank(effect_set.contest, effect_set.labels)
+    polished = effect_set.polished()
+    if polished is effect_set and search.at_end is not None:
+        last = rank_curves(search.at_end, effect_set.labels)
+    else:
+        effect_set = polished
+        last = rank(effect_set.contest, effect_set.labels)
     past = past_responses(last)
     evaluated = [evaluate_member(member, effect_set, last, past) for member in effect_set.members]
     # of what came together only what is more than chance beside the others is a name

@@ -96,6 +96,7 @@ class Ranking:
     evidence: tuple[Evidence, ...]  # of those that are credible or come closest
     # by label, share g of the left-out squares, visible share, and which start has that gain
     gains: Mapping[str, tuple[float, float, int]]
+    starts: Mapping[str, Sequence[int]]  # by label, those with most gain, best first
     curves: tuple[tuple[Effect, float], ...]  # credible ones with their gains, best first
     chance: Chance  # the largest gains of all laws where nothing is missing
     with_curves: Chance  # of the curves as well
@@ -163,51 +164,84 @@ def rank(
         and (only is None or candidate.effect.label in only)
     ]
     contest = judging(contest) if chance is None and candidates else contest
-    regression = contest.regression
-    regression_gains = regression.gains(
-        [group for candidate in candidates for group in candidate.groups]
-    )
-    shares, ends = (
-        regression.explained(regression_gains.by),
-        np.cumsum([0, *(len(e.groups) for e in candidates)]),
-    )
-    starts = [np.argsort(-shares[a:b], kind="stable")[:STARTS].tolist() for a, b in pairwise(ends)]
-    gain = [float(shares[a + best_starts[0]]) for a, best_starts in zip(ends, starts, strict=False)]
-    visible = [float(regression_gains.visible[a:b].max()) for a, b in pairwise(ends)]
-    labels, first = (
-        [candidate.effect.label for candidate in candidates],
-        [best_starts[0] for best_starts in starts],
-    )
-    gains = dict(zip(labels, zip(gain, visible, first, strict=True), strict=True))
-    limits = (
-        (chance, chance, ()) if chance else _limits(contest, regression_gains, candidates, gain)
-    )
-    ranking = Ranking(contest, (), gains, (), *limits)
-    order = np.argsort(-np.array(gain)).tolist()
-    good = {i for i in order if gain[i] > ranking.limit_of(candidates[i])}
-    curves = tuple(
-        (candidates[i].effect, gain[i]) for i in order if candidates[i].curve and i in good
-    )
-    laws = [i for i in order if not candidates[i].curve]
-    wanted = [i for k, i in enumerate(laws) if i in good or k < CLOSEST]
-    evidence = list[Evidence]()
-    most = 0.0  # gain of the first candidate that is credible
-    while wanted and gain[wanted[0]] >= least * most:
+    measured = contest.regression.gains([group for each in candidates for group in each.groups])
+    gains, starts = _gains_by_label(contest.regression, measured, candidates)
+    limits = (chance, chance, ()) if chance else _limits(contest, measured, candidates, gains)
+    return _in_detail(Ranking(contest, (), gains, starts, (), *limits), least)
+
+
+def rank_curves(ranking: Ranking, without: Collection[str] = ()) -> Ranking:
+    """Return a ranking of laws with the curves as well, on the same random residuals, and with all
+    laws in detail that are credible or come closest.
+    """
+    contest = ranking.contest
+    curves = [c for c in contest.candidates if c.curve and c.effect.label not in without]
+    if not ranking.gains:  # no law, and no random residuals
+        return rank(contest, without)
+    if curves:
+        measured = contest.regression.gains([group for each in curves for group in each.groups])
+        gains, starts = _gains_by_label(contest.regression, measured, curves)
+        _, of_curves, hints = _limits(contest, measured, curves, gains)
+        ranking = replace(
+            ranking,
+            gains={**ranking.gains, **gains},
+            starts={**ranking.starts, **starts},
+            with_curves=ranking.chance.largest(of_curves),
+            hints=hints,
+        )
+    return _in_detail(ranking, 0.0)
+
+
+def _gains_by_label(
+    regression: PartialRegression, measured: Gains, candidates: Sequence[CandidateColumns]
+) -> tuple[dict[str, tuple[float, float, int]], dict[str, list[int]]]:
+    """Return by label the gain, the visible share and the best start of candidates, and their
+    starts with most gain.
+    """
+    shares, gains, starts = regression.explained(measured.by), {}, {}
+    ends = np.cumsum([0, *(len(candidate.groups) for candidate in candidates)])
+    for candidate, (a, b) in zip(candidates, pairwise(ends), strict=True):
+        label, order = candidate.effect.label, np.argsort(-shares[a:b], kind="stable")
+        starts[label] = order[:STARTS].tolist()
+        first = starts[label][0]
+        gains[label] = float(shares[a + first]), float(measured.visible[a:b].max()), first
+    return gains, starts
+
+
+def _in_detail(ranking: Ranking, least: float) -> Ranking:
+    """Return the ranking with the credible curves, and the evidence for the laws that are credible
+    or come closest; see `rank` for the share `least`.
+    """
+    gains = ranking.gains
+    candidates = [c for c in ranking.contest.candidates if c.effect.label in gains]
+    candidates.sort(key=lambda candidate: -gains[candidate.effect.label][0])
+    good = [c for c in candidates if gains[c.effect.label][0] > ranking.limit_of(c)]
+    curves = tuple((c.effect, gains[c.effect.label][0]) for c in good if c.curve)
+    labels = {candidate.effect.label for candidate in good}
+    laws = [candidate for candidate in candidates if not candidate.curve]
+    wanted = [c for k, c in enumerate(laws) if c.effect.label in labels or k < CLOSEST]
+    evidence = [*ranking.evidence]
+    done = {e.effect.label for e in evidence}
+    most = max((e.gain for e in evidence if e.credible), default=0.0)  # of the first credible one
+    while wanted and gains[wanted[0].effect.label][0] >= least * most:
         batch = wanted if most or not least else wanted[:1]
         wanted = wanted[len(batch) :]
-        batch = [i for i in batch if gain[i] >= least * most]
-        evidence += ranking.looked_at([candidates[i] for i in batch], [starts[i] for i in batch])
-        most = max((candidate.gain for candidate in evidence if candidate.credible), default=0.0)
-    evidence.sort(key=lambda candidate: -candidate.gain)
+        batch = [c for c in batch if gains[c.effect.label][0] >= least * most]
+        batch = [c for c in batch if c.effect.label not in done]
+        evidence += ranking.looked_at(batch, [ranking.starts[c.effect.label] for c in batch])
+        most = max((e.gain for e in evidence if e.credible), default=0.0)
+    evidence.sort(key=lambda e: -e.gain)
     return replace(ranking, evidence=tuple(evidence), curves=curves)
 
 
 def _limits(
-    contest: Contest, gains: Gains, candidates: Sequence[CandidateColumns], gain: Sequence[float]
-) -> tuple[Chance, Chance, tuple[Hint, ...]]:
+    contest: Contest, measured: Gains, candidates: Sequence[CandidateColumns],
+    gains: Mapping[str, tuple[float, float, int]],
+) -> tuple[Chance, Chance, tuple[Hint, ...]]:  # fmt: skip
     """Return what chance gives laws, and candidates with curves, and the hints of a ranking."""
     alpha, regression = contest.decision.alpha, contest.regression
-    null = null_shares(regression, gains)
+    null = null_shares(regression, measured)
+    gain = [gains[candidate.effect.label][0] for candidate in candidates]
     place = np.array([regression.place(candidate.groups[0]) for candidate in candidates], dtype=int)
     of = np.repeat(np.arange(len(candidates)), [len(candidate.groups) for candidate in candidates])
 

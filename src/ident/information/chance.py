@@ -390,6 +390,15 @@ class Chance:
         """What a gain at a place must exceed; of a place without candidates the largest limit."""
         return self.limits.get(place, max(self.limits.values(), default=self.elsewhere))
 
+    def largest(self, other: Chance) -> Chance:
+        """Return the chance of both kinds of candidates, from the same draws."""
+        joined = []
+        for one, two in ((self.residual, other.residual), (self.noise, other.noise)):
+            both = {**one, **two}
+            common = {u: np.maximum(one[u], two[u]) for u in {*one} & {*two}}
+            joined.append({**both, **common})
+        return Chance(*joined, self.alpha, self.elsewhere)
+
     def p(self, gain: float, place: int) -> float:
         """Chance that such a gain is exceeded at any place; NaN without draws."""
         if place not in self.residual:

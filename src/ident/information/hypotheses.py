@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from ident.information.chance import CONTRIBUTES
 from ident.information.linear import Array, Index
 from ident.information.projection import VISIBLE, Projection
 
+AT_ONCE = 600  # work: columns of candidates whose gains are found at once
 TOGETHER = 64  # work: columns that are projected at once
 
 
@@ -83,111 +85,141 @@ class PartialRegression(Projection):
         sizes = np.array([len(group) for group in groups])
         for u in np.unique(sizes[sizes > 0]):
             which = np.flatnonzero(sizes == u)
-            for chosen in np.array_split(which, -(-len(which) * u // 600)):
+            for chosen in np.array_split(which, -(-len(which) * u // AT_ONCE)):
                 gains = self._gains(np.array([groups[i] for i in chosen]))
                 D[chosen], by[chosen] = gains.D, gains.by
                 null[chosen], visible[chosen] = gains.null, gains.visible
         return Gains(D, by, null, visible)
 
     def _gains(self, groups: Index) -> Gains:
-        """Gains of groups (n, u) of equal size, those of r_1 … r_B in single precision."""
+        """Return the gains of groups (n, u) of equal size, those of r_1 … r_B in single precision.
+
+        Each block of each part meets its columns in one product with [Q ỹ e]. With p_k = Q_kᵀc_k,
+        P = Σ p_k, G_k = Q_kᵀQ_k and M_k = (I − G_k)⁻¹, on columns for which C̃ᵀC̃ = I,
+
+            L c̃_k = c_k − Q_k Z_k        Z_k = P − M_k (p_k − G_k P)
+            θ₋k = (I − C̃ᵀL C̃ of block k)⁻¹ (s − c_kᵀỹ_k + Z_kᵀ Q_kᵀỹ_k)        s = C̃ᵀỹ
+        """
         n, u = groups.shape
-        (G, M), q = self._downdated, self._inside.sum(axis=0)
-        G = G.sum(axis=0)
+        G, M = self._downdated
+        q, qe = self._inside.sum(axis=0), self._left_out_inside
         blocks, rank, B = self.blocks, self.rank, q.shape[2] - 1
-        columns = []  # by part, which groups have columns there, and these (m, ·), weighted
-        for part in self.parts:
-            at = places(part.columns, self.columns)[groups]
-            present = np.flatnonzero((at >= 0).any(axis=1))
-            X = part.at(at[present].ravel()) * self._factor(part)[groups[present].ravel()]
-            columns.append((present, X))
-        p = np.zeros((blocks, rank, n * u))
-        cc = np.zeros((blocks, n, u, u))
-        cy = np.zeros((blocks, n * u, 1))
-        cn = np.zeros((blocks, n * u, B), dtype=np.float32)
-        for part, Q, Y, (present, X) in zip(
-            self.parts, self.Q, self.residual, columns, strict=True
-        ):
-            place = (present[:, None] * u + np.arange(u)).ravel()
-            r, single = Y[:, 1:].astype(np.float32), X.astype(np.float32) if B else X
-            where = slice(None) if len(place) == n * u else place  # a view, where it can be
-            for k in range(blocks):
-                rows = part.block(k)
-                x = X[rows]
-                p[k][:, where] += Q[rows].T @ x
-                cy[k][where] += x.T @ Y[rows, :1]
-                if B:
-                    cn[k][where] += single[rows].T @ r[rows]
-                cc[k, present] += _inner(x, x, u)
+        p, cc = np.zeros((blocks, n * u, rank)), np.zeros((blocks, n, u, u))
+        cy, cn = np.zeros((blocks, n * u)), np.zeros((blocks, n * u, B), dtype=np.float32)
+        terms = [self._terms(i, groups, p, cc, cy, cn) for i in range(len(self.parts))]
         P = p.sum(axis=0)
-        small, qn = P.astype(np.float32), q[:, :, 1:].astype(np.float32)
-        for k in range(blocks):
-            cross = _inner(p[k], P, u)
-            GP = G[k] @ P
-            p[k] -= GP
-            # x̃_kᵀx̃_k = xᵀx − pᵀP − Pᵀp + PᵀGP, p before the projection
-            cc[k] += _inner(P, GP, u) - cross - cross.transpose(0, 2, 1)
-            cy[k] -= P.T @ q[k, :, :1]
-            if B:
-                cn[k] -= small.T @ qn[k]
-        values, V = np.linalg.eigh(cc.sum(axis=0))
+        GP = P @ G.sum(axis=0)
+        # x̃_kᵀx̃_k = xᵀx − pᵀP − Pᵀp + PᵀGP
+        cross = _inner(p, P[None], u)
+        cc += _inner(GP, P[None], u) - cross - cross.swapaxes(-1, -2)
+        p -= GP
+        S = cc.sum(axis=0)
+        values, V = (S[:, :, 0], np.ones_like(S)) if u == 1 else np.linalg.eigh(S)
         new = values > VISIBLE**2
         V = V * (new / np.sqrt(np.where(new, values, 1.0)))[:, None, :]
         # from here on columns x V, for which S = I
-        turned = V.astype(np.float32)
-        p, P = (_turned(V, x) for x in (p, P))
-        cc = V.transpose(0, 2, 1) @ cc @ V
-        cy = V.transpose(0, 2, 1) @ cy.reshape(blocks, n, u, 1)
-        cn = turned.transpose(0, 2, 1) @ cn.reshape(blocks, n, u, B)
-        s, sn = cy.sum(axis=0), cn.sum(axis=0)
+        single, Vt = V.astype(np.float32), V.swapaxes(-1, -2)
+        p, P, cy = _combined(V, p), _combined(V, P[None])[0], _combined(V, cy[:, :, None])[:, :, 0]
+        cn = _combined(single, cn)
+        Mp = p @ M
+        Z = P - Mp
+        a1 = Vt @ cc @ V + _inner(p, Mp, u)
         idle = np.eye(u) * ~new[:, None, :]
-        Z = np.empty((blocks, rank, n * u))  # L c̃ = c − Q Z
-        for k in range(blocks):  # cy, cn become θ
-            Mp = M[k] @ p[k]
-            a1 = cc[k] + _inner(p[k], Mp, u)
-            inverse = linear.inverse(np.eye(u) * new[:, None, :] - a1 + idle)
-            cy[k] = _theta(s, cy[k], Mp, q[k, :, :1], inverse)
-            if B:
-                cn[k] = _theta(sn, cn[k], *(x.astype(np.float32) for x in (Mp, qn[k], inverse)))
-            Z[k] = P - Mp
+        inverse = linear.inverse(np.eye(u) * new[:, None, :] - a1 + idle)
+        # of b
+        s = cy.sum(axis=0) - P @ q[:, :, 0].sum(axis=0)
+        c = s - cy + (Z @ q[:, :, :1])[:, :, 0]
+        theta = (inverse @ c.reshape(blocks, n, u, 1))[..., 0]
         D, by = np.zeros((n, blocks)), np.zeros((n, self.d))
+        quadratic = np.empty((len(self.parts), blocks, n, u, u), dtype=np.float32)
+        for i, (part, (present, x)) in enumerate(zip(self.parts, terms, strict=True)):
+            a = _inner(Z @ G[i], Z, u)
+            c = -(Z @ qe[i, :, :, :1]).reshape(blocks, n, u)
+            if len(present):
+                W = V[present]
+                at = (present[:, None] * u + np.arange(u)).ravel()
+                cross = _inner(_combined(W, x.p), Z[:, at], u)
+                a[:, present] += W.swapaxes(-1, -2) @ x.squares @ W - cross - cross.swapaxes(-1, -2)
+                c[:, present] += _combined(W, x.e[:, :, None]).reshape(blocks, len(present), u)
+            fall = (theta * (2 * c - (a @ theta[..., None])[..., 0])).sum(axis=2)
+            D += fall.T
+            by[:, part.coordinate] += fall.sum(axis=0)
+            quadratic[i] = a
         null = np.zeros((n, self.d, B), dtype=np.float32)
-        Z_single = Z.astype(np.float32) if B else Z
-        for part, Q, by_block, (present, X) in zip(
-            self.parts, self.Q, self._block_terms, columns, strict=True
-        ):
-            X = _turned(V[present], X)
-            single = X.astype(np.float32) if B else X
-            for k, (QQ, e, qe, random, q_random) in enumerate(by_block):
-                rows = part.block(k)
-                x = X[rows]
-                a = _inner(Z[k], QQ @ Z[k], u)
-                Z_block = Z[k].reshape(rank, n, u)[:, present].reshape(rank, len(present) * u)
-                cross = _inner(Q[rows].T @ x, Z_block, u)
-                a[present] += _inner(x, x, u) - cross - cross.transpose(0, 2, 1)
-                fall = _fall(present, cy[k], x, Z[k], e, qe, a)[:, 0]
-                D[:, k] += fall
-                by[:, part.coordinate] += fall
-                if B:
-                    a = a.astype(np.float32)
-                    fall = _fall(present, cn[k], single[rows], Z_single[k], random, q_random, a)
-                    null[:, part.coordinate] += fall
+        if B:
+            s = cn.sum(axis=0) - P.astype(np.float32) @ q[:, :, 1:].sum(axis=0).astype(np.float32)
+            random = [_combined(single[present], x.random) for present, x in terms]
+            Z, inverse = Z.astype(np.float32), inverse.astype(np.float32)
+            for k in range(blocks):
+                QZ = (Z[k] @ self._random_inside[k]).reshape(n, u, 1 + len(self.parts), B)
+                theta = _times(inverse[k], (s - cn[k]).reshape(n, u, B) + QZ[:, :, 0])
+                for i, (part, (present, _)) in enumerate(zip(self.parts, terms, strict=True)):
+                    c = -QZ[:, :, 1 + i]
+                    c[present] += random[i][k].reshape(len(present), u, B)
+                    c *= 2
+                    c -= _times(quadratic[i, k], theta)
+                    c *= theta
+                    null[:, part.coordinate] += c[:, 0] if u == 1 else c.sum(axis=1)
         return Gains(D, by, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
 
+    def _terms(
+        self, i: int, groups: Index, p: Array, cc: Array, cy: Array, cn: np.ndarray
+    ) -> tuple[Index, BlockTerms]:
+        """Return which groups (n, u) have columns in a part, and their products with its rows; p
+        (blocks, n u, rank), cc (blocks, n, u, u), cy and cn (blocks, n u, …) grow by them.
+        """
+        part, blocks, (n, u) = self.parts[i], self.blocks, groups.shape
+        at = places(part.columns, self.columns)[groups]
+        present = np.flatnonzero((at >= 0).any(axis=1))
+        X = part.at(at[present].ravel()) * self._factor(part)[groups[present].ravel()]
+        columns = (present[:, None] * u + np.arange(u)).ravel()
+        exact, random = self._sides[i]
+        B = random.shape[1] // 2
+        products = np.empty((blocks, len(columns), self.rank + 2))
+        draws = np.empty((blocks, len(columns), 2 * B), dtype=np.float32)
+        squares = np.empty((blocks, len(present), u, u))
+        X_single = X.astype(np.float32) if B else X
+        for k in range(blocks):
+            rows = part.block(k)
+            np.matmul(X[rows].T, exact[rows], out=products[k])
+            if B:
+                np.matmul(X_single[rows].T, random[rows], out=draws[k])
+            x = X[rows].reshape(rows.stop - rows.start, len(present), u)
+            squares[k] = (
+                np.einsum("mn,mn->n", x[:, :, 0], x[:, :, 0])[:, None, None]
+                if u == 1
+                else x.transpose(1, 2, 0) @ x.transpose(1, 0, 2)
+            )
+        where = slice(None) if len(present) == n else columns  # a view, where it can be
+        p[:, where] += products[:, :, :-2]
+        cy[:, where] += products[:, :, -2]
+        cn[:, where] += draws[:, :, :B]
+        cc[:, present] += squares
+        return present, BlockTerms(
+            products[:, :, :-2], squares, products[:, :, -1], draws[:, :, B:]
+        )
+
     @cached_property
-    def _block_terms(self) -> list[list[tuple[np.ndarray, ...]]]:
-        """By part and block QᵀQ, e = L b̃ and Qᵀe, and of r_1 … r_B in single precision."""
-        parts = []
+    def _sides(self) -> list[tuple[Array, np.ndarray]]:
+        """By part [Q ỹ e] of b, and [ỹ e] of r_1 … r_B in single precision."""
+        sides = []
+        for Q, Y, E in zip(self.Q, self.residual, self.errors, strict=True):
+            random = np.hstack([Y[:, 1:], E[:, 1:]]).astype(np.float32)
+            sides.append((np.hstack([Q, Y[:, :1], E[:, :1]]), random))
+        return sides
+
+    @cached_property
+    def _left_out_inside(self) -> Array:
+        """Qᵀe (parts, blocks, rank, 1 + B), as L = I + Q M Qᵀ."""
         G, M = self._downdated
-        inside = self._inside + G @ (M @ self._inside.sum(axis=0))  # Qᵀe, as L = I + Q M Qᵀ
-        for u, (part, E) in enumerate(zip(self.parts, self.errors, strict=True)):
-            blocks = list[tuple[np.ndarray, ...]]()
-            for k in range(self.blocks):
-                e, qe = E[part.block(k)], inside[u, k]
-                random, q_random = (y[:, 1:].astype(np.float32) for y in (e, qe))
-                blocks.append((G[u, k], e[:, :1], qe[:, :1], random, q_random))
-            parts.append(blocks)
-        return parts
+        return np.asarray(self._inside + G @ (M @ self._inside.sum(axis=0)))
+
+    @cached_property
+    def _random_inside(self) -> np.ndarray:
+        """Qᵀỹ of all parts, then Qᵀe of each (blocks, rank, (1 + parts) B), of r_1 … r_B."""
+        both = np.concatenate([self._inside.sum(axis=0)[None], self._left_out_inside])
+        random = both[:, :, :, 1:].astype(np.float32).transpose(1, 2, 0, 3)
+        return random.reshape(self.blocks, self.rank, -1)
 
     def shares(self, groups: Sequence[Index]) -> Array:
         """(groups,) shares g that groups of columns explain."""
@@ -253,35 +285,32 @@ class PartialRegression(Projection):
         )
 
 
+class BlockTerms(NamedTuple):
+    """Products of the columns of some groups, N in all, with the rows of each block of a part."""
+
+    p: Array  # (blocks, N, rank) with Q
+    squares: Array  # (blocks, groups, u, u) with each other
+    e: Array  # (blocks, N) with the left-out errors of b
+    random: np.ndarray  # (blocks, N, B) with those of r_1 … r_B
+
+
 def _inner(a: np.ndarray, b: np.ndarray, u: int) -> np.ndarray:
-    """aᵀb (n, u, u) of columns (m, n u) of n groups."""
-    a, b = (x.reshape(len(x), x.shape[1] // u, u) for x in (a, b))
-    return a.transpose(1, 2, 0) @ b.transpose(1, 0, 2)
+    """Return a bᵀ (blocks, n, u, u) of n groups of rows a, b (blocks, n u, m)."""
+    if u == 1:
+        return np.einsum("knm,knm->kn", *np.broadcast_arrays(a, b))[:, :, None, None]
+    a, b = (x.reshape(len(x), x.shape[1] // u, u, x.shape[2]) for x in (a, b))
+    return np.asarray(a @ b.swapaxes(-1, -2))
 
 
-def _turned(V: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Columns x (…, n u) of n groups times V (n, u, u)."""
+def _combined(V: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return Vᵀx of rows x (blocks, n u, m) of n groups, V (n, u, u)."""
     n, u = V.shape[:2]
-    groups = np.moveaxis(x.reshape(*x.shape[:-1], n, u), -2, -3)
-    return np.moveaxis(groups @ V, -3, -2).reshape(x.shape)
+    if u == 1:
+        return x * V[:, 0]
+    groups = x.reshape(len(x), n, u, x.shape[2])
+    return np.asarray((V.swapaxes(-1, -2) @ groups).reshape(x.shape))
 
 
-def _theta(
-    s: np.ndarray, c: np.ndarray, Mp: np.ndarray, q: np.ndarray, inverse: np.ndarray
-) -> np.ndarray:
-    """θ₋k (n, u, R) without a block; s, c (n, u, R): C̃ᵀỹ of all blocks, of this one."""
-    return inverse @ (s - c - (Mp.T @ q).reshape(c.shape))
-
-
-def _fall(
-    present: Index, theta: np.ndarray, x: np.ndarray, Z: np.ndarray, e: np.ndarray, qe: np.ndarray,
-    a: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    """Fall of a block's left-out squares (n, R) in one coordinate: θᵀ(2 (Lc̃)ᵀe − (Lc̃)ᵀLc̃ θ).
-
-    Groups `mine` have columns x (m, ·) there; of all of them Lc̃ = c − Q Z; `theta` (n, u, R);
-    left-out errors e (m, R), `qe` = Qᵀe; a (n, u, u) = (Lc̃)ᵀLc̃.
-    """
-    c = -(Z.T @ qe).reshape(theta.shape)
-    c[present] += (x.T @ e).reshape(len(present), *theta.shape[1:])
-    return (theta * (2 * c - a @ theta)).sum(axis=1)
+def _times(a: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return a x (n, u, B) of n matrices a (n, u, u)."""
+    return np.asarray(a * x if a.shape[1] == 1 else a @ x)

@@ -288,12 +288,14 @@ UNDETERMINED = 1e-8  # numerics: of 1: a direction of the left-out block alone i
 
 
 def inverse(H: Array) -> Array:
-    """H⁻¹ (n, u, u) in the directions that are determined, zero in the others."""
+    """Return H⁻¹ (…, u, u) in the directions that are determined, zero in the others."""
+    if H.shape[-1] == 1:
+        good = H > UNDETERMINED
+        return np.asarray(good / np.where(good, H, 1.0))
     values, vectors = np.linalg.eigh(H)
     good = values > UNDETERMINED
-    return np.asarray(
-        (vectors * (good / np.where(good, values, 1.0))[:, None, :]) @ vectors.transpose(0, 2, 1)
-    )
+    scaled = vectors * (good / np.where(good, values, 1.0))[..., None, :]
+    return np.asarray(scaled @ vectors.swapaxes(-1, -2))
 
 
 def nonnegative(A: Array, b: Array) -> Array:
