@@ -410,7 +410,7 @@ def test_a_searched_shape_is_refined_from_several_starts():
     wave = next(e for e in contest.candidates if e.effect.label == "ripple:elbow")
     none = Chance({}, {}, 0.01)
     gains = {wave.effect.label: (1.0, 1.0, 0)}
-    ranking = Ranking(contest, (), gains, {}, (), none, none, ())
+    ranking = Ranking(contest, (), gains, {}, {}, (), none, none, ())
     falls = regression.explained(regression.gains(wave.groups).by)
     order = np.argsort(-falls).tolist()
     worst, best = order[-1], order[0]

@@ -269,10 +269,16 @@ class Contest:
 
     def columns(self, effect: Effect, shape: Shape) -> list[np.ndarray]:
         """The columns (m, u) of an effect at a shape in the rows of each part."""
-        C, felt = self.table.effect_columns(effect, [shape])
+        return self.columns_at(effect, [shape])[0]
+
+    def columns_at(self, effect: Effect, shapes: Sequence[Shape]) -> list[list[np.ndarray]]:
+        """Return the columns (m, u) of an effect in the rows of each part, by shape."""
+        C, felt = self.table.effect_columns(effect, shapes)
         dense = np.zeros((*self.table.b.shape, C.shape[2]))
         dense[:, felt] = C
-        return [dense[self.use[:, p.coordinate], p.coordinate] for p in self.regression.parts]
+        parts = [dense[self.use[:, p.coordinate], p.coordinate] for p in self.regression.parts]
+        split = (np.split(part, len(shapes), axis=1) for part in parts)
+        return [list(of_shape) for of_shape in zip(*split, strict=True)]
 
     def passed(self, joint: str, waves: float) -> float:
         """Share of the samples at which the filter passes so many waves a radian (a metre)."""
@@ -291,10 +297,9 @@ class Contest:
         steps: Mapping[str, float],
     ) -> list[np.ndarray]:  # fmt: skip
         """C(s), then ∂(C θ)/∂s of shape parameters by central differences with these steps."""
-        for name, h in steps.items():
-            up, down = (
-                self.columns(effect, {**shape, name: shape[name] + sign * h}) for sign in (1, -1)
-            )
+        shifted = [{**shape, n: shape[n] + sign * h} for n, h in steps.items() for sign in (1, -1)]
+        ends = iter(self.columns_at(effect, shifted) if shifted else ())
+        for h, up, down in zip(steps.values(), ends, ends, strict=True):
             C = [
                 np.column_stack([c, (a - b) @ theta / (2 * h)])
                 for c, a, b in zip(C, up, down, strict=True)

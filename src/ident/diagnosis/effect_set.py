@@ -26,6 +26,7 @@ from ident.diagnosis.selection import (
     Evidence,
     Ranking,
     behind,
+    limit_by_coordinate,
     rivals,
     same_part,
     sensible,
@@ -252,8 +253,10 @@ def _past(member: Member, last: Ranking, responses: Sequence[Response]) -> Effec
 
 def _by_chance(member: Member, regression: PartialRegression, last: Ranking) -> bool:
     """Whether a member explains no more beside a model than chance."""
-    share = float(regression.shares([member.columns])[0])
-    return share <= last.chance.limit(regression.place(member.columns))
+    by, place = regression.gains([member.columns]).by[0], regression.place(member.columns)
+    shares = regression.explained_by_coordinate(by) if place == regression.d else np.zeros(0)
+    share = float(regression.explained(by))
+    return share <= limit_by_coordinate(last.chance, share, place, shares)
 
 
 def _impossible(member: Member, bare: PartialRegression, last: Ranking) -> Effect | None:

@@ -40,7 +40,7 @@ from ident.motion import Motion
 NAME = "growing.json"
 SCHEMA = "ident.growing/1"
 CHANGES = ("added", "removed", "rivals")
-ROUNDS = 4  # work: fits, lest shapes that move with the working point take turns for ever
+ROUNDS = 8  # work: fits, lest shapes that move with the working point take turns for ever
 
 
 @dataclass(eq=False)
@@ -214,11 +214,11 @@ def grow(
     fit = identify(mechanism, motion, validate=validate, estimator="least-squares", progress=first)
     steps = [Step((), (), (), fit, errors_of(fit))]
 
-    def contest_of(fit: Fit, on_progress: OnProgress, curved: bool = True) -> Contest:
-        effects = candidates_of(fit)
-        return with_noise(
-            Contest.of(fit, effects, on_progress, curved, decision=decision, seed=seed)
-        )
+    def contest_of(
+        fit: Fit, on_progress: OnProgress, curved: bool = True, earlier: Contest | None = None
+    ) -> Contest:
+        effects, rule = candidates_of(fit), {"decision": decision, "seed": seed}
+        return with_noise(Contest.of(fit, effects, on_progress, curved, earlier, **rule))
 
     def reached(rungs: Collection[Step]) -> None:
         steps.extend(rungs)
@@ -241,7 +241,7 @@ def grow(
         search_progress = part(rest, 0.0, 0.5)
         # curves judge what is left in the end, the search needs none
         contest = contest_of(fit, part(search_progress, 0.0, 0.4), curved=number > 0)
-        search = Search(contest, given, part(search_progress, 0.4, 0.6), visited)
+        search = Search(contest, given, part(search_progress, 0.4, 0.6), visited, to_refit=True)
         effect_set = search.run()
         search_progress("refitting", 0.6)
         grown, turning = refit_set(fit, search, effect_set, validate), None

@@ -228,8 +228,22 @@ def _rms(x: Array) -> Array:
     return np.maximum(np.sqrt((x**2).sum(axis=0) / max(len(x), 1)), np.finfo(x.dtype).tiny)
 
 
+def null_by_coordinate(regression: PartialRegression, null: Array) -> Array:
+    """Return the shares (groups, d, draws) of each coordinate's squares that columns explain of
+    random residuals, from their falls (groups, d, draws); see `null_shares`.
+    """
+    before = _squares_before(regression)
+    shares = regression.explained_by_coordinate(null.transpose(0, 2, 1), before)
+    return shares.transpose(0, 2, 1)
+
+
+def _squares_before(regression: PartialRegression) -> Array:
+    """Return the left-out squares (draws, d) of random residuals; noise counts as the residual."""
+    before = regression.null_losses.T.copy()
+    before[SURROGATES:] = np.maximum(before[SURROGATES:], regression.losses.sum(axis=0))
+    return before
+
+
 def null_shares(regression: PartialRegression, gains: Gains) -> Array:
     """Return the shares (groups, draws) of surrogates, then of noise, that columns explain."""
-    before = regression.null_losses.T.copy()  # (draws, d)
-    before[SURROGATES:] = np.maximum(before[SURROGATES:], regression.losses.sum(axis=0))
-    return regression.explained(gains.null.transpose(0, 2, 1), before)
+    return regression.explained(gains.null.transpose(0, 2, 1), _squares_before(regression))

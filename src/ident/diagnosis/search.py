@@ -53,6 +53,9 @@ class Search:
     given: Collection[str]  # labels of effects of the model that stay
     on_progress: OnProgress
     visited: set[frozenset[str]] = field(default_factory=set)  # sets that were searched before
+    # whether the search ends with an effect that corrects the state, lest what its slopes at the
+    # working point leave of a large correction be taken for further effects
+    to_refit: bool = False
     chance: Chance = field(init=False)
     null_regression: PartialRegression = field(
         init=False
@@ -80,9 +83,14 @@ class Search:
         if first is None:
             first = self.ranked(now)
         self.chance, self.null_regression, self.first = first.chance, first.regression, first
-        now = self.add_common(self.add_group(now, first))
+        if (pruned := self.prune(now)) is not now:  # at another working point than it was found
+            now = pruned
+            self.visited.add(now.labels)
+        now = self.add_common(self.add_group(now, first if now is self.start else self.ranked(now)))
         for number in range(MOST_MOVES):
             self.on_progress(f"set of {len(now.members)} effects", number / MOST_MOVES)
+            if self.to_refit and any(member.effect.corrects for member in self.new(now)):
+                break
             ranking = first if now is self.start else self.ranked(now)
             following = self.forward(now, ranking) or self.exchanged(now) or self.add_common(now)
             if following is now and not self.new(now):

@@ -24,10 +24,10 @@ import numpy as np
 
 from ident.diagnosis.candidates import STANDS_FOR, SURROGATES, CandidateColumns, Contest, Shape
 from ident.diagnosis.law_search import refined
-from ident.diagnosis.null import judging, null_shares
+from ident.diagnosis.null import judging, null_by_coordinate, null_shares
 from ident.effects import Effect
 from ident.fit.shapes import widened
-from ident.information.chance import NEGATIVE, PARSIMONY, Chance, paired, zscore
+from ident.information.chance import NEGATIVE, PARSIMONY, Chance, odds_ratio, paired, zscore
 from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
 from ident.mechanism.mechanism import Mechanism
 
@@ -38,6 +38,7 @@ SAME_PART = (
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 STARTS = 4  # work: of a searched shape, from which it is refined
+ROUNDING = 1e-12  # numerics: of a share, from one
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
 
 
@@ -97,6 +98,8 @@ class Ranking:
     # by label, share g of the left-out squares, visible share, and which start has that gain
     gains: Mapping[str, tuple[float, float, int]]
     starts: Mapping[str, Sequence[int]]  # by label, those with most gain, best first
+    # by label of what acts on several coordinates, the share (d,) of each with the best start
+    by_coordinate: Mapping[str, Array]
     curves: tuple[tuple[Effect, float], ...]  # credible ones with their gains, best first
     chance: Chance  # the largest gains of all laws where nothing is missing
     with_curves: Chance  # of the curves as well
@@ -110,8 +113,10 @@ class Ranking:
 
     def limit_of(self, candidate: CandidateColumns) -> float:
         """What the gain of a candidate is held against, as a share."""
-        place = self.regression.place(candidate.groups[0])
-        return (self.with_curves if candidate.curve else self.chance).limit(place)
+        chance, label = self.with_curves if candidate.curve else self.chance, candidate.effect.label
+        shares = self.by_coordinate.get(label, np.zeros(0))
+        gain, place = self.gains[label][0], self.regression.place(candidate.groups[0])
+        return limit_by_coordinate(chance, gain, place, shares)
 
     def limit_at(self, joint: str) -> float:
         """What the gain of a curve or law of a joint is held against, as a share."""
@@ -147,6 +152,22 @@ class Ranking:
         return tuple(evidence for evidence in self.evidence if evidence.credible)
 
 
+def limit_by_coordinate(chance: Chance, gain: float, place: int, shares: Array) -> float:
+    """Return what a gain at a place is held against.
+
+    What acts on several coordinates may show in one of them far beyond chance, while the others
+    dilute its share of all rows: then the limit is below the gain by as much as the limit of that
+    coordinate is below its share (d,), in odds g/(1 − g).
+    """
+    limit = chance.limit(place)
+    own = [(x, place + 1 + u) for u, x in enumerate(shares) if place + 1 + u in chance.residual]
+    ratio = max((odds_ratio(x, chance.limit(at)) for x, at in own), default=0.0)
+    if not gain > 0 or ratio <= odds_ratio(gain, limit):
+        return limit
+    odds = gain / max(1 - gain, ROUNDING) / ratio
+    return odds / (1 + odds)
+
+
 def rank(
     contest: Contest, without: Collection[str] = (), curved: bool = True,
     chance: Chance | None = None, least: float = 0.0, only: Collection[str] | None = None,
@@ -165,9 +186,9 @@ def rank(
     ]
     contest = judging(contest) if chance is None and candidates else contest
     measured = contest.regression.gains([group for each in candidates for group in each.groups])
-    gains, starts = _gains_by_label(contest.regression, measured, candidates)
+    gains, starts, shares = _gains_by_label(contest.regression, measured, candidates)
     limits = (chance, chance, ()) if chance else _limits(contest, measured, candidates, gains)
-    return _in_detail(Ranking(contest, (), gains, starts, (), *limits), least)
+    return _in_detail(Ranking(contest, (), gains, starts, shares, (), *limits), least)
 
 
 def rank_curves(ranking: Ranking, without: Collection[str] = ()) -> Ranking:
@@ -180,12 +201,13 @@ def rank_curves(ranking: Ranking, without: Collection[str] = ()) -> Ranking:
         return rank(contest, without)
     if curves:
         measured = contest.regression.gains([group for each in curves for group in each.groups])
-        gains, starts = _gains_by_label(contest.regression, measured, curves)
+        gains, starts, shares = _gains_by_label(contest.regression, measured, curves)
         _, of_curves, hints = _limits(contest, measured, curves, gains)
         ranking = replace(
             ranking,
             gains={**ranking.gains, **gains},
             starts={**ranking.starts, **starts},
+            by_coordinate={**ranking.by_coordinate, **shares},
             with_curves=ranking.chance.largest(of_curves),
             hints=hints,
         )
@@ -194,18 +216,21 @@ def rank_curves(ranking: Ranking, without: Collection[str] = ()) -> Ranking:
 
 def _gains_by_label(
     regression: PartialRegression, measured: Gains, candidates: Sequence[CandidateColumns]
-) -> tuple[dict[str, tuple[float, float, int]], dict[str, list[int]]]:
-    """Return by label the gain, the visible share and the best start of candidates, and their
-    starts with most gain.
+) -> tuple[dict[str, tuple[float, float, int]], dict[str, list[int]], dict[str, Array]]:
+    """Return by label the gain, the visible share and the best start of candidates, their starts
+    with most gain, and the share (d,) of each coordinate of those that act on several.
     """
-    shares, gains, starts = regression.explained(measured.by), {}, {}
+    shares, gains, starts, by_coordinate = regression.explained(measured.by), {}, {}, {}
+    of_coordinates = regression.explained_by_coordinate(measured.by)
     ends = np.cumsum([0, *(len(candidate.groups) for candidate in candidates)])
     for candidate, (a, b) in zip(candidates, pairwise(ends), strict=True):
         label, order = candidate.effect.label, np.argsort(-shares[a:b], kind="stable")
         starts[label] = order[:STARTS].tolist()
         first = starts[label][0]
         gains[label] = float(shares[a + first]), float(measured.visible[a:b].max()), first
-    return gains, starts
+        if regression.place(candidate.groups[0]) == regression.d:
+            by_coordinate[label] = of_coordinates[a + first]
+    return gains, starts, by_coordinate
 
 
 def _in_detail(ranking: Ranking, least: float) -> Ranking:
@@ -249,6 +274,10 @@ def _limits(
         """The largest shares of random residuals that some candidates explain, by place."""
         at = np.isin(of, [*chosen])
         most = {int(u): null[at & (place[of] == u)].max(axis=0) for u in {*place[of[at]]}}
+        several = at & (place[of] == regression.d)
+        if several.any() and regression.d > 1:
+            each = null_by_coordinate(regression, measured.null[several]).max(axis=0)
+            most |= {regression.d + 1 + u: x for u, x in enumerate(each)}
         residual = {u: x[:SURROGATES] for u, x in most.items()}
         return Chance(residual, {u: x[SURROGATES:] for u, x in most.items()}, alpha)
 
@@ -304,6 +333,8 @@ def weigh(
     credible = passed and plausible and massive and resolved and size > contest.decision.material
     credible = credible and differs(contest, effect, refit.theta, stderr)
     own_gain, p = regression.gain(refit), ranking.chance.p(gain, place)
+    for u, share in enumerate(ranking.by_coordinate.get(effect.label, ())):
+        p = float(np.fmin(p, ranking.chance.p(float(share), place + 1 + u)))
     return Evidence(
         effect, shape, columns, tuple(C), refit, own_gain, limit, p, size, plausible, credible
     )

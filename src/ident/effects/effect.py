@@ -13,6 +13,7 @@ import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 from typing import ClassVar
@@ -275,7 +276,7 @@ class Effect(ABC):
         """Unknowns c, then shape parameters s."""
         return (*self.unknowns, *self.shapes)
 
-    @property
+    @cached_property
     def label(self) -> str:
         """`viscous:elbow`, as commands take it."""
         return ":".join(filter(None, [self.kind, ",".join(self.joints), self.signal]))

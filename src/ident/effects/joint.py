@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -230,13 +229,17 @@ class Hysteresis(Effect):
         """E = z; between reversals exact: z → ±z0 + (z ∓ z0) exp(−|Δq|/z0)."""
         z0, n = s.shape["z0"], len(s.q)
         z = np.zeros_like(s.q)
-        for j in range(s.q.shape[1]):
-            way = np.sign(np.diff(s.q[:, j], append=s.q[-1:, j]))[: max(n - 1, 1)]
-            turns = np.flatnonzero(np.diff(way)) + 1  # z is one exponential between two reversals
-            for a, b in pairwise([0, *turns, n - 1]):
-                goal = z0 * way[a]
-                path = np.abs(s.q[a + 1 : b + 1, j] - s.q[a, j])
-                z[a + 1 : b + 1, j] = goal + (z[a, j] - goal) * np.exp(-path / z0)
+        for j, q in enumerate(s.q.T):
+            way = np.sign(np.diff(q, append=q[-1:]))[: max(n - 1, 1)]
+            # z is one exponential between two reversals
+            ends = np.concatenate([[0], np.flatnonzero(np.diff(way)) + 1, [n - 1]])
+            first, goal = q[ends[:-1]], z0 * way[ends[:-1]]
+            fading, at_reversals = np.exp(-np.abs(q[ends[1:]] - first) / z0), [0.0]
+            for end, share in zip(goal.tolist(), fading.tolist(), strict=True):
+                at_reversals.append(end + (at_reversals[-1] - end) * share)
+            stretch = np.repeat(np.arange(len(goal)), np.diff(ends))  # of each sample but the first
+            start, goal = np.array(at_reversals)[stretch], goal[stretch]
+            z[1:, j] = goal + (start - goal) * np.exp(-np.abs(q[1:] - first[stretch]) / z0)
         return z[:, :, None]
 
     def bounds(self, s: Signals) -> Bounds:

@@ -24,6 +24,7 @@ from ident.motion import Motion
 TABLE = 20_000  # work: rows; of more, one in so many is kept: they decide, they are not fitted
 BLOCKS = 20  # work: of time, in all experiments together
 SMOOTH = 16.0  # numerics: samples a period of the cut-off at which sensitivities are evaluated
+AT_ONCE = 32  # work: columns that are filtered in one product
 COARSE = 8.0  # numerics: the same, at least, from which formulas are screened
 
 
@@ -111,13 +112,18 @@ class Table(Rows):
         own_rows = effect.local and not self.mechanism.closures
         joints = [self.mechanism.joint(name).index for name in effect.joints] if own_rows else ()
         felt, u = np.array(joints) if own_rows else np.arange(d), len(effect.unknowns)
-        series = []
+        series, step = [], max(1, AT_ONCE // max(len(felt) * u, 1))
         for number, s in enumerate(self.samples):
             pieces = []
-            for shape in shapes:
-                out = s.columns(effect, shape) if own_rows else np.zeros((len(s), len(felt), u))
-                if not own_rows:
-                    s.add_effect(out, effect, np.eye(u), shape)
+            for first in range(0, len(shapes), step):  # one product each
+                some = shapes[first : first + step]
+                out = np.zeros((len(felt), len(some) * u, len(s))).transpose(2, 0, 1)  # by column
+                for i, shape in enumerate(some):
+                    columns = out[:, :, i * u : (i + 1) * u]
+                    if own_rows:
+                        columns[:] = s.columns(effect, shape)
+                    else:
+                        s.add_effect(columns, effect, np.eye(u), shape)
                 pieces.append(self.filtered(number, out))
             series.append(np.concatenate(pieces, axis=2))
         return np.concatenate(series), felt

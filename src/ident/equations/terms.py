@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from operator import attrgetter
 from typing import Any
 
@@ -128,7 +128,7 @@ class Samples:
                 still=e.still[at],
                 extra={name: x[part] for name, x in e.extra.items()},
                 present=self.point.values,
-                predicted=lambda: bare.predicted(joints),
+                predicted=cache(lambda: bare.predicted(joints)),
             )
         return self._signals[joints]
 

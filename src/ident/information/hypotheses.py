@@ -219,7 +219,7 @@ class PartialRegression(Projection):
         """Qᵀỹ of all parts, then Qᵀe of each (blocks, rank, (1 + parts) B), of r_1 … r_B."""
         both = np.concatenate([self._inside.sum(axis=0)[None], self._left_out_inside])
         random = both[:, :, :, 1:].astype(np.float32).transpose(1, 2, 0, 3)
-        return random.reshape(self.blocks, self.rank, -1)
+        return random.reshape(self.blocks, self.rank, random.shape[2] * random.shape[3])
 
     def shares(self, groups: Sequence[Index]) -> Array:
         """(groups,) shares g that groups of columns explain."""

@@ -201,6 +201,12 @@ class Projection:
         after = np.maximum(before - fall, 0.0)
         return np.asarray(-np.expm1(np.log((after + least) / (before + least)) @ n / n.sum()))
 
+    def explained_by_coordinate(self, fall: Array, before: Array | None = None) -> Array:
+        """Return the shares (…, d) of each coordinate; see `explained`."""
+        before = self.losses.sum(axis=0) if before is None else before
+        least = EXACT * np.maximum(self.rows, 1.0)
+        return np.asarray(1 - (np.maximum(before - fall, 0.0) + least) / (before + least))
+
     @cached_property
     def cells(self) -> Index:
         """(parts, blocks, 2) first and last of the rows of each block, part after part."""
