@@ -42,10 +42,12 @@ def test_an_error_that_was_smaller_on_an_earlier_rung_is_told():
         return SimpleNamespace(validation={"other.csv": errors})
 
     rungs = [fit(a=0.5, b=0.3), fit(a=0.2, b=0.1), fit(a=0.3, b=0.105)]
-    said = _larger(SimpleNamespace(fits=rungs, fit=rungs[-1]))
+    said = _larger(SimpleNamespace(fits=rungs, fit=rungs[-1], stopped=""))
     assert "On other.csv an earlier rung predicts a (20 % instead of 30 %) better" in said
     assert "b (" not in said
-    assert not _larger(SimpleNamespace(fits=rungs[:2], fit=rungs[1]))
+    assert not _larger(SimpleNamespace(fits=rungs[:2], fit=rungs[1], stopped=""))
+    ended = _larger(SimpleNamespace(fits=rungs[:2], fit=rungs[1], stopped="cable:a: it rises"))
+    assert "cable:a: it rises" in ended
 
 
 def test_corrections_must_stand_out_of_their_errors():

@@ -25,6 +25,7 @@ from ident.motion.signals import SLOW
 
 STANDS_FOR = 1 / 3  # tuned: share of a joint's samples or squares, that can speak for all of them
 HIDDEN = 0.02  # tuned: visible share below which the data cannot speak of an effect
+FREE = 30.0  # range: error over torque, from which a joint swings freely
 SURROGATES = 100  # work: random series with the spectrum of the residual
 PULSES_SE = 1.0  # level: standard errors over blocks by which pulses lower left-out errors
 Shape = Mapping[str, float]
@@ -108,7 +109,26 @@ def absorbed(mechanism: Mechanism, effect: Effect) -> str:
 def candidates_of(fit: Fit) -> list[Effect]:
     """Effects that could be missing, without those whose columns a link has already."""
     every = possible(fit.mechanism, fit.motion)
-    return [effect for effect in every if not absorbed(fit.mechanism, effect)]
+    free = swinging_freely(fit)
+
+    def trivial(effect: Effect) -> bool:
+        """Whether it may take all known forces off again, which a torque of zero does not ask."""
+        if effect.loaded_link:
+            return free == {*fit.motion.independent}
+        return bool({"load", "torque"} & {*effect.asks}) and bool(free & {*effect.joints})
+
+    return [e for e in every if not absorbed(fit.mechanism, e) and not trivial(e)]
+
+
+def swinging_freely(fit: Fit) -> set[str]:
+    """Return the independent joints whose measured torque is nothing beside what the known bodies
+    need: they swing freely.
+    """
+    return {
+        joint
+        for joint, error in fit.train.items()
+        if error.rms > 0 and (error.relative is None or error.relative > FREE)
+    }
 
 
 # --- rows --------------------------------------------------------------------------------------
@@ -317,8 +337,15 @@ class Contest:
 
     @cached_property
     def torque(self) -> Array:
-        """(d,) weighted squares of the measured torque in the rows that decide."""
-        tau = np.where(self.use, self.table.tau, 0.0)
+        """(d,) weighted squares of the measured torque in the rows that decide; of a joint that
+        swings freely, of what the known bodies need.
+        """
+        free = swinging_freely(self.fit)
+        tau = self.table.tau.copy()
+        for u, joint in enumerate(self.fit.motion.independent):
+            if joint in free:
+                tau[:, u] = self.table.b[:, u]
+        tau = np.where(self.use, tau, 0.0)
         return np.asarray((tau**2).sum(axis=0) * self.regression.weight**2)
 
 

@@ -24,14 +24,17 @@ from ident.diagnosis.null import with_noise
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
 from ident.diagnosis.search import Search, select
 from ident.diagnosis.selection import can_be
+from ident.diagnosis.unseen import carried
 from ident.display import Displayed, part, render
 from ident.effects import Effect
+from ident.equations.problem import information_of
 from ident.equations.unknowns import Point
 from ident.errors import FitError, check_whole
 from ident.files import json_bytes, version, write_all
 from ident.fit import Fit, identify
+from ident.fit.shapes import widened
 from ident.information.blocks import Error
-from ident.information.chance import ALPHA, CERTAIN, RIVAL
+from ident.information.chance import ALPHA, CERTAIN, RIVAL, zscore
 from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
@@ -139,10 +142,13 @@ class History(Concluded):
     Attributes:
         steps: the ladder, from the model that was given.
         diagnosis: of the last model.
+        stopped: what the next step would have added, and which error on a validation log would have
+            risen with it by more than its scatter; "" where the search came to its own end.
     """
 
     steps: tuple[Step, ...]
     diagnosis: Diagnosis
+    stopped: str = ""
 
     @property
     def fits(self) -> tuple[Fit, ...]:
@@ -214,10 +220,11 @@ def grow(
     fit = identify(mechanism, motion, validate=validate, estimator="least-squares", progress=first)
     steps = [Step((), (), (), fit, errors_of(fit))]
 
-    def contest_of(
-        fit: Fit, on_progress: OnProgress, curved: bool = True, earlier: Contest | None = None
-    ) -> Contest:
-        effects, rule = candidates_of(fit), {"decision": decision, "seed": seed}
+    rule = {"decision": decision, "seed": seed}
+
+    def contest_of(fit: Fit, on_progress: OnProgress, earlier: Contest | None = None) -> Contest:
+        # curves judge what is left in the end, the search needs none
+        curved, effects = earlier is not None, candidates_of(fit)
         return with_noise(Contest.of(fit, effects, on_progress, curved, earlier, **rule))
 
     def reached(rungs: Collection[Step]) -> None:
@@ -234,36 +241,93 @@ def grow(
         rungs, fit = _replay_round(done, fit, validate)
         visited |= set(map(frozenset, done["visited"]))
         reached(rungs)
-    search_progress = rest = on_progress
-    for number in range(begun := len(saved.rounds), ROUNDS):
+    begun, contest, stopped = len(saved.rounds), None, ""
+    for number in range(begun, ROUNDS + 1):
         done_before = 1 - 0.5 ** (number - begun)  # nobody knows how many rounds
         rest = part(on_progress, done_before, 1.0)
-        search_progress = part(rest, 0.0, 0.5)
-        # curves judge what is left in the end, the search needs none
-        contest = contest_of(fit, part(search_progress, 0.0, 0.4), curved=number > 0)
-        search = Search(contest, given, part(search_progress, 0.4, 0.6), visited, to_refit=True)
-        effect_set = search.run()
-        search_progress("refitting", 0.6)
-        grown, turning = refit_set(fit, search, effect_set, validate), None
-        if grown is None and (turning := contest.at_reversals(part(search_progress, 0.6, 0.65))):
-            elsewhere, turns = seen_elsewhere(search.first), part(search_progress, 0.65, 0.9)
-            search = Search(with_noise(turning), given, turns)
-            leading_set = led_at_reversals(search, search.run(), elsewhere)
-            grown = None if leading_set is None else refit_set(fit, search, leading_set, validate)
+        here = part(rest, 0.0, 0.5)
+        contest = contest_of(fit, part(here, 0.0, 0.4), contest)
+        search = Search(contest, given, part(here, 0.4, 0.6), visited, to_refit=True)
+        grown, turning = None, None
+        if number < ROUNDS and not stopped:
+            effect_set = carried(search.run(), given)
+            here("refitting", 0.6)
+            grown = refit_set(fit, search, effect_set, validate)
+            if grown is None and (turning := contest.at_reversals(part(here, 0.6, 0.65))):
+                elsewhere, turns = seen_elsewhere(search.first), part(here, 0.65, 0.9)
+                search = Search(with_noise(turning), given, turns)
+                leading_set = led_at_reversals(search, search.run(), elsewhere)
+                if leading_set is not None:
+                    grown = refit_set(fit, search, carried(leading_set, given), validate)
+        last = None
+        if grown is None:  # what a diagnosis names of this model is the next step
+            if not any(candidate.curve for candidate in contest.candidates):
+                contest = contest_of(fit, part(rest, 0.35, 0.4), contest)
+            selection = select(contest, part(rest, 0.4, 0.6))
+            last = conclude(selection, part(rest, 0.6, 0.8))
+            last = at_reversals(last, part(rest, 0.8, 1.0), turning)
+            if number < ROUNDS and not stopped:
+                search, effect_set = named_set(last, given, visited)
+                grown = refit_set(fit, search, carried(effect_set, given), validate)
+        if grown is not None and (stopped := rises(fit, grown[-1], validate)):
+            stopped = f"{named(grown, search)}: {stopped}"
+            grown = None
+            if last is None:
+                continue
         if grown is None:
+            assert last is not None
             break
         effect_set, removed, start, again = grown
         rungs = ladder(search, effect_set, removed, again)
         saved.add(rungs, start.values, visited)
         reached(rungs)
         fit = again
-    else:
-        number = 0
-    if number == 0 or contest.fit is not fit:
-        turning = None
-        contest = contest_of(fit, part(rest, 0.35, 0.4))
-    last = conclude(select(contest, part(rest, 0.4, 0.6)), part(rest, 0.6, 0.8))
-    return History(tuple(steps), at_reversals(last, part(rest, 0.8, 1.0), turning))
+    assert last is not None
+    return History(tuple(steps), last, stopped)
+
+
+def named_set(
+    diagnosis: Diagnosis, given: Collection[str], visited: set[frozenset[str]]
+) -> tuple[Search, EffectSet]:
+    """Return a search that has found what a diagnosis names, and that set."""
+    first = diagnosis.selection.first
+    search = Search(first.contest, given, lambda what, share: None, visited)
+    search.first, effect_set = first, search.start
+    for member in diagnosis.members_of_group if diagnosis.best else ():
+        if member.evidence is not None:
+            effect_set = effect_set.plus(member.evidence, member.rivals)
+    return search, effect_set
+
+
+def rises(before: Fit, after: Fit, validate: Motion | None) -> str:
+    """Return in which joint and log the error on validation logs rises by more than the scatter of
+    its blocks, RIVAL standard errors of the paired difference, and by what matters; "" in none.
+    """
+    if validate is None:
+        return ""
+    one, two = (
+        information_of(fit.mechanism, fit.columns, validate, fit.problem.point)
+        for fit in (before, after)
+    )
+    for number, e in enumerate(validate.experiments):
+        for u, joint in enumerate(validate.independent):
+            keys = [
+                k for k in one.blocks if (k.log, k.coordinate) == (number, u) and k in two.blocks
+            ]
+            old, new = (
+                np.array([rows.blocks[k].squares(fit.estimate.x)[0][0] for k in keys])
+                for rows, fit in ((one, before), (two, after))
+            )
+            torque = sum(one.blocks[k].torque[0] for k in keys)
+            if new.sum() - old.sum() > MATERIAL**2 * torque and zscore(new - old) > RIVAL:
+                was, is_ = (100 * float(np.sqrt(x.sum() / max(torque, 1e-300))) for x in (old, new))
+                return f"the error of {joint} on {e.name} would rise from {was:.3g} to {is_:.3g} %"
+    return ""
+
+
+def named(grown: Grown, search: Search) -> str:
+    """Return the labels of what a step would have added."""
+    return ", ".join(member.label for member in search.new(grown[0])) or "the next step"
 
 
 Grown = tuple[EffectSet, tuple[Effect, ...], Point, Fit]
@@ -294,7 +358,8 @@ def refit_set(
         return identify(model, fit.motion, validate=validate, start=start, estimator=least)
 
     again = fitted(start)
-    while loose := undetermined(again, [member.effect for member in new]):
+    table = search.contest.table
+    while loose := undetermined(again, [member.effect for member in new], table.bounds):
         new = [member for member in new if member.label != loose]
         effect_set = effect_set.minus(
             next(member for member in effect_set.members if member.label == loose)
@@ -346,7 +411,10 @@ def _replay_round(
     return rungs, fit
 
 
-def undetermined(fit: Fit, new: Collection[Effect]) -> str:
+def undetermined(
+    fit: Fit, new: Collection[Effect],
+    bounds: Callable[[Effect], Mapping[str, tuple[float, float]]] = lambda effect: {},
+) -> str:  # fmt: skip
     """Return the label of an added effect all values of which are smaller than their errors (than
     CERTAIN times these where it moves the machine's geometry or clock), or one of which cannot be:
     that with most parameters first, what every machine has last; "" if there is none.
@@ -361,6 +429,15 @@ def undetermined(fit: Fit, new: Collection[Effect]) -> str:
         least = CERTAIN if e.effect.corrects else 1.0
         small = all(abs(v.value) < least * (v.stderr or 0.0) for v in parameters)
         possible = can_be(fit.mechanism, e.effect, values, errors)
+        if e.effect.slow and not e.effect.corrects:  # of the motion: a reach longer than its travel
+            shapes = {
+                p.name: v.value for p, v in zip(e.effect.parameters, e.parameters, strict=True)
+            }
+            possible &= all(
+                low <= shapes[name] <= high
+                for name, ends in bounds(e.effect).items()
+                for low, high in [widened(*ends)]
+            )
         if e.effect.label in labels and (small or not possible):
             loose.append(e.effect)
     last = max(loose, key=lambda e: (not e.common, len(e.parameters)), default=None)

@@ -19,7 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.diagnosis.candidates import SURROGATES, Contest, OnProgress, Shape
+from ident.diagnosis.candidates import SURROGATES, Contest, OnProgress, Shape, swinging_freely
 from ident.diagnosis.grammar import terms
 from ident.effects import Effect
 from ident.effects.formula import Formula, Term
@@ -246,7 +246,9 @@ class LawSearch:
         table = self.contest.table
         rotational = table.mechanism.joint(self.joint).rotational
         one = frozenset({"q_o"} if self.other else {"q"} if self.of_position else {"q", "v"})
-        if self.joint in table.mechanism.sites.loaded:
+        if self.joint in table.mechanism.sites.loaded and self.joint not in swinging_freely(
+            self.contest.fit
+        ):
             one |= {"load"}
         if all(f"temperature.{self.joint}" in e.extra for e in table.motion.experiments):
             one |= {"temperature"}

@@ -38,6 +38,8 @@ SAME_PART = (
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 STARTS = 4  # work: of a searched shape, from which it is refined
+LIKE = 0.99  # tuned: cosine of what two candidates explain, from which their columns are like
+CONSTANT = 0.95  # tuned: of the gain of a law of position, from which its constant is all of it
 ROUNDING = 1e-12  # numerics: of a share, from one
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
 
@@ -115,7 +117,8 @@ class Ranking:
         """What the gain of a candidate is held against, as a share."""
         chance, label = self.with_curves if candidate.curve else self.chance, candidate.effect.label
         shares = self.by_coordinate.get(label, np.zeros(0))
-        gain, place = self.gains[label][0], self.regression.place(candidate.groups[0])
+        gain = self.gains.get(label, (0.0,))[0]
+        place = self.regression.place(candidate.groups[0])
         return limit_by_coordinate(chance, gain, place, shares)
 
     def limit_at(self, joint: str) -> float:
@@ -161,8 +164,10 @@ def limit_by_coordinate(chance: Chance, gain: float, place: int, shares: Array) 
     """
     limit = chance.limit(place)
     own = [(x, place + 1 + u) for u, x in enumerate(shares) if place + 1 + u in chance.residual]
-    ratio = max((odds_ratio(x, chance.limit(at)) for x, at in own), default=0.0)
-    if not gain > 0 or ratio <= odds_ratio(gain, limit):
+    if not (own and gain > 0 and limit > 0):
+        return limit
+    ratio = max(odds_ratio(x, chance.limit(at)) for x, at in own)
+    if ratio <= odds_ratio(gain, limit):
         return limit
     odds = gain / max(1 - gain, ROUNDING) / ratio
     return odds / (1 + odds)
@@ -356,6 +361,12 @@ def sensible(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> b
 def can_be(mechanism: Mechanism, effect: Effect, values: Array, stderr: Array) -> bool:
     """Return whether an effect can have values (u,); a length may be off by a third."""
     rounding = 1e-9 * float(np.abs(values).max(initial=0.0))  # of a value that no row determines
+    if link := effect.loaded_link:
+        place = mechanism.bodies.columns(link).start
+        mass, known = mechanism.prior[place], mechanism.bodies.names[place] not in mechanism.unknown
+        # a body sits on another one, and none can be taken off that is not there
+        if known and (mass <= 0 or mass + values[0] < -NEGATIVE * stderr[0]):
+            return False
     length = np.inf
     if effect.sits == "place" and effect.joints:
         length = abs(mechanism.lengths.get(effect.joints[0], np.inf))
@@ -440,11 +451,11 @@ def simplest(ranking: Ranking) -> Evidence | None:
     if not credible:
         return None
     equal = as_good(credible[0], credible, ranking.contest)
-    driven = {*ranking.contest.fit.mechanism.driven}
-    return min(
-        equal,
-        key=lambda candidate: (*simplicity(candidate), not driven & {*candidate.effect.joints}),
-    )
+    best, driven = min(equal, key=simplicity), {*ranking.contest.fit.mechanism.driven}
+    same = [e for e in equal if _same_columns(e, best) and e.numbers == best.numbers]
+    best = min(same, key=lambda e: (not driven & {*e.effect.joints}, *simplicity(e)))
+    constant = (e for e in credible if _nested(e, best) and e.gain >= CONSTANT * best.gain)
+    return next(constant, best) if best.effect.of_position else best
 
 
 def rivals(best: Evidence, ranking: Ranking) -> tuple[Evidence, ...]:
@@ -463,6 +474,13 @@ def rivals(best: Evidence, ranking: Ranking) -> tuple[Evidence, ...]:
             or (best.effect.descriptive and _nested(candidate, best))
         )
         and not (_nested(best, candidate) and behind(best, candidate) < 1.0)
+    )
+
+
+def _same_columns(a: Evidence, b: Evidence) -> bool:
+    """Return whether two candidates have like columns here, as two joints of a loop may."""
+    return a is b or (
+        a.effect.kind == b.effect.kind and float(a.refit.direction @ b.refit.direction) > LIKE
     )
 
 

@@ -221,7 +221,7 @@ def _named_beside(history: History) -> str:
 
 def _larger(history: History) -> str:
     """Return which errors on validation logs were clearly smaller on an earlier rung."""
-    text = ""
+    text = f"It ends there: with {history.stopped}. " if history.stopped else ""
     for log, joints in larger_on_validation(history).items():
         rises = [f"{joint} ({percent(then)} instead of {percent(x)})" for joint, then, x in joints]
         text += f"On {log} an earlier rung predicts {shortlist(rises, 3)} better: "
@@ -279,7 +279,7 @@ def history_json(history: History) -> dict[str, Any]:
         "schema": "ident.grow/1", "mechanism": history.mechanism.name,
         "logs": list(history.fit.motion.names),
         "added": list(map(name_of, history.added)), "verdict": history.diagnosis.verdict,
-        "steps": steps, "noise": noise_errors(history.fit),
+        "steps": steps, "noise": noise_errors(history.fit), "stopped": history.stopped,
     }  # fmt: skip
 
 

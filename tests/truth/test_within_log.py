@@ -1,0 +1,51 @@
+"""An effect that sets in within a log is found, with its place, its size and its time."""
+
+import numpy as np
+import pytest
+from identification import motion_log, plant, robot
+
+import ident
+from ident import Noise
+from ident.diagnosis.changes import CODE, change_within
+
+RATE, SECONDS, CHANGED = 200.0, 6.0, 3.3
+SENSORS = (Noise("tau", 0.01, relative=True), Noise("q", 1e-5))
+
+
+@pytest.fixture(scope="module")
+def steady():
+    """An arm with friction, and what it logs before anything changes."""
+    mechanism = robot("arm").with_effect("viscous").with_effect("coulomb")
+    values = {name: 0.4 for effect in mechanism.effects for name in effect.names}
+    case = plant(mechanism, motion_log("arm", RATE, SECONDS), values, noise=SENSORS, seed=3)
+    return mechanism, values, case.log
+
+
+def diagnosed(mechanism, t, columns):
+    log = ident.Log.from_arrays("run.csv", t, columns)
+    return ident.diagnose(ident.identify(mechanism, ident.complete(mechanism, log)))
+
+
+def test_friction_that_rises_within_a_log(steady):
+    mechanism, values, log = steady
+    changed = {**values, "coulomb.elbow.Fc": 1.2}
+    other = plant(mechanism, motion_log("arm", RATE, SECONDS), changed, noise=SENSORS, seed=3).log
+    columns = {
+        name: np.where(log.t >= CHANGED, other.columns[name], x) if name[:4] == "tau." else x
+        for name, x in log.columns.items()
+    }
+    d = diagnosed(mechanism, log.t, columns)
+    assert CODE in {finding.code for finding in d.health.findings}
+    change = change_within(d.selection.first)
+    assert change is not None
+    assert change.cause.words == "coulomb:elbow"
+    assert change.time == pytest.approx(CHANGED, abs=0.3)
+    assert change.values[0] == pytest.approx(0.8, abs=3 * change.stderr[0])
+    assert d.best is None  # no effect that acts all the time
+
+
+def test_nothing_changes_in_a_steady_log(steady):
+    mechanism, _, log = steady
+    d = diagnosed(mechanism, log.t, dict(log.columns))
+    assert CODE not in {finding.code for finding in d.health.findings}
+    assert change_within(d.selection.first) is None
