@@ -12,6 +12,7 @@ from operator import add
 import numpy as np
 
 from ident.diagnosis.candidates import Contest, Decision, OnProgress, candidates_of, residual_in
+from ident.diagnosis.changes import change_within
 from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import found_curves
 from ident.diagnosis.laws import FoundLaw, laws_of
@@ -172,6 +173,8 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
     if not data.faults:  # a joint swings freely by the fitted terms, which wrong channels spoil
         freely = (e for e in fit.findings if e.code == "swings freely")
         data = Health((*data.findings, *freely))
+    if loud and not data.faults and (change := change_within(selection.first)) is not None:
+        data = Health((change.finding(), *data.findings))
     laws: tuple[Law, ...] = ()
     unsearched: tuple[str, ...] = ()
     if not data.faults:

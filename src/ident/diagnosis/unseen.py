@@ -6,9 +6,10 @@ left out, and whole regions of a joint's position and direction, beside stretche
 
     D_k = |e_k without the effect|² − |e_k with it|²        e_k: errors of the left-out part k
 
-An effect is carried by a log if D is CARRIED_SE standard errors above zero over stretches of time,
-or over phases where the motion repeats, if regions that were left out are not predicted worse with
-it, and if what it takes from the error of some joint is CARRIED_SHARE of that joint's torque.
+An effect is carried by a log if one of its values is CARRIED_SE standard errors from zero, if D is
+RIVAL standard errors above zero over stretches of time, or over phases where the motion repeats, if
+regions that were left out are not predicted worse with it, and if what it takes from the error of
+some joint is CARRIED_SHARE of that joint's torque.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ import numpy as np
 from ident.diagnosis.effect_set import EffectSet, Member
 from ident.fit.residual_maps import period_of
 from ident.information.blocks import Part
-from ident.information.chance import PARSIMONY, paired
+from ident.information.chance import PARSIMONY, RIVAL, paired
 from ident.information.hypotheses import Array, PartialRegression
 
-CARRIED_SE = 3.0  # level: standard errors of the fall over parts of a log that were left out
+CARRIED_SE = 3.0  # level: standard errors of one of its values
 CARRIED_SHARE = 0.01  # level: of a joint's torque (rms), that an effect takes from its error
 PHASES = 10  # work: of a period, that are left out in turn
 REGIONS = 5  # work: of a joint's positions, each in both directions
@@ -52,13 +53,31 @@ class Unseen:
         if self.phases is not None:
             without, losses = self._losses(self.phases, member)
         sure = paired(without.sum(axis=1), losses.sum(axis=1))
-        worst = max(1 - sure / CARRIED_SE, 1 - size / CARRIED_SHARE)
+        worst = max(
+            1 - self.standard_errors[member.label] / CARRIED_SE,
+            1 - sure / RIVAL,
+            1 - size / CARRIED_SHARE,
+        )
         in_motion = member.effect.joints and not member.effect.corrects
         if worst <= 0 and in_motion and (regions := self._regions(member)) is not None:
             without, losses = self._losses(regions, member)
             unseen, seen = float((losses - without).sum()), max(float(fall.sum()), 1e-300)
             worst = max(worst, unseen / seen - PARSIMONY)
         return worst
+
+    @cached_property
+    def standard_errors(self) -> dict[str, float]:
+        """The largest value of each member over its standard error, by label."""
+        regression = self.effect_set.regression
+        theta, inverse = regression.solved
+        noise = np.sqrt(float(regression.loss.sum()) / max(float(regression.rows.sum()), 1.0))
+        stderr = noise * np.sqrt(np.maximum(np.diag(inverse), 0.0))
+        place = {int(column): i for i, column in enumerate(regression.model)}
+        sizes = np.abs(theta) / np.where(stderr > 0, stderr, np.inf)
+        return {
+            m.label: float(max(sizes[place[int(column)]] for column in m.columns))
+            for m in self.effect_set.members
+        }
 
     @staticmethod
     def _losses(rows: PartialRegression, member: Member) -> tuple[Array, Array]:

@@ -32,7 +32,7 @@ from ident.text import listed, percent, shortlist, two_digits
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
     "position swapped", "joints swapped", "time", "gravity", "another run", "units",
-    "logs disagree",
+    "logs disagree", "changed within the log",
 }  # fmt: skip
 DEAD = {"constant", "zero"}  # codes of findings on channels that measure nothing
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
