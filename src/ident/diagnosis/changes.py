@@ -1,9 +1,9 @@
-"""What changes within a log: an effect that acts from some time on, and no sooner.
+"""What changes within a log: a cause that acts from some time on, and no sooner.
 
     b = A x + [t ≥ t₀] C θ        C: columns of any effect at any place; t₀: a boundary of blocks
 
 Both stretches have the model's parameters and the later one θ besides: a load that is taken up, a
-friction that rises, a channel that is exchanged. All effects at all times are judged at once, by
+friction that rises, channels that are exchanged. All causes at all times are judged at once, by
 left-out errors held against the most that any of them explains of random residuals, and must
 explain more than any effect that acts all the time.
 """
@@ -12,120 +12,152 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from ident.diagnosis.candidates import SURROGATES, Contest, absorbed, possible
 from ident.diagnosis.null import judging, null_shares
 from ident.diagnosis.selection import MAIN_CAUSE, Ranking
-from ident.effects import Effect
 from ident.finding import Finding
-from ident.information.chance import PARSIMONY, exceeding, paired
+from ident.information.chance import CERTAIN, PARSIMONY, exceeding, paired
 from ident.information.hypotheses import Array, PartialRegression
 
 CODE = "changed within the log"
 FEWEST_BLOCKS = 3  # work: of each stretch
 TIMES = 8  # work: in each of two blocks, at which the change is sought in the end
-COMPARED = 8  # work: effects whose times are sought
+COMPARED = 8  # work: causes whose times are sought
+SHOWN = 3  # shown: values of a change
 CLEARLY = 2.0  # tuned: left-out squares with what acts all the time over those with the change
 
 
 @dataclass(frozen=True, eq=False)
+class Cause:
+    """What may set in within a log, with its columns in the rows of each part."""
+
+    words: str  # `coulomb:elbow`, or what happens to channels
+    joints: tuple[str, ...]
+    names: tuple[str, ...]  # of its numbers, with their units
+    units: tuple[str, ...]
+    columns: list[np.ndarray]  # by part (m, u)
+
+
+@dataclass(frozen=True, eq=False)
 class Change:
-    """An effect that acts from a time on.
+    """A cause that acts from a time on.
 
     Attributes:
-        effect: of the library, or of the model, whose values differ from then on.
-        log: name of the log; time: in it [s]; error: of the time, as the motion shows it [s].
-        values, stderr: (u,) of its unknowns, by how much they differ.
+        cause: an effect of the library or of the model, whose values differ from then on, or an
+            exchange of channels.
+        log: name of the log; time: in it [s].
+        values, stderr: (u,) of its numbers, by how much they differ.
         gain: share of the left-out squares that it explains; p: chance of such a gain.
-        loss: (blocks,) left-out squares with it.
+        coordinate: whose error it lowers most; loss: (blocks,) left-out squares there with it.
     """
 
-    effect: Effect
+    cause: Cause
     log: str
     time: float
     values: Array
     stderr: Array
     gain: float
     p: float
+    coordinate: int
     loss: Array
 
     def finding(self) -> Finding:
         """Return it in words."""
-        names = (parameter.name for parameter in self.effect.unknowns)
-        pairs = list(zip(names, self.values, self.stderr, self.effect.units, strict=False))
-        large = [x for x in pairs if abs(x[1]) > 3 * x[2]][:3] or pairs[:1]
-        values = ", ".join(f"{name} {value:+.3g} ± {error:.1g} {unit}".removesuffix(" 1")
-                           for name, value, error, unit in large)  # fmt: skip
-        text = f"from t = {self.time:.2f} s of {self.log} on: {self.effect.label} ({values})"
+        pairs = zip(self.cause.names, self.values, self.stderr, self.cause.units, strict=False)
+        listed = list(pairs)
+        large = [x for x in listed if abs(x[1]) > CERTAIN * x[2]][:SHOWN] or listed[:1]
+        values = ", ".join(
+            f"{name} {value:+.3g} ± {error:.1g} {unit}".removesuffix(" 1")
+            for name, value, error, unit in large
+        )
+        text = f"from t = {self.time:.2f} s of {self.log} on: {self.cause.words} ({values})"
         remedy = f"split the log at {self.time:.2f} s and identify its parts by themselves"
-        return Finding(CODE, text, remedy, (self.log, *self.effect.joints), self.gain)
+        return Finding(CODE, text, remedy, (self.log, *self.cause.joints), self.gain)
 
 
 def change_within(first: Ranking) -> Change | None:
-    """Return what changes within a log of a fit, of which all effects are ranked; None if none
+    """Return what changes within a log of a fit, of which all effects are ranked; None if nothing
     does, or an effect that acts all the time explains it as well.
     """
-    contest = first.contest
-    boundaries = [*_boundaries(contest)]
-    if not boundaries:
+    contest, boundaries = first.contest, [*_boundaries(first.contest)]
+    causes = [*_effects(contest), *_exchanges(contest)]
+    if not (boundaries and causes):
         return None
     if contest.regression.residual[0].shape[1] <= 1:
         contest = judging(contest)
-    regression, effects = contest.regression, list[tuple[Effect, list[np.ndarray]]]()
-    for effect in _acting(contest):
-        (shape,) = [{}] if not effect.shapes else contest.table.starts(effect)[:1] or [{}]
-        effects.append((effect, contest.columns(effect, shape)))
-    where = [(effect, number, time) for effect, _ in effects for number, time in boundaries]
+    # all causes from all times
+    where = [(cause, number, time) for cause in causes for number, time in boundaries]
     masks = [_later(contest, number, time) for number, time in boundaries]
     gated = [
-        np.concatenate([C[i] * mask[i][:, None] for _, C in effects for mask in masks], axis=1)
-        for i in range(len(regression.parts))
+        np.concatenate([c.columns[i] * mask[i][:, None] for c in causes for mask in masks], axis=1)
+        for i in range(len(contest.regression.parts))
     ]
-    regression, new = regression.added(gated)
-    widths = [C[0].shape[1] for _, C in effects for _ in masks]
-    groups = np.split(new, np.cumsum(widths)[:-1])
-    measured = regression.gains(groups)
+    regression, new = contest.regression.added(gated)
+    widths = [len(cause.names) for cause in causes for _ in masks]
+    measured = regression.gains(np.split(new, np.cumsum(widths)[:-1]))
     gains = regression.explained(measured.by)
     null = null_shares(regression, measured).max(axis=0)
     best = int(gains.argmax())
-    p = max(
-        exceeding(float(gains[best]), x) for x in (null[:SURROGATES], null[SURROGATES:]) if len(x)
-    )
+    nulls = (x for x in (null[:SURROGATES], null[SURROGATES:]) if len(x))
+    p = max(exceeding(float(gains[best]), x) for x in nulls)
     share = float(regression.explained_by_coordinate(measured.by[best]).max())
     if not p < contest.decision.alpha or share < MAIN_CAUSE:
         return None
-    columns = {effect.label: C for effect, C in effects}
-    tried = list[Change]()
+    # the times of the best ones, and the simplest of those that do as well
+    tried = dict[int, Change]()
     for i in np.argsort(-gains).tolist():
-        effect, number, time = where[i]
-        if any(change.effect is effect for change in tried) or len(tried) >= COMPARED:
-            continue
-        tried.append(_refined(contest, effect, columns[effect.label], number, time, boundaries, p))
-    most = max(change.gain for change in tried)
-    equal = [change for change in tried if change.gain >= (1 - PARSIMONY) * most]
-    change = min(equal, key=lambda change: (len(change.effect.unknowns), -change.gain))
-    always = min((e.refit.loss.sum(axis=1) for e in first.evidence), key=np.sum, default=None)
-    if always is not None and (
-        change.loss.sum() > always.sum() / CLEARLY
-        or paired(always, change.loss) < contest.decision.rival_se
+        cause, number, time = where[i]
+        if id(cause) not in tried and len(tried) < COMPARED:
+            tried[id(cause)] = _with_time(contest, cause, number, time, boundaries, p)
+    most = max(change.gain for change in tried.values())
+    equal = [change for change in tried.values() if change.gain >= (1 - PARSIMONY) * most]
+    change = min(equal, key=lambda change: (len(change.cause.names), -change.gain))
+    always = [e.refit.loss[:, change.coordinate] for e in first.evidence]
+    least = min(always, key=lambda loss: float(loss.sum()), default=None)
+    if least is not None and (
+        change.loss.sum() > least.sum() / CLEARLY
+        or paired(least, change.loss) < contest.decision.rival_se
     ):
         return None
     return change
 
 
-def _acting(contest: Contest) -> Iterator[Effect]:
+def _effects(contest: Contest) -> Iterator[Cause]:
     """Yield effects that may set in: candidates, those of the model, and loads of unknown links."""
-    fit = contest.fit
-    labels = set()
+    fit, labels = contest.fit, set[str]()
     absorbed_loads = (e for e in possible(fit.mechanism, fit.motion) if absorbed(fit.mechanism, e))
     laws = (law.effect for law in contest.laws)
     for effect in (*laws, *fit.mechanism.effects, *absorbed_loads):
-        grows = effect.kind in ("drift", "ripple") or effect.memory or effect.corrects
-        if effect.label not in labels and effect.unknowns and not grows:
-            labels.add(effect.label)
-            yield replace(effect, values={})
+        grows = effect.kind == "ripple" or effect.memory or effect.corrects
+        if effect.label in labels or not effect.unknowns or grows:
+            continue
+        labels.add(effect.label)
+        bare = replace(effect, values={})
+        shape = contest.table.starts(bare)[0] if bare.shapes else {}
+        names = tuple(parameter.name for parameter in bare.unknowns)
+        columns = contest.columns(bare, shape)
+        yield Cause(bare.label, bare.joints, names, bare.units[: len(names)], columns)
+
+
+def _exchanges(contest: Contest) -> Iterator[Cause]:
+    """Yield exchanges of two torque channels of a tree: τ_i − τ_j in row i, τ_j − τ_i in row j."""
+    table = contest.table
+    if table.mechanism.closures:
+        return
+    driven = [*enumerate(table.motion.independent)]
+    driven = [(u, name) for u, name in driven if name in table.mechanism.driven]
+    for (i, one), (j, other) in combinations(driven, 2):
+        columns, difference = [], table.tau[:, i] - table.tau[:, j]
+        for part in contest.regression.parts:
+            u = part.coordinate
+            sign = {i: 1.0, j: -1.0}.get(u, 0.0)
+            columns.append(sign * difference[contest.use[:, u], None])
+        words = f"the torques of {one} and {other} are exchanged"
+        yield Cause(words, (one, other), ("share",), ("1",), columns)
 
 
 def _boundaries(contest: Contest) -> Iterator[tuple[int, float]]:
@@ -146,8 +178,8 @@ def _later(contest: Contest, number: int, time: float) -> list[np.ndarray]:
     return [later[contest.use[:, part.coordinate]] for part in contest.regression.parts]
 
 
-def _refined(
-    contest: Contest, effect: Effect, C: list[np.ndarray], number: int, time: float,
+def _with_time(
+    contest: Contest, cause: Cause, number: int, time: float,
     boundaries: list[tuple[int, float]], p: float,
 ) -> Change:  # fmt: skip
     """Return the change with the time near a boundary that leaves least."""
@@ -157,11 +189,11 @@ def _refined(
     trials = []
     for t in time + step * np.linspace(-1, 1, 2 * TIMES + 1):
         later = _later(contest, number, float(t))
-        refit = bare.refit_with([c * mask[:, None] for c, mask in zip(C, later, strict=True)])
+        gated = [c * mask[:, None] for c, mask in zip(cause.columns, later, strict=True)]
+        refit = bare.refit_with(gated)
         trials.append((float(refit.loss.sum()), float(t), refit))
     loss, t, refit = min(trials, key=lambda trial: trial[0])
-    noise = np.sqrt(loss / max(float(bare.rows.sum()), 1.0))
-    name, gain = contest.table.scenes[number].e.name, bare.gain(refit)
-    return Change(
-        effect, name, t, refit.theta, noise * refit.stderr, gain, p, refit.loss.sum(axis=1)
-    )
+    noise, u = np.sqrt(loss / max(float(bare.rows.sum()), 1.0)), int(refit.by.argmax())
+    log = contest.table.scenes[number].e.name
+    stderr = noise * refit.stderr
+    return Change(cause, log, t, refit.theta, stderr, bare.gain(refit), p, u, refit.loss[:, u])

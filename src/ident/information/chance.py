@@ -392,12 +392,13 @@ class Chance:
 
     def largest(self, other: Chance) -> Chance:
         """Return the chance of both kinds of candidates, from the same draws."""
-        joined = []
-        for one, two in ((self.residual, other.residual), (self.noise, other.noise)):
-            both = {**one, **two}
+
+        def maxima(one: Mapping[int, Array], two: Mapping[int, Array]) -> dict[int, Array]:
             common = {u: np.maximum(one[u], two[u]) for u in {*one} & {*two}}
-            joined.append({**both, **common})
-        return Chance(*joined, self.alpha, self.elsewhere)
+            return {**one, **two, **common}
+
+        residual, noise = (maxima(self.residual, other.residual), maxima(self.noise, other.noise))
+        return Chance(residual, noise, self.alpha, self.elsewhere)
 
     def p(self, gain: float, place: int) -> float:
         """Chance that such a gain is exceeded at any place; NaN without draws."""
