@@ -33,7 +33,7 @@ from ident.errors import FitError, check_whole
 from ident.files import json_bytes, version, write_all
 from ident.fit import Fit, identify
 from ident.fit.shapes import widened
-from ident.information.blocks import Error
+from ident.information.blocks import Error, Information, Key
 from ident.information.chance import ALPHA, CERTAIN, RIVAL, zscore
 from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import PartialRegression
@@ -220,12 +220,12 @@ def grow(
     fit = identify(mechanism, motion, validate=validate, estimator="least-squares", progress=first)
     steps = [Step((), (), (), fit, errors_of(fit))]
 
-    rule = {"decision": decision, "seed": seed}
-
     def contest_of(fit: Fit, on_progress: OnProgress, earlier: Contest | None = None) -> Contest:
         # curves judge what is left in the end, the search needs none
         curved, effects = earlier is not None, candidates_of(fit)
-        return with_noise(Contest.of(fit, effects, on_progress, curved, earlier, **rule))
+        return with_noise(
+            Contest.of(fit, effects, on_progress, curved, earlier, decision=decision, seed=seed)
+        )
 
     def reached(rungs: Collection[Step]) -> None:
         steps.extend(rungs)
@@ -315,7 +315,7 @@ def rises(before: Fit, after: Fit, validate: Motion | None) -> str:
                 k for k in one.blocks if (k.log, k.coordinate) == (number, u) and k in two.blocks
             ]
             old, new = (
-                np.array([rows.blocks[k].squares(fit.estimate.x)[0][0] for k in keys])
+                np.array([_squares_left(rows, k, fit.estimate.x)[u] for k in keys])
                 for rows, fit in ((one, before), (two, after))
             )
             torque = sum(one.blocks[k].torque[0] for k in keys)
@@ -323,6 +323,12 @@ def rises(before: Fit, after: Fit, validate: Motion | None) -> str:
                 was, is_ = (100 * float(np.sqrt(x.sum() / max(torque, 1e-300))) for x in (old, new))
                 return f"the error of {joint} on {e.name} would rise from {was:.3g} to {is_:.3g} %"
     return ""
+
+
+def _squares_left(rows: Information, key: Key, x: np.ndarray) -> np.ndarray:
+    """Return the squares (d,) that a solution leaves in the rows in motion of one block."""
+    one = replace(rows, blocks={key: rows.blocks[key]})
+    return np.asarray(one.squares(x).in_motion[0])
 
 
 def named(grown: Grown, search: Search) -> str:
