@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from identification import motion_log, plant, robot
 
 import ident
 from ident import Noise
 from ident.diagnosis.changes import CODE, change_within
+from identification import motion_log, plant, robot
 
 RATE, SECONDS, CHANGED = 200.0, 6.0, 3.3
 SENSORS = (Noise("tau", 0.01, relative=True), Noise("q", 1e-5))
