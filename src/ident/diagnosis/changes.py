@@ -28,7 +28,6 @@ FEWEST_BLOCKS = 3  # work: of each stretch
 TIMES = 8  # work: in each of two blocks, at which the change is sought in the end
 COMPARED = 8  # work: causes whose times are sought
 SHOWN = 3  # shown: values of a change
-CLEARLY = 2.0  # tuned: left-out squares with what acts all the time over those with the change
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +118,7 @@ def change_within(first: Ranking) -> Change | None:
     always = [e.refit.loss[:, change.coordinate] for e in first.evidence]
     least = min(always, key=lambda loss: float(loss.sum()), default=None)
     if least is not None and (
-        change.loss.sum() > least.sum() / CLEARLY
+        change.loss.sum() > MAIN_CAUSE * least.sum()
         or paired(least, change.loss) < contest.decision.rival_se
     ):
         return None

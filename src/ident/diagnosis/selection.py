@@ -38,8 +38,6 @@ SAME_PART = (
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 STARTS = 4  # work: of a searched shape, from which it is refined
-LIKE = 0.99  # tuned: cosine of what two candidates explain, from which their columns are like
-CONSTANT = 0.95  # tuned: of the gain of a law of position, from which its constant is all of it
 ROUNDING = 1e-12  # numerics: of a share, from one
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
 
@@ -454,7 +452,7 @@ def simplest(ranking: Ranking) -> Evidence | None:
     best, driven = min(equal, key=simplicity), {*ranking.contest.fit.mechanism.driven}
     same = [e for e in equal if _same_columns(e, best) and e.numbers == best.numbers]
     best = min(same, key=lambda e: (not driven & {*e.effect.joints}, *simplicity(e)))
-    constant = (e for e in credible if _nested(e, best) and e.gain >= CONSTANT * best.gain)
+    constant = (e for e in credible if _nested(e, best) and e.gain >= (1 - PARSIMONY) * best.gain)
     return next(constant, best) if best.effect.of_position else best
 
 
@@ -480,7 +478,8 @@ def rivals(best: Evidence, ranking: Ranking) -> tuple[Evidence, ...]:
 def _same_columns(a: Evidence, b: Evidence) -> bool:
     """Return whether two candidates have like columns here, as two joints of a loop may."""
     return a is b or (
-        a.effect.kind == b.effect.kind and float(a.refit.direction @ b.refit.direction) > LIKE
+        a.effect.kind == b.effect.kind
+        and float(a.refit.direction @ b.refit.direction) > np.sqrt(1 - PARSIMONY)
     )
 
 
