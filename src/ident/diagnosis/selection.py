@@ -452,7 +452,9 @@ def simplest(ranking: Ranking) -> Evidence | None:
     best, driven = min(equal, key=simplicity), {*ranking.contest.fit.mechanism.driven}
     same = [e for e in equal if _same_columns(e, best) and e.numbers == best.numbers]
     best = min(same, key=lambda e: (not driven & {*e.effect.joints}, *simplicity(e)))
-    constant = (e for e in credible if _nested(e, best) and e.gain >= (1 - PARSIMONY) * best.gain)
+    constant = (
+        e for e in credible if _nested(e, best) and e.gain >= (1 - PARSIMONY**2) * best.gain
+    )
     return next(constant, best) if best.effect.of_position else best
 
 
@@ -479,7 +481,7 @@ def _same_columns(a: Evidence, b: Evidence) -> bool:
     """Return whether two candidates have like columns here, as two joints of a loop may."""
     return a is b or (
         a.effect.kind == b.effect.kind
-        and float(a.refit.direction @ b.refit.direction) > np.sqrt(1 - PARSIMONY)
+        and float(a.refit.direction @ b.refit.direction) > np.sqrt(1 - PARSIMONY**2)
     )
 
 
