@@ -127,6 +127,12 @@ class Machine:
         """Return a parameter of an effect at one joint, 0 where there is none."""
         return self.values.get(kind, {}).get((joint,), {}).get(name, 0.0)
 
+    def speaks_of(self, kind: str, joint: str) -> bool:
+        """Return whether the model has such an effect at a joint, be its value zero: what it does
+        not speak of stays as it is in a file of the user.
+        """
+        return f"{kind}:{joint}" in {effect.label for effect in self.mechanism.effects}
+
     def payloads(self, link: str) -> np.ndarray | None:
         """Return the ten parameters (10,) of the payload on a link, if there is one."""
         found = self.values.get("payload", {}).get((link,))

@@ -154,7 +154,13 @@ class LikeMjcf:
             "stiffness": [float(model.jnt_stiffness[j]), *stiff],
         }
         spring = False
+        kinds = {
+            "damping": ("viscous", "drag"), "frictionloss": ("coulomb",),
+            "armature": ("rotor_inertia",), "stiffness": ("spring", "cable"),
+        }  # fmt: skip
         for key, present in now.items():
+            if key not in wanted and not any(self.machine.speaks_of(k, name) for k in kinds[key]):
+                continue
             new = [float(x) for x in wanted.get(key, "0").split()]
             both = np.zeros((2, 3))
             both[0, : len(present)], both[1, : len(new)] = present, new

@@ -73,9 +73,9 @@ def _write(job: Job, vocabulary: Vocabulary, *, drake: bool) -> Product:
                 element, "dynamics", {k: words([x]) for k, x in wanted.items() if x}, last=True
             )
         elif dynamics is not None:
-            for key, x in wanted.items():
-                if x or key in dynamics.attributes:
-                    edit.set(dynamics, key, words([x]))
+            for key, kind in (("damping", "viscous"), ("friction", "coulomb")):
+                if wanted[key] or machine.speaks_of(kind, name):
+                    edit.set(dynamics, key, words([wanted[key]]))
         _place(edit, element, machine, name)
     bodies = _inertials(machine, str(source))
     links = {element.attributes.get("name", ""): element for element in edit.root.iter("link")}

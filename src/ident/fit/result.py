@@ -532,5 +532,10 @@ class Fit(Charted):
         return Path(render(self, "urdf", path))
 
     def export(self, to: str, **options: Any) -> Any:
-        """Return the identified machine for a simulator or a controller, as `ident.export` does."""
+        """Return the identified machine for a simulator or a controller.
+
+        Args:
+            to: mjcf, urdf, sdf, drake, c, fmu, or a target of another package.
+            options: those of `ident.export`, as `like`, `step`, `out`, `log`.
+        """
         return render(self, "export", to, **options)
