@@ -57,7 +57,7 @@ STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smoo
 def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -> Samples:
     """A whole state as correcting effects (or `only` one) make it at the point of `base`."""
     mechanism, e = base.mechanism, base.e
-    found = []
+    corrections = []
     for effect in mechanism.effects:
         if not effect.corrects or (only and effect.label != only.label):
             continue
@@ -69,10 +69,10 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         if not any(shape.values()) and not effect.margin:
             continue
         what = effect.correction(replace(base.signals(effect.joints), shape=shape))
-        found.append((effect.margin, what))
+        corrections.append((effect.margin, what))
         mechanism = mechanism.corrected(what)
     known = e.known(mechanism)
-    for margin, what in found:
+    for margin, what in corrections:
         for name, d in what.delay.items():
             tau, channel = e.tau.copy(), mechanism.driven.index(name)
             tau[:, channel] = late(e.t, e.tau[:, channel], -d)  # read at t + d, without the ends
@@ -85,9 +85,11 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         for name, dq in what.dq.items():
             if name in e.logged:  # the closures place the others
                 known[:, :, e.logged.index(name)] += _rates(e, dq, cutoff)
-    if any(what.dq or what.displaced for _, what in found):  # once: all are of the data as logged
+    if any(
+        what.dq or what.displaced for _, what in corrections
+    ):  # once: all are of the data as logged
         e = e.at(mechanism, known)
-    for _, what in found:
+    for _, what in corrections:
         if what.clock:
             f = 1 + what.clock
             e = replace(e, v=e.v / f, yd=e.yd / f, still=e.still / f)

@@ -58,7 +58,7 @@ class Budget:
         parts: (n, c) change of the base parameters by one standard deviation of each cause.
         propagated: (n, c) the same of the least-squares estimate, in which no cause is fitted.
         shift: (n,) marginal estimate less least squares.
-        left: (d,) squared residual over that of least squares.
+        remaining: (d,) squared residual over that of least squares.
         values, errors: (c,) of the causes, in their prior scales; correlation: (c, c) of these.
     """
 
@@ -68,7 +68,7 @@ class Budget:
     parts: np.ndarray
     propagated: np.ndarray
     shift: np.ndarray
-    left: np.ndarray
+    remaining: np.ndarray
     values: np.ndarray
     errors: np.ndarray
     correlation: np.ndarray
@@ -127,13 +127,21 @@ def budget_of(problem: Problem, table: Table, fitted: Estimate) -> Budget | None
         if number:
             with suppress(IdentError, np.linalg.LinAlgError):
                 at = _corrected(problem, x, causes, values)
-        found = [_column(at, cause, value) for cause, value in zip(causes, values, strict=True)]
-        felt = [k for k, N in enumerate(found) if N is not None and N[at.informed].any()]
-        left_out = [cause.name for cause, N in zip(causes, found, strict=True) if N is None]
+        columns_of_causes = [
+            _column(at, cause, value) for cause, value in zip(causes, values, strict=True)
+        ]
+        felt = [
+            k for k, N in enumerate(columns_of_causes) if N is not None and N[at.informed].any()
+        ]
+        left_out = [
+            cause.name for cause, N in zip(causes, columns_of_causes, strict=True) if N is None
+        ]
         causes, values = [causes[k] for k in felt], values[felt]
         if not causes:
             return None
-        columns = np.stack([N for N in found if N is not None and N[at.informed].any()], axis=-1)
+        columns = np.stack(
+            [N for N in columns_of_causes if N is not None and N[at.informed].any()], axis=-1
+        )
         n, c = len(base), len(causes)
         information = _augmented(problem, at, fitted, columns, columns @ values)
         z, total, sigma = _marginal(information, fitted, at, n, c)
@@ -152,14 +160,15 @@ def budget_of(problem: Problem, table: Table, fitted: Estimate) -> Budget | None
         parts=z.solution.C[:n, n:],
         propagated=_propagated(information, sigma, n),
         shift=z.x[:n] - least,
-        left=_left(information, z.x) / np.maximum(_left(problem.information, fitted.x), 1e-300),
+        remaining=_mean_squares(information, z.x)
+        / np.maximum(_mean_squares(problem.information, fitted.x), 1e-300),
         values=values,
         errors=errors,
         correlation=of_causes / np.outer(errors, errors),
     )
 
 
-def _left(information: Information, x: np.ndarray) -> np.ndarray:
+def _mean_squares(information: Information, x: np.ndarray) -> np.ndarray:
     """Return the mean squared residual (d,) of unknowns x (k,)."""
     return np.array([t.residual_norm(x) ** 2 / max(t.rows, 1) for t in information.totals])
 
@@ -167,8 +176,8 @@ def _left(information: Information, x: np.ndarray) -> np.ndarray:
 def _propagated(information: Information, sigma: np.ndarray, n: int) -> np.ndarray:
     """Return (AᵀA)⁻¹ Aᵀ N S (n, c): by how much causes move an estimate that knows of none."""
     R = total_of(information, sigma).R
-    found: np.ndarray = linear.lstsq(R[:, :n], R[:, n:], rcond=None)[0]
-    return found
+    change: np.ndarray = linear.lstsq(R[:, :n], R[:, n:], rcond=None)[0]
+    return change
 
 
 def _excerpt(motion: Motion) -> Motion:
@@ -264,15 +273,15 @@ def _marginal(
     floor = MATERIAL * np.maximum(term_sizes(totals, start), torque)
     sigma = np.array(fitted.sigma) if len(fitted.sigma) == len(totals) else None
     if sigma is None:
-        left = [t.residual_norm(start) / np.sqrt(max(t.rows, 1)) for t in totals]
-        sigma = np.maximum(left, floor)
+        rms = [t.residual_norm(start) / np.sqrt(max(t.rows, 1)) for t in totals]
+        sigma = np.maximum(rms, floor)
     sigma = np.where(sigma > 0, sigma, 1.0)
     one = np.ones(1)
     for _ in range(PASSES):
         total = Triangle.merge([total_of(information, sigma), prior])
         z = estimate([total], np.zeros(n + c), one, sigma=one)
-        left = [t.residual_norm(z.x) / np.sqrt(max(t.rows, 1)) for t in totals]
-        new = np.maximum(left, floor)
+        rms = [t.residual_norm(z.x) / np.sqrt(max(t.rows, 1)) for t in totals]
+        new = np.maximum(rms, floor)
         new = np.where(new > 0, new, sigma)
         if np.abs(np.log(new / sigma)).max() < SETTLED:
             break

@@ -237,11 +237,11 @@ class Fit(Charted):
         if self.known_errors is not None:  # of an earlier fit, as the same sensors log them
             return None, []
         try:
-            found = budget_of(self.problem, self.checks.table, self.estimate)
+            budget = budget_of(self.problem, self.checks.table, self.estimate)
         except (IdentError, np.linalg.LinAlgError) as error:
             text = f"errors of the calibration are not in the standard errors: {error}"
             return None, [Finding("no budget", text, "give --calibrated exact if it is")]
-        return found, [] if found is None else [*found.findings()]
+        return budget, [] if budget is None else [*budget.findings()]
 
     @cached_property
     def calibrated(self) -> Estimate:
@@ -270,8 +270,8 @@ class Fit(Charted):
         bias = self.estimate.base.combined(change)
         wider, again = 1.0, self.repeated
         if again is not None:  # of what is left, the rest is the same in each period
-            left = zip(again.rho.items(), self.budget.left, strict=True)
-            rho = {name: 1 - (1 - rho) / max(share, 1e-12) for (name, rho), share in left}
+            shares = zip(again.rho.items(), self.budget.remaining, strict=True)
+            rho = {name: 1 - (1 - rho) / max(share, 1e-12) for (name, rho), share in shares}
             wider = replace(again, rho=rho).variance(self.motion.duration)
         held = prior_covariance(self.estimate, self.problem.plausible)
         return self.budget.noise * wider + held + np.outer(bias, bias)
@@ -306,9 +306,9 @@ class Fit(Charted):
         total = float(gradient @ self.covariance @ gradient) or 1.0
         squares = (gradient @ self._by_calibration) ** 2 / total
         causes = self.budget.causes if self.budget else ()
-        found = {"noise": float(gradient @ self._by_noise @ gradient) / total}
-        found |= {c.name: float(x) for c, x in zip(causes, squares, strict=True)}
-        return dict(sorted(found.items(), key=lambda share: -share[1]))
+        shares = {"noise": float(gradient @ self._by_noise @ gradient) / total}
+        shares |= {c.name: float(x) for c, x in zip(causes, squares, strict=True)}
+        return dict(sorted(shares.items(), key=lambda share: -share[1]))
 
     @property
     def known_errors(self) -> Covariance | None:

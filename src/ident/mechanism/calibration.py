@@ -112,11 +112,11 @@ class Calibration:
         """
         stated: dict[str, Amount] = {}
         for entry in filter(None, (part.strip() for part in text.split(","))):
-            key, found, amount = entry.partition("=")
+            key, equals, amount = entry.partition("=")
             key, amount = key.strip(), amount.strip()
-            if not found and key == EXACT:
+            if not equals and key == EXACT:
                 key, amount = "all", EXACT
-            elif not found:
+            elif not equals:
                 raise MechanismError(f"--calibrated {entry}: write KIND=AMOUNT, as tau=0.5%")
             kind, _, place = key.partition(".")
             where = f"--calibrated {entry}"
