@@ -189,3 +189,15 @@ def test_unknown_targets_settings_and_files(robots, tmp_path):
     ):
         with pytest.raises(ident.IdentError, match=text):
             export(mechanism, **{"values": values, **arguments})
+
+
+def test_a_public_urdf_that_says_the_same_is_the_same(tmp_path):
+    mechanism = ident.load(public_robot("panda", tmp_path / "panda"))
+    path = tmp_path / "panda" / "panda.urdf"
+    out = tmp_path / "new.urdf"
+    assert export(mechanism, "urdf", like=path, out=out).text == path.read_text()
+    heavier = {"panda_link3.m": 4.0}
+    text = export(mechanism, "urdf", like=path, out=out, values=heavier).text
+    lines = changed_lines(path.read_text(), text)
+    assert 0 < len(lines) <= 6
+    assert all("<mass" in x or "<inertia" in x or "<origin" in x for x in lines)

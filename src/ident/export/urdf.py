@@ -21,6 +21,7 @@ from ident.files import regular
 from ident.fit.files import link_inertials
 from ident.mechanism.closures import FrameClosure, LinearClosure
 from ident.mechanism.description import read_description, words
+from ident.mechanism.parameters import COUNT
 
 NAMESPACE = "http://drake.mit.edu"
 URDF_WORDS = Vocabulary(
@@ -77,7 +78,8 @@ def _write(job: Job, vocabulary: Vocabulary, *, drake: bool) -> Product:
                 if wanted[key] or machine.speaks_of(kind, name):
                     edit.set(dynamics, key, words([wanted[key]]))
         _place(edit, element, machine, name)
-    bodies = _inertials(machine, str(source))
+    own_file = source.resolve() == machine.mechanism.urdf.resolve()
+    bodies = _inertials(machine, own_file)
     links = {element.attributes.get("name", ""): element for element in edit.root.iter("link")}
     for link, pi in bodies.items():
         if link in links and pi is not None:
@@ -109,9 +111,16 @@ def _mimics(edit: XmlEdit, machine: Machine, joints: Mapping[str, Element]) -> N
         }, last=True)  # fmt: skip
 
 
-def _inertials(machine: Machine, where: str) -> Mapping[str, np.ndarray | None]:
+def _inertials(machine: Machine, own_file: bool) -> Mapping[str, np.ndarray | None]:
+    """Return by link what its `<inertial>` says; of the mechanism's own file what has changed."""
     pi = np.concatenate([machine.total(link) for link in machine.links])
-    return link_inertials(machine.mechanism, pi, [link.name for link in machine.links])
+    prior = machine.mechanism.prior.reshape(-1, COUNT)
+    changed = [
+        link.name
+        for link, own, new in zip(machine.links, prior, pi.reshape(-1, COUNT), strict=True)
+        if not own_file or np.abs(own - new).max() > 1e-12 * max(np.abs(own).max(), 1e-300)
+    ]
+    return link_inertials(machine.mechanism, pi, changed)
 
 
 def _place(edit: XmlEdit, element: Element, machine: Machine, name: str) -> None:
