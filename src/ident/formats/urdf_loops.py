@@ -64,10 +64,10 @@ def _massless(robot: etree._Element) -> list[str]:
     def mass(link: str) -> float:
         return masses.get(link, 0.0) + sum(map(mass, fixed.get(link, [])))
 
-    moved = (
+    links = (
         j.find("child").get("link") for j in robot.findall("joint") if j.get("type") != "fixed"
     )
-    return [link for link in moved if mass(link) <= MASSLESS]
+    return [link for link in links if mass(link) <= MASSLESS]
 
 
 def _passive(driven: Sequence[str], robot: etree._Element) -> tuple[tuple[str, ...], list[str]]:
@@ -118,7 +118,7 @@ class _Yaml:
         return str(node.value)
 
 
-def read_extended(robot: etree._Element, path: Path, beside: bool) -> Extension | None:
+def read_extended(robot: etree._Element, path: Path, sidecars: bool) -> Extension | None:
     """Read the robot.yaml (or <name>.yaml) of Extended URDF that is beside a URDF."""
     for name in ("robot.yaml", f"{path.stem}.yaml"):
         file = path.parent / name
@@ -128,7 +128,7 @@ def read_extended(robot: etree._Element, path: Path, beside: bool) -> Extension 
                 break
     else:
         return None
-    if not beside:
+    if not sidecars:
         note = f"{file.name} beside it is not read, as mechanism.toml states its own closures"
         return Extension("", notes=(note,))
     return _ExtendedUrdf(robot, path, content).extension()
@@ -335,18 +335,18 @@ class _Loops:
         return names[::-1]
 
 
-def read_constraints(robot: etree._Element, path: Path, beside: bool) -> Extension | None:
+def read_constraints(robot: etree._Element, path: Path, sidecars: bool) -> Extension | None:
     """Read the <constraint> elements of urdfdom."""
     loops, closures = _Loops(robot, path), []
     for element in robot.findall("constraint"):
         parent, child = (loops.link(element, tag) for tag in ("parent", "child"))
         loops.differ(element, parent, child)
-        own = _axis(element.find("parent_axis"), loops.where, None)
-        other = _axis(element.find("child_axis"), loops.where, own)
+        axis_of_parent = _axis(element.find("parent_axis"), loops.where, None)
+        other = _axis(element.find("child_axis"), loops.where, axis_of_parent)
         origins = (
             _origin(element.find(f"{tag}_origin"), loops.where) for tag in ("parent", "child")
         )
-        ends = [*zip((parent, child), origins, (own, other), strict=True)]
+        ends = [*zip((parent, child), origins, (axis_of_parent, other), strict=True)]
         closures.append(_closure(str(element.get("name")), loops.kind(element), ends))
     if not closures:
         return None
@@ -355,7 +355,7 @@ def read_constraints(robot: etree._Element, path: Path, beside: bool) -> Extensi
     return Extension("URDF with constraints", tuple(closures), passive, notes=tuple(notes))
 
 
-def read_urdf_plus(robot: etree._Element, path: Path, beside: bool) -> Extension | None:
+def read_urdf_plus(robot: etree._Element, path: Path, sidecars: bool) -> Extension | None:
     """Read the <loop> and <coupling> elements of URDF+."""
     loops, closures, following = _Loops(robot, path), [], set[str]()
     for element in robot.findall("loop"):

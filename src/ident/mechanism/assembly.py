@@ -84,10 +84,10 @@ def _damped(kinematics: Kinematics, q: np.ndarray, end: float) -> np.ndarray:
             np.append(-e, np.zeros(J.shape[1])),
         )[0]
         step *= min(1.0, LARGEST_STEP / max(np.abs(step).max(), 1e-300))
-        there = pin.integrate(kinematics.model, q, step)
-        e_there, J_there = _residual(kinematics, there)
+        shifted = pin.integrate(kinematics.model, q, step)
+        e_there, J_there = _residual(kinematics, shifted)
         if e_there @ e_there < e @ e:
-            q, e, J, damping = there, e_there, J_there, max(damping / 5, least)
+            q, e, J, damping = shifted, e_there, J_there, max(damping / 5, least)
         else:
             damping *= 8
         if np.abs(e).max() < 0.01 * CLOSED or damping > most:

@@ -71,10 +71,10 @@ class Extension:
     notes: tuple[str, ...] = ()
 
 
-def read_description(path: Path, *, beside: bool = True) -> Description:
+def read_description(path: Path, *, sidecars: bool = True) -> Description:
     """Read a URDF, a MuJoCo model or a format of another package.
 
-    `beside`: whether files that state loops are read beside a URDF.
+    `sidecars`: whether files that state loops are read beside a URDF.
     """
     try:
         if (size := regular(path).stat().st_size) > LARGEST:
@@ -82,14 +82,14 @@ def read_description(path: Path, *, beside: bool = True) -> Description:
         data = path.read_bytes()
     except OSError as error:
         raise MechanismError(f"{path}: cannot be read: {error.strerror}") from None
-    return description_of(data, path, beside=beside)
+    return description_of(data, path, sidecars=sidecars)
 
 
-def description_of(data: bytes, path: Path, *, beside: bool = True) -> Description:
+def description_of(data: bytes, path: Path, *, sidecars: bool = True) -> Description:
     """Read as `read_description` does, given the file's content, or a URDF in its place."""
     suffix = path.suffix.lower()
     if suffix == ".urdf":
-        return _with_dialects(data, path, beside)
+        return _with_dialects(data, path, sidecars)
     foreign = None if f"mechanism{suffix}" in BUILT_IN else reader_of("mechanism", suffix)
     if foreign is not None and b"<robot" not in data:
         content = foreign(path)
@@ -97,13 +97,13 @@ def description_of(data: bytes, path: Path, *, beside: bool = True) -> Descripti
             content = content.encode()
         return Description(content, suffix[1:]) if isinstance(content, bytes) else content
     reader = reader_of("mechanism", FORMATS.get(str(parse_xml(data, str(path)).tag), ""))
-    return _with_dialects(data, path, beside) if reader is None else reader(path, data)
+    return _with_dialects(data, path, sidecars) if reader is None else reader(path, data)
 
 
-def _with_dialects(data: bytes, path: Path, beside: bool) -> Description:
+def _with_dialects(data: bytes, path: Path, sidecars: bool) -> Description:
     """Return a URDF with the loops, motors and ball joints that are stated in or beside it."""
     robot = parse_urdf(data, str(path))
-    readings = (reader(robot, path, beside) for reader in dialects())
+    readings = (reader(robot, path, sidecars) for reader in dialects())
     extensions: list[Extension] = [extension for extension in readings if extension is not None]
     notes = tuple(note for extension in extensions for note in extension.notes)
     names = [extension.dialect for extension in extensions if extension.dialect]

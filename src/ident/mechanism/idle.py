@@ -21,7 +21,7 @@ from ident.information import linear
 from ident.mechanism.mechanism import Mechanism
 
 NOTHING = 1e-7  # numerics: [1 | m/s at 1 rad/s] components and speeds that count as none
-ALIKE = 1e-6  # numerics: [rad/s | m/s at 1 rad/s] by which the twists of one rod may differ
+SAME_TWIST = 1e-6  # numerics: [rad/s | m/s at 1 rad/s] by which the twists of one rod may differ
 OFF_AXIS = 1e-3  # range: [m] from its axis to an axle's centre of mass
 PRODUCTS = ("Lxy", "Lxz", "Lyz")
 
@@ -48,15 +48,15 @@ def spins(mechanism: Mechanism) -> list[Spin]:
     drives = [index for index, joint in tree.items() if joint.name in mechanism.driven]
     data = model.createData()
     pin.computeJointJacobians(model, data, q)
-    found = []
+    turns_of_rods = []
     for z in _sparse(_null(np.vstack([J, np.eye(model.nv)[drives]]))):
         if (turned := _rod(mechanism, data, z)) is not None:
             turns = [k for k in np.flatnonzero(np.abs(z) > NOTHING) if tree[int(k)].rotational]
-            held = tree[int(max(turns, key=lambda k: abs(z[k])))]
+            joint = tree[int(max(turns, key=lambda k: abs(z[k])))]
             unseen = tuple(name for names in turned.values() for name in names)
-            value = float(mechanism.assembled[held.index])
-            found.append(Spin(held.name, value, unseen, tuple(turned)))
-    return found
+            value = float(mechanism.assembled[joint.index])
+            turns_of_rods.append(Spin(joint.name, value, unseen, tuple(turned)))
+    return turns_of_rods
 
 
 def _null(A: np.ndarray) -> np.ndarray:
@@ -89,7 +89,7 @@ def _rod(mechanism: Mechanism, data: pin.Data, z: np.ndarray) -> dict[str, list[
     if not bodies:
         return None
     twist = twists[bodies[0]]
-    if np.abs(twists[bodies] - twist).max() > ALIKE or abs(twist[:3] @ twist[3:]) > ALIKE:
+    if np.abs(twists[bodies] - twist).max() > SAME_TWIST or abs(twist[:3] @ twist[3:]) > SAME_TWIST:
         return None
     inertias = [data.oMi[i].act(model.inertias[i]) for i in bodies]
     masses = np.array([inertia.mass for inertia in inertias])
@@ -98,13 +98,13 @@ def _rod(mechanism: Mechanism, data: pin.Data, z: np.ndarray) -> dict[str, list[
         speeds = np.linalg.norm([*moving], axis=1) / np.linalg.norm(twist[3:])
         if not _held_twice(mechanism, moves, bool((speeds[masses > 0] < OFF_AXIS).all())):
             return None
-    found = {}
+    unseen = {}
     for i in bodies:
-        own = data.oMi[i].actInv(pin.Motion(twist))
-        axis = own.angular / np.linalg.norm(own.angular)
+        local = data.oMi[i].actInv(pin.Motion(twist))
+        axis = local.angular / np.linalg.norm(local.angular)
         link = mechanism.bodies.links[i - 1]
-        found[link] = _unseen(link, own.linear, axis)
-    return found
+        unseen[link] = _unseen(link, local.linear, axis)
+    return unseen
 
 
 def _bodies(model: pin.Model) -> list[int]:
@@ -135,7 +135,7 @@ def _unseen(link: str, speed: np.ndarray, axis: np.ndarray) -> list[str]:
     """Return names of parameters that a body's turn leaves unknown, where it is about one of the
     link's axes; `speed` is that of the link's origin.
     """
-    if np.abs(speed).max() > ALIKE or np.sort(np.abs(axis))[1] > ALIKE:
+    if np.abs(speed).max() > SAME_TWIST or np.sort(np.abs(axis))[1] > SAME_TWIST:
         return []
     along = "xyz"[int(np.abs(axis).argmax())]
     words = [f"m{letter}" for letter in "xyz" if letter != along]

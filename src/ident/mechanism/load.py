@@ -144,7 +144,7 @@ def _read(
     for key in ("base", "joints", "parameters", "multipliers", "log", "calibration"):
         top.table(key)
     closures, effects = (top.tables(key) for key in ("closure", "effect"))
-    source = read_description(urdf, beside="closure" not in top.data)
+    source = read_description(urdf, sidecars="closure" not in top.data)
     loops = (TomlTable(f"{urdf}: loop {i}", table) for i, table in enumerate(source.closures, 1))
     top = replace(top, data=stated(top.data, source))
     robot = parse_urdf(source.urdf, str(urdf))
@@ -257,8 +257,8 @@ def _read(
 def source_of(mechanism: Mechanism) -> Description:
     """Return what the file behind a mechanism says, and loops beside it if `load` reads them."""
     toml = mechanism.toml
-    beside = toml is None or "closure" not in read_toml(toml)
-    return read_description(mechanism.urdf, beside=beside)
+    sidecars = toml is None or "closure" not in read_toml(toml)
+    return read_description(mechanism.urdf, sidecars=sidecars)
 
 
 def has_identified(path: Path) -> bool:

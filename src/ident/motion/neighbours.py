@@ -106,16 +106,16 @@ class Neighbours:
         joints, every = mechanism.joints, None
         if not all(joint.in_tree for joint in joints):
             every = LoopSolver(mechanism, (joint.name for joint in joints)).coordinates(q).rate
-        there = np.zeros((len(q), m + d, change.shape[2]))
-        there[:, :m] = change[:, :m]
+        change_of_K = np.zeros((len(q), m + d, change.shape[2]))
+        change_of_K[:, :m] = change[:, :m]
         if every is not None:
             now = LoopSolver(mechanism, e.independent).coordinates(e.q).rate
-            there[:, m:] = every[:, [mechanism.joint_index[x] for x in e.independent]] - now
-        pinv = e.pinv - e.pinv[:, :, : m + d] @ (there @ e.pinv)
+            change_of_K[:, m:] = every[:, [mechanism.joint_index[x] for x in e.independent]] - now
+        pinv = e.pinv - e.pinv[:, :, : m + d] @ (change_of_K @ e.pinv)
         if m + d > pinv.shape[1]:
             before = self._independent_rows
             rest = np.eye(m + d) - before @ e.pinv
-            pinv += e.pinv @ (e.pinv.transpose(0, 2, 1) @ (there.transpose(0, 2, 1) @ rest))
+            pinv += e.pinv @ (e.pinv.transpose(0, 2, 1) @ (change_of_K.transpose(0, 2, 1) @ rest))
         Z = pinv[:, :, m:]
         if every is not None:
             return pinv, every @ Z

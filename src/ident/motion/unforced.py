@@ -34,8 +34,8 @@ def unforced_base(mechanism: Mechanism, experiments: Sequence[State]) -> str:
     for e in experiments:
         if e.wrench is not None and np.any(e.wrench):
             continue
-        some = np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // LOOKED_AT)]
-        gamma = regressor(mechanism.model, e.q[some], e.v[some], e.a[some])
+        samples = np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // LOOKED_AT)]
+        gamma = regressor(mechanism.model, e.q[samples], e.v[samples], e.a[samples])
         rows = gamma[:, [mechanism.joint(name).index for name in slides]]
         bodies = (rows * mechanism.prior).reshape(*rows.shape[:2], -1, COUNT).sum(axis=3)
         net = np.sqrt(np.mean(bodies.sum(axis=2) ** 2))
