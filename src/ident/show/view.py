@@ -100,7 +100,9 @@ def film_of(
     drawn = dict[str, np.ndarray]()
     if ghosts is not None:
         inside = np.arange(len(t))[ghosts.samples]
-        shown = frames(t[inside], max(most // 3, round(FRAME_RATE * float(np.ptp(t[inside])))))
+        shown = frames(
+            t[inside], min(most, max(most // 3, round(FRAME_RATE * float(np.ptp(t[inside])))))
+        )
         moments = np.union1d(frames(t, most // 2), inside[shown])
         at = moments - inside[0]
         inside_stretch = (at >= 0) & (at < len(inside))
