@@ -71,7 +71,9 @@ def findings_of(
         *_swinging(problem, estimate.at(parted), errors),
         *_implausible(problem.mechanism, errors, effects, pi),
     ]
-    return tuple(dict.fromkeys(findings))
+    every = dict.fromkeys(findings)
+    # what was done to the data comes behind what a person should act on
+    return tuple(sorted(every, key=lambda finding: finding.code == "note"))
 
 
 def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:

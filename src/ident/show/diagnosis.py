@@ -56,7 +56,7 @@ def card(
         remedies = "; ".join(each.remedy for each in d.health.findings if each.remedy)
         parts = [f"Put this right, then diagnose again: {remedies}.", good]
     sentences = " ".join(filter(None, parts))
-    line, change = f"{a.subject}: {verdict_line(d, a)}", " → ".join(filter(None, a.compared))
+    line, change = f"{a.subject}: {verdict_line(d, a)}.", " → ".join(filter(None, a.compared))
     bars = tuple(map(Bar.of, a.errors))
     if not d.health.good:
         return Card(line, sentences, bars, first=a.worst)
