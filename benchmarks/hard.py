@@ -282,7 +282,7 @@ def main() -> None:
                     said = f"refused: {error}"
                     continue
                 z.append(covered(fit, planted))
-                held += int(fit.estimate.held.sum())
+                held += int(fit.estimate.fixed.sum())
                 if case.wrong:
                     codes = [x.code for x in fit.all_findings if x.code != "note"]
                     said = said or ", ".join(dict.fromkeys(codes))

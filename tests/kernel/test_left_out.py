@@ -66,9 +66,9 @@ def test_held_unknowns_leave_the_base_without_another_search():
     totals, prior = [Triangle.of(A, b)], np.array([0.1, 0.2, 0.3, 0.4, 0.5])
     for plausible in (np.full(5, 10.0), np.array([0.001, 10.0, 10.0, 10.0, 10.0])):
         found = estimate(totals, prior, np.array([5.0]), plausible)
-        right = estimate(totals, prior, np.array([5.0]), held=found.held, sigma=found.sigma)
-        assert found.held[3]
+        right = estimate(totals, prior, np.array([5.0]), fixed=found.fixed, sigma=found.sigma)
+        assert found.fixed[3]
         np.testing.assert_allclose(found.x, right.x)
-        free = ~found.held
+        free = ~found.fixed
         by_hand = np.linalg.lstsq(A[:, free], b - A[:, ~free] @ prior[~free], rcond=None)[0]
         np.testing.assert_allclose(A[:, free] @ found.x[free], A[:, free] @ by_hand, rtol=1e-8)

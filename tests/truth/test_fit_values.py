@@ -299,8 +299,8 @@ def test_shapes_that_leave_their_bounds_one_after_the_other_are_all_held(monkeyp
 
     def beyond(problem, found):
         outside = np.zeros(len(problem.columns), dtype=bool)
-        outside[first], outside[second] = True, found.held[first]
+        outside[first], outside[second] = True, found.fixed[first]
         return outside
 
     monkeypatch.setattr(sys.modules["ident.fit.identify"], "beyond_bounds", beyond)
-    assert estimate_of(fit.problem).held[[first, second]].all()
+    assert estimate_of(fit.problem).fixed[[first, second]].all()

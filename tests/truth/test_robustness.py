@@ -73,11 +73,11 @@ def still_arm(noise):
 def test_joints_that_stand_still_do_not_make_noise_into_parameters():
     clean, noisy = still_arm([]), still_arm(NOISE)
     assert noisy.rank <= clean.rank
-    assert noisy.estimate.held.any()
+    assert noisy.estimate.fixed.any()
     assert any("cannot tell" in note and "held at the prior" in note for note in noisy.warnings)
     for joint in ("yaw", "shoulder"):
         assert noisy.held_out[joint].relative < 0.01
-    held = {noisy.columns.names[i] for i in np.flatnonzero(noisy.estimate.held)}
+    held = {noisy.columns.names[i] for i in np.flatnonzero(noisy.estimate.fixed)}
     for value in noisy.parameters:
         if value.name in held:
             assert not value.identifiable
@@ -179,7 +179,7 @@ def test_what_is_held_is_said_to_be_held_even_where_nothing_is_explained():
     A, b = 1e-3 * random.standard_normal((500, 1)), random.standard_normal(500)
     torque = np.array([np.sqrt(np.mean(b**2))])  # the first weights are right at once
     found = estimate([Triangle.of(A, b)], np.array([2.0]), torque, plausible=np.array([0.1]))
-    assert found.held.all()
+    assert found.fixed.all()
     assert found.solution.x == pytest.approx([2.0])
     assert found.base.rank == 0
 

@@ -75,7 +75,7 @@ def test_friction_of_all_joints_enters_where_all_that_is_common_is_too_much_for_
 def test_what_has_the_columns_of_parameters_that_are_held_is_no_candidate():
     """Missing friction hides an inertia of the shoulder's, which its rotor would have."""
     fit = missing_friction(2.0, 1.0, 0.05)
-    assert any(name.endswith(".Lyy") for name in np.array(fit.columns.names)[fit.estimate.held])
+    assert any(name.endswith(".Lyy") for name in np.array(fit.columns.names)[fit.estimate.fixed])
     contest = contest_of(fit)
     failed = {effect.label: why for effect, why in contest.failed}
     assert "held at their priors" in failed["rotor_inertia:shoulder"]

@@ -128,14 +128,14 @@ def small():
 def test_small_motion_hides_in_noise(small):
     """Held at the prior, and listed."""
     fit = small.fit(cutoff="auto")
-    held = {fit.columns.names[i] for i in np.flatnonzero(fit.estimate.held)}
+    held = {fit.columns.names[i] for i in np.flatnonzero(fit.estimate.fixed)}
     assert held & set(fit.unexcited.where)
 
 
 def test_standard_errors_hold_the_priors_of_what_is_held(small):
     """Base parameters are off by the wrong priors of the held unknowns, 300 times the noise."""
     fit = small.fit(cutoff="auto")
-    assert fit.estimate.held.any()
+    assert fit.estimate.fixed.any()
     off = fit.estimate.solution.beta - small.base(fit)
     assert (np.abs(off) < 3 * np.sqrt(np.diag(fit.covariance))).all()
 

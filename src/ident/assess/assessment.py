@@ -128,23 +128,23 @@ class Assessment:
     @property
     def before(self) -> Range | None:
         """Least and largest share of the torque before; None where there is no error before."""
-        return share_range(each.before for each in self.errors if each.after is not None)
+        return share_range(error.before for error in self.errors if error.after is not None)
 
     @property
     def now(self) -> Range | None:
         """Least and largest share of the torque now."""
-        return share_range(each.now for each in self.errors)
+        return share_range(error.now for error in self.errors)
 
     @property
     def floor(self) -> Range | None:
         """Least and largest share of the torque that noise would leave; None where unknown."""
-        shares = [share for each in self.errors if (share := each.sizes[2]) is not None]
+        shares = [share for error in self.errors if (share := error.sizes[2]) is not None]
         return (min(shares), max(shares)) if shares else None
 
     @property
     def increased(self) -> tuple[str, ...]:
         """Joints whose error is larger now."""
-        return tuple(each.joint for each in self.errors if each.rises)
+        return tuple(error.joint for error in self.errors if error.rises)
 
     def json(self) -> dict[str, Any]:
         """Return the judgement for a file."""

@@ -75,7 +75,7 @@ def check_logs(mechanism: Mechanism, motion: Motion | None = None) -> LogCheck:
     columns = {name for log in motion.logs for name in log.columns}
     filled = set.intersection(*map(_filled, motion.logs)) if motion.logs else set()
     without = [f"tau.{name}" for name in mechanism.measured if f"tau.{name}" not in filled]
-    dead = [channel for each in wrong if each.code == "constant" for channel in each.where]
+    dead = [channel for item in wrong if item.code == "constant" for channel in item.where]
     blind = [channel.removeprefix("tau.") for channel in (*without, *dead)]
     if mechanism.closures or len(blind) == len(mechanism.measured) or len(motion.logs) > 1:
         blind = []  # only a tree can do without an equation, and not without all; or without a log
@@ -109,49 +109,49 @@ def check_logs(mechanism: Mechanism, motion: Motion | None = None) -> LogCheck:
 
 def joints_json(mechanism: Mechanism, motion: Motion | None = None) -> list[dict[str, Any]]:
     """Return by joint its state, its limits, and how far a motion takes it."""
-    found = []
+    result = []
     for i, joint in enumerate(mechanism.joints):
         state = "driven" if joint.name in mechanism.driven else "passive"
         if joint.name.startswith("closure."):
             state = "of a closure"
-        found.append({
+        result.append({
             "joint": joint.name, "state": state, "unit": joint.unit, "lower": joint.lower,
             "upper": joint.upper, "speed_limit": joint.velocity,
         })  # fmt: skip
         if motion is not None:
             y = np.concatenate([e.y[:, i] for e in motion.experiments])
             yd = np.concatenate([e.yd[:, i] for e in motion.experiments])
-            found[-1] |= {"from": y.min(), "to": y.max(), "top_speed": np.abs(yd).max()}
-    return found
+            result[-1] |= {"from": y.min(), "to": y.max(), "top_speed": np.abs(yd).max()}
+    return result
 
 
 def beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
     """Return a note on the joints that a motion takes beyond the URDF's limits, and one on torques
     that no drive of it could make: their unit is another.
     """
-    found, torques = list[str](), list[str]()
+    result, torques = list[str](), list[str]()
     for x in joints_json(mechanism, motion):
         off = ROUNDING + ROUNDING * abs(x["to"] - x["from"])
         unit, lower, upper, most = x["unit"], x["lower"], x["upper"], x["speed_limit"]
         if lower < upper and not (lower - off <= x["from"] and x["to"] <= upper + off):
             span = f"{significant(x['from'], 4)} to {significant(x['to'], 4)} {unit}"
-            found.append(f"{x['joint']} {span} (limits {lower:.4g} to {upper:.4g})")
+            result.append(f"{x['joint']} {span} (limits {lower:.4g} to {upper:.4g})")
         if 0 < most < x["top_speed"] * (1 - ROUNDING):  # 0: not stated
-            found.append(f"{x['joint']} {x['top_speed']:.3g} {unit}/s (limit {most:.3g})")
+            result.append(f"{x['joint']} {x['top_speed']:.3g} {unit}/s (limit {most:.3g})")
     for i, name in enumerate(mechanism.driven):
         limit, unit = mechanism.joint(name).effort, mechanism.joint(name).force_unit
         most = max(float(np.abs(e.tau[:, i]).max(initial=0.0)) for e in motion.experiments)
         if 0 < limit < most / IMPOSSIBLE:
             torques.append(f"tau.{name} {significant(most)} {unit} (limit {limit:.4g})")
     beyond = (
-        f"beyond the limits of the URDF: {'; '.join(found)}: the machine must not be asked for "
+        f"beyond the limits of the URDF: {'; '.join(result)}: the machine must not be asked for "
         "this motion; if it was measured, check the encoder's zero, sign and scale"
     )
     above = (
         f"over {IMPOSSIBLE:g} times the effort limits of the URDF: {'; '.join(torques)}: check "
         "their units (mN m, counts, currents?), and the effort limits of the URDF"
     )
-    return [beyond] * bool(found) + [above] * bool(torques)
+    return [beyond] * bool(result) + [above] * bool(torques)
 
 
 def assembled_coordinates(mechanism: Mechanism) -> np.ndarray:

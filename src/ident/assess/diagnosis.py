@@ -141,7 +141,7 @@ def causes_of_growth(history: History) -> tuple[Cause, ...]:
 
 def values_by_effect(fit: Fit) -> dict[str, tuple[Value, ...]]:
     """Return the values of a fit's effects by label."""
-    return {each.effect.label: tuple(each.parameters) for each in fit.effects}
+    return {effect.effect.label: tuple(effect.parameters) for effect in fit.effects}
 
 
 def larger_on_validation(history: History) -> dict[str, list[tuple[str, float, float]]]:

@@ -176,9 +176,9 @@ def next_experiment(d: Diagnosis) -> Experiment:
 def _suggestions(d: Diagnosis) -> list[Suggestion]:
     rivals = contenders(d)
     if len(rivals) > 1:
-        found = _between(d, rivals, attempts(d, rivals))
-        if d.best is not None or any(isinstance(one, SeparateRivals) for one in found):
-            return found
+        result = _between(d, rivals, attempts(d, rivals))
+        if d.best is not None or any(isinstance(one, SeparateRivals) for one in result):
+            return result
     slow_moves = _slow_moves(d, joints_at_reversals(d))
     slowly: list[Suggestion] = [MoveSlowly(slow_moves)] if slow_moves else []
     if d.reversing:
@@ -213,13 +213,13 @@ def _between(
     """Return the first question that a motion answers, behind one that none does."""
     suggestions: list[Suggestion] = []
     for pairs in questions(rivals):
-        if found := proposal(d, tried, pairs):
-            alike = {(a.label, b.label) for a, b in found.alike}
+        if result := proposal(d, tried, pairs):
+            alike = {(a.label, b.label) for a, b in result.alike}
             effects = [(a.effect, b.effect) for a, b in pairs]
             apart = tuple((a, b) for a, b in effects if (a.label, b.label) not in alike)
             now = present(d.fit.mechanism, d.fit.motion)
             motion = SeparateRivals(
-                found.trial, now, apart, found.alike, found.separation, found.seconds
+                result.trial, now, apart, result.alike, result.separation, result.seconds
             )
             return [*suggestions, motion]
         suggestions = suggestions or [Inseparable(_effects_of(pairs))]
@@ -227,7 +227,7 @@ def _between(
 
 
 def _effects_of(pairs: Sequence[Pair]) -> tuple[Effect, ...]:
-    return tuple({each.effect.label: each.effect for pair in pairs for each in pair}.values())
+    return tuple({item.effect.label: item.effect for pair in pairs for item in pair}.values())
 
 
 def follow_signal(d: Diagnosis) -> FollowSignal:
@@ -245,10 +245,10 @@ def hidden_effects(d: Diagnosis) -> list[Suggestion]:
     shown = motion.effects if motion else ()
     hidden = (invisible.effect for invisible in d.invisible if invisible.effect not in shown)
     rest = by_kind(effect for effect in hidden if effect.remedy)
-    found: list[Suggestion] = [motion] if motion else []
+    result: list[Suggestion] = [motion] if motion else []
     for effects in rest[: 2 if motion else 3]:
-        found.append(ApplyRemedy(tuple(effects), alone=len(found) < 2))
-    return found
+        result.append(ApplyRemedy(tuple(effects), alone=len(result) < 2))
+    return result
 
 
 def _most_revealing(d: Diagnosis) -> RevealEffects | None:

@@ -82,15 +82,15 @@ def errors_beside(fit: Fit) -> tuple[JointErrors, ...]:
 
 def names_of(fit: Fit) -> tuple[str, str]:
     """Return what the errors before and now are of."""
-    held = "held out" if fit.held_out else "in the fit"
+    fixed = "held out" if fit.held_out else "in the fit"
     if fit.validation:
-        return held, ", ".join(fit.validation)
+        return fixed, ", ".join(fit.validation)
     if not len(fit.columns):
         return "", ""
     # the URDF's numbers, or those of the fit that wrote the mechanism
     earlier = earlier_of(fit)
     before = "the URDF's numbers" if fit.mechanism.covariance is None else "the earlier numbers"
-    return earlier.name if earlier else before, f"the identified ones, {held}"
+    return earlier.name if earlier else before, f"the identified ones, {fixed}"
 
 
 def earlier_of(fit: Fit) -> Fit | Saved | None:
@@ -111,12 +111,12 @@ def worst_on_validation(
 
 def causes_of_fit(fit: Fit) -> tuple[Cause, ...]:
     """Return the effects of the model, kind by kind, that were identified clearly."""
-    values = {each.effect.label: tuple(each.parameters) for each in fit.effects}
+    values = {effect.effect.label: tuple(effect.parameters) for effect in fit.effects}
     clear = [
-        each.effect
-        for each in fit.effects
-        if not each.effect.known
-        and any(v.stderr and abs(v.value) > CERTAIN * v.stderr for v in each.parameters)
+        item.effect
+        for item in fit.effects
+        if not item.effect.known
+        and any(v.stderr and abs(v.value) > CERTAIN * v.stderr for v in item.parameters)
     ]
     return tuple(
         Cause(tuple(group), tuple(v for e in group for v in values[e.label]))

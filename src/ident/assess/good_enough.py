@@ -112,8 +112,8 @@ def good_enough(
         describes = acceptable is None and worst is not None and worst[1] < DESCRIBES
         answer = Answer.NOT_TESTED if describes and not logs else Answer.NO
         beyond = [joint for joint in large if not _only_at_reversals(joint, away or {}, floor)]
-        found = result(answer, Reason.LARGE, large)
-        return replace(found, near_reversals=not beyond)
+        results = result(answer, Reason.LARGE, large)
+        return replace(results, near_reversals=not beyond)
     share = {
         joint: max(error.relative or 0.0, noise[joint] or 0.0) for joint, error in known.items()
     }

@@ -126,7 +126,7 @@ def wrote(paths: Iterable[Path]) -> None:
     for folder, names in folders.items():
         if folder in inside:
             continue
-        below = [f"{each.relative_to(top)}/" for each in inside] if folder == top else []
+        below = [f"{item.relative_to(top)}/" for item in inside] if folder == top else []
         result(
             f"note: wrote {folder / names[0]}{''.join(f', {x}' for x in [*names[1:], *below])}",
             sys.stderr,
@@ -226,7 +226,7 @@ def flat(function: Callable[..., None]) -> Callable[..., None]:
             types = get_type_hints(group, include_extras=True)
             inner = [*inspect.signature(group).parameters.values()]
         keyword = parameter.KEYWORD_ONLY
-        parameters += [each.replace(kind=keyword, annotation=types[each.name]) for each in inner]
+        parameters += [item.replace(kind=keyword, annotation=types[item.name]) for item in inner]
 
     def command(**values: Any) -> None:
         for name, group in groups.items():
@@ -258,7 +258,7 @@ def flat(function: Callable[..., None]) -> Callable[..., None]:
 
     command.__doc__ = function.__doc__
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    command.__annotations__ = {each.name: each.annotation for each in parameters}
+    command.__annotations__ = {element.name: element.annotation for element in parameters}
     return command
 
 

@@ -149,7 +149,7 @@ def _rows_with_most(r: np.ndarray, calm: np.ndarray, rows: np.ndarray) -> np.nda
 
 def residual_in(table: Table, fit: Fit) -> np.ndarray:
     """(N, d) b − A x of a fit in the rows of its table."""
-    fixed = fit.estimate.held
+    fixed = fit.estimate.fixed
     x = np.where(fixed, table.columns.prior_at(table.point.values), fit.estimate.solution.x)
     return np.asarray(table.b - table.A @ x)
 
@@ -202,7 +202,7 @@ class Contest:
             use: rows (N, d) that decide, beside which there are no pulses; default: see `deciding`.
         """
         table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
-        fixed = fit.estimate.held
+        fixed = fit.estimate.fixed
         pulsed = use is None and bool((fit.checks.misfit > WORSE).any())  # rows at reversals worse
         use = deciding(table, residual_in(table, fit)) if use is None else use
         store = ColumnStore(table, use, fixed)

@@ -189,7 +189,7 @@ def on_rows_in_motion(
     """
     table = contest.table
     use = np.where(table.moving.any(axis=0), table.moving, table.informed)
-    store, columns = ColumnStore(table, use, contest.fit.estimate.held), {}
+    store, columns = ColumnStore(table, use, contest.fit.estimate.fixed), {}
     for member in members:
         assert member.evidence is not None
         shape = member.evidence.shape

@@ -70,7 +70,7 @@ class Search:
         fit, members = self.contest.fit, []
         for effect, places in fit.columns.effects:
             columns = np.array(
-                [p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int
+                [p for p in places if p >= 0 and not fit.estimate.fixed[p]], dtype=int
             )
             if effect.label not in self.given and len(columns):
                 members.append(Member(effect, columns))

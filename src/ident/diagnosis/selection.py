@@ -188,7 +188,7 @@ def rank(
         and (only is None or candidate.effect.label in only)
     ]
     contest = judging(contest) if chance is None and candidates else contest
-    measured = contest.regression.gains([group for each in candidates for group in each.groups])
+    measured = contest.regression.gains([group for item in candidates for group in item.groups])
     gains, starts, shares = _gains_by_label(contest.regression, measured, candidates)
     limits = (chance, chance, ()) if chance else _limits(contest, measured, candidates, gains)
     return _in_detail(Ranking(contest, (), gains, starts, shares, (), *limits), least)
@@ -203,7 +203,7 @@ def rank_curves(ranking: Ranking, without: Collection[str] = ()) -> Ranking:
     if not ranking.gains:  # no law, and no random residuals
         return rank(contest, without)
     if curves:
-        measured = contest.regression.gains([group for each in curves for group in each.groups])
+        measured = contest.regression.gains([group for curve in curves for group in curve.groups])
         gains, starts, shares = _gains_by_label(contest.regression, measured, curves)
         _, of_curves, hints = _limits(contest, measured, curves, gains)
         ranking = replace(

@@ -116,7 +116,7 @@ def unsupported(first: Ranking) -> tuple[Unsupported, ...]:
     doubtful, fit, decision = list[Unsupported](), contest.fit, contest.decision
     torque = max(float(contest.torque.sum()), 1e-300)
     for effect, places in fit.columns.effects:
-        columns = np.array([p for p in places if p >= 0 and not fit.estimate.held[p]], dtype=int)
+        columns = np.array([p for p in places if p >= 0 and not fit.estimate.fixed[p]], dtype=int)
         absurd, why = _absurd(fit, effect), ""
         if absurd:
             why = (

@@ -203,7 +203,7 @@ class Family:
     @cached_property
     def _local(self) -> bool:
         """Whether the rows of a sample depend on its own y, ẏ, ÿ alone."""
-        return not any(each.memory or each.corrects for each in self.mechanism.effects)
+        return not any(effect.memory or effect.corrects for effect in self.mechanism.effects)
 
     @cached_property
     def _nudges(self) -> np.ndarray:

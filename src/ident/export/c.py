@@ -46,8 +46,8 @@ def write(job: Job) -> Product:
 
 def symbol(text: str) -> str:
     """Return a name as C may have it."""
-    found = re.sub(r"\W", "_", text)
-    return found if found[:1].isalpha() else f"m_{found}"
+    result = re.sub(r"\W", "_", text)
+    return result if result[:1].isalpha() else f"m_{result}"
 
 
 def header(equations: Equations, name: str, real: str = "double") -> str:

@@ -70,7 +70,7 @@ def _replayed(
         port.FixValue(context, force @ spline(t))
         return np.asarray(plant.EvalTimeDerivatives(context).CopyToVector())
 
-    found, starts = np.full(e.y.shape, np.nan), list[int]()
+    result, starts = np.full(e.y.shape, np.nan), list[int]()
     tree = [mechanism.joint_index[link.joint.name] for link in machine.links]
     length = max(2, round(window * e.rate))
     for segment in e.segments():
@@ -87,9 +87,9 @@ def _replayed(
                     k2 = rate(t + h / 2, x + h / 2 * k1)
                     k3 = rate(t + h / 2, x + h / 2 * k2)
                     x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(t + h, x + h * k3))
-                found[k + 1, tree] = x[at_q]
+                result[k + 1, tree] = x[at_q]
     logged = [mechanism.joint_index[name] for name in e.logged]
     return ReplayedLog(
         e.name, e.t, tuple(e.logged), tuple(mechanism.joints[i].unit for i in logged),
-        np.where(e.usable[:, None], e.y[:, logged], np.nan), found[:, logged], tuple(starts),
+        np.where(e.usable[:, None], e.y[:, logged], np.nan), result[:, logged], tuple(starts),
     )  # fmt: skip

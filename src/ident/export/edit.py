@@ -37,7 +37,7 @@ class Element:
     def iter(self, tag: str) -> list[Element]:
         """Return all elements of a tag at or below this one, in the order of the file."""
         own = [self] if self.tag == tag else []
-        return own + [found for child in self.children for found in child.iter(tag)]
+        return own + [item for child in self.children for item in child.iter(tag)]
 
 
 class XmlEdit:
@@ -119,7 +119,7 @@ class XmlEdit:
                 tag = _with_attribute(tag, name, value)
             indent = self._indent(element)
             step = self._step(element, indent)
-            lines = b"".join(newline + indent + step + each for each in [*first, *last])
+            lines = b"".join(newline + indent + step + item for item in [*first, *last])
             if element.empty and lines:
                 tag = tag[:-2].rstrip() + b">" + lines + newline + indent
                 tag += b"</" + element.tag.encode() + b">"
@@ -127,7 +127,7 @@ class XmlEdit:
                 continue
             changes.append((element.start, element.end, tag))
             if first:
-                text = b"".join(newline + indent + step + each for each in first)
+                text = b"".join(newline + indent + step + entry_ for entry_ in first)
                 changes.append((element.end, element.end, text))
             if last:
                 at = element.close
@@ -159,7 +159,7 @@ class XmlEdit:
 
 
 def _all(element: Element) -> list[Element]:
-    return [element] + [found for child in element.children for found in _all(child)]
+    return [element] + [item for child in element.children for item in _all(child)]
 
 
 def _tag_end(data: bytes, start: int) -> int:
@@ -182,10 +182,10 @@ def _with_attribute(tag: bytes, name: str, value: str) -> bytes:
     pattern = ATTRIBUTE.format(name=re.escape(name))
     if value == "\0":
         return re.sub(pattern, "", text, count=1).encode("utf-8", "surrogateescape")
-    if found := re.search(pattern, text):
-        quote = found[2][0]
+    if result := re.search(pattern, text):
+        quote = result[2][0]
         body = quoteattr(value)[1:-1]
-        new = text[: found.start(2)] + quote + body + quote + text[found.end(2) :]
+        new = text[: result.start(2)] + quote + body + quote + text[result.end(2) :]
     else:
         end = -2 if text.endswith("/>") else -1
         head = text[:end].rstrip()

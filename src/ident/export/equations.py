@@ -182,18 +182,18 @@ class Equations:
     @cached_property
     def offsets(self) -> np.ndarray:
         """(n,) true coordinates less logged ones."""
-        found = np.zeros(self.n)
+        result = np.zeros(self.n)
         for link in self.machine.links:
-            found[link.joint.index] = link.offset
-        return found
+            result[link.joint.index] = link.offset
+        return result
 
     @cached_property
     def gains(self) -> np.ndarray:
         """(n,) share of the commanded torque that acts."""
-        found = np.ones(self.n)
+        result = np.ones(self.n)
         for link in self.machine.links:
-            found[link.joint.index] = self.translation.laws[link.joint.name].gain
-        return found
+            result[link.joint.index] = self.translation.laws[link.joint.name].gain
+        return result
 
     # --- loops ----------------------------------------------------------------------------------
 

@@ -52,9 +52,9 @@ class Export(Displayed):
         return next(iter(self.files.values())).decode()
 
     @property
-    def held(self) -> tuple[tuple[str, str], ...]:
+    def fixed(self) -> tuple[tuple[str, str], ...]:
         """Effects that the target holds, each with the element."""
-        return self.translation.held
+        return self.translation.fixed
 
     @property
     def lost(self) -> tuple[Lost, ...]:

@@ -97,7 +97,7 @@ class Translation:
 
     machine: Machine
     laws: Mapping[str, JointLaws]
-    held: tuple[tuple[str, str], ...]
+    fixed: tuple[tuple[str, str], ...]
     lost: tuple[Lost, ...]
     motion: str
 
@@ -107,31 +107,31 @@ def translate(machine: Machine, words: Vocabulary, motion: Motion | None) -> Tra
     nominal one by default.
     """
     laws = {link.joint.name: _exact(machine, link.joint.name, words) for link in machine.links}
-    held, lost = [], list[Effect]()
+    fixed, lost = [], list[Effect]()
     for effect in machine.mechanism.effects:
         in_tree = effect.site != "joint" or all(name in laws for name in effect.joints)
         if effect.kind in OF_THE_LOG:
-            held.append((effect.label, "of the log, nothing that a simulator needs"))
+            fixed.append((effect.label, "of the log, nothing that a simulator needs"))
         elif effect.kind in words.effects and in_tree and _sayable(machine, effect, words):
-            held.append((effect.label, words.effects[effect.kind]))
+            fixed.append((effect.label, words.effects[effect.kind]))
         elif effect.label and effect.kind in DRIVES:
-            held.append((effect.label, "its torque is the command here"))
+            fixed.append((effect.label, "its torque is the command here"))
         else:
             lost.append(effect)
     if not lost:
-        return Translation(machine, laws, tuple(held), (), "")
+        return Translation(machine, laws, tuple(fixed), (), "")
     words_of_motion = "the log's motion"
     if motion is None:
         motion, words_of_motion = nominal_motion(machine.mechanism), "a nominal motion"
     measured = _Measured(machine, motion)
-    found = []
+    result = []
     for effect in lost:
         for i, name in enumerate(effect.joints or ("",)):
             loss, changed = measured.loss(effect, i, words, laws.get(name))
-            found += [loss] if loss is not None else []
+            result += [loss] if loss is not None else []
             if changed is not None:
                 laws[name] = changed
-    return Translation(machine, laws, tuple(held), tuple(found), words_of_motion)
+    return Translation(machine, laws, tuple(fixed), tuple(result), words_of_motion)
 
 
 def _exact(machine: Machine, joint: str, words: Vocabulary) -> JointLaws:
@@ -290,7 +290,9 @@ def _nearest(
 
     names: list[str] = []
     columns: list[np.ndarray] = []
-    if any(each.acts in FRICTIONS for each in effect.unknowns) or effect.signal.startswith("v."):
+    if any(unknown.acts in FRICTIONS for unknown in effect.unknowns) or effect.signal.startswith(
+        "v."
+    ):
         series = {"coulomb": sign, "viscous": v, "drag": v * np.abs(v)}
         names += words.frictions()
         columns += [series[name] for name in names]
@@ -304,11 +306,11 @@ def _nearest(
     scale = np.linalg.norm(X, axis=0)
     scale[scale == 0] = 1.0
     low = np.array([-getattr(laws, n) if hasattr(laws, n) else -np.inf for n in names]) * scale
-    found = lsq_linear(X / scale, y, (low - 1e-300, np.inf)).x / scale
+    result = lsq_linear(X / scale, y, (low - 1e-300, np.inf)).x / scale
     changed, position = laws, np.zeros(8)
     position[: len(laws.position)] = laws.position
     said = []
-    for name, x in zip(names, map(float, found), strict=True):
+    for name, x in zip(names, map(float, result), strict=True):
         if name.startswith("position"):
             position[int(name[-1])] += x
         else:
@@ -317,7 +319,7 @@ def _nearest(
     changed = replace(changed, position=tuple(map(float, np.trim_zeros(position, "b"))))
     if any(name.startswith("position") for name in names):
         said.append("a polynomial of the position")
-    return y - X @ found, changed, ", ".join(said)
+    return y - X @ result, changed, ", ".join(said)
 
 
 def felt_inertia(machine: Machine) -> dict[str, float]:
@@ -351,12 +353,12 @@ def felt_inertia(machine: Machine) -> dict[str, float]:
 def texts(lost: Sequence[Lost]) -> list[str]:
     """Return one line for each loss."""
     lines = []
-    for each in lost:
-        torque, position = each.units
-        where = "" if each.where in each.label else f" at {each.where}"
-        stands = f"; nearest: {each.nearest}" if each.nearest else ""
+    for item in lost:
+        torque, position = item.units
+        where = "" if item.where in item.label else f" at {item.where}"
+        stands = f"; nearest: {item.nearest}" if item.nearest else ""
         lines.append(
-            f"{each.label}{where}: {each.torque:.2g} {torque} rms (largest {each.largest:.2g}), "
-            f"{each.position:.2g} {position} at a controller of 5 Hz{stands}"
+            f"{item.label}{where}: {item.torque:.2g} {torque} rms (largest {item.largest:.2g}), "
+            f"{item.position:.2g} {position} at a controller of 5 Hz{stands}"
         )
     return lines

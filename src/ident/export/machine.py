@@ -114,14 +114,14 @@ class Machine:
     @cached_property
     def values(self) -> Mapping[str, Mapping[tuple[str, ...], dict[str, float]]]:
         """Parameters of effects by short name: by kind, then joints; those of no size left out."""
-        found: dict[str, dict[tuple[str, ...], dict[str, float]]] = {}
+        result: dict[str, dict[tuple[str, ...], dict[str, float]]] = {}
         for effect in self.mechanism.effects:
             c, shape = self.point.of(effect)
             values = dict(zip((u.name for u in effect.unknowns), map(float, c), strict=True))
             settings = {name: effect.setting(name) for name in effect.settings}
             if any(values.values()) or effect.corrects:
-                found.setdefault(effect.kind, {})[effect.joints] = {**settings, **values, **shape}
-        return found
+                result.setdefault(effect.kind, {})[effect.joints] = {**settings, **values, **shape}
+        return result
 
     def value(self, kind: str, joint: str, name: str) -> float:
         """Return a parameter of an effect at one joint, 0 where there is none."""
@@ -135,8 +135,8 @@ class Machine:
 
     def payloads(self, link: str) -> np.ndarray | None:
         """Return the ten parameters (10,) of the payload on a link, if there is one."""
-        found = self.values.get("payload", {}).get((link,))
-        return None if found is None else np.array([*found.values()])
+        result = self.values.get("payload", {}).get((link,))
+        return None if result is None else np.array([*result.values()])
 
     def total(self, link: Link) -> np.ndarray:
         """Return the ten parameters (10,) of a link with its payload."""

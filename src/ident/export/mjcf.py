@@ -111,16 +111,16 @@ class _Writer:
     def _order(self) -> list[Link]:
         """Links in the order of the file, which is that of qpos."""
         links = self.machine.links
-        found: list[Link] = []
+        result: list[Link] = []
 
         def visit(parent: int) -> None:
             for i, link in enumerate(links):
                 if link.parent == parent:
-                    found.append(link)
+                    result.append(link)
                     visit(i)
 
         visit(-1)
-        return found
+        return result
 
     def _children(
         self, element: etree._Element, parent: int, before: pin.SE3,
@@ -151,8 +151,8 @@ class _Writer:
     ) -> None:
         machine, link = self.machine, self.machine.links[i]
         body = etree.SubElement(element, "body", name=link.name, **_pose(at))
-        for each, place in joints:
-            self._joint(body, each, at.inverse() * place)
+        for item, place in joints:
+            self._joint(body, item, at.inverse() * place)
         separate = machine.separate_payload(link)
         inertia = Body.of(link.pi if separate else machine.total(link))
         _inertial(body, inertia)
@@ -326,18 +326,18 @@ class _Writer:
 
 def joint_attributes(laws: JointLaws, offset: float) -> dict[str, str]:
     """Return the attributes of a joint's laws; `offset`: of its encoder, true less logged."""
-    found = {}
+    result = {}
     if laws.viscous or laws.drag:
-        found["damping"] = words([laws.viscous, laws.drag, 0] if laws.drag else [laws.viscous])
+        result["damping"] = words([laws.viscous, laws.drag, 0] if laws.drag else [laws.viscous])
     if laws.coulomb:
-        found["frictionloss"] = words([laws.coulomb])
+        result["frictionloss"] = words([laws.coulomb])
     if laws.armature:
-        found["armature"] = words([laws.armature])
+        result["armature"] = words([laws.armature])
     stiffness, rest = spring_of(laws.position)
     if stiffness:
-        found["stiffness"] = words(stiffness if len(stiffness) == 1 else [*stiffness, 0.0][:3])
-        found["springref"] = words([rest - offset])
-    return found
+        result["stiffness"] = words(stiffness if len(stiffness) == 1 else [*stiffness, 0.0][:3])
+        result["springref"] = words([rest - offset])
+    return result
 
 
 def spring_of(position: Sequence[float]) -> tuple[list[float], float]:
@@ -398,20 +398,20 @@ def actuator(
         late = late or voltage.get("delay", 0.0)
     else:
         late = 0.0
-    found = {"name": name, "joint": name}
+    result = {"name": name, "joint": name}
     limit = min(limit, link.joint.effort) if not servo else limit
     if np.isfinite(limit) and limit > 0:
-        found["forcerange"] = words([-limit, limit])
+        result["forcerange"] = words([-limit, limit])
     if late > 0:  # MuJoCo keeps a history of controls, one a step
-        found |= {"delay": words([late]), "nsample": str(int(np.ceil(late / step)) + 2)}
+        result |= {"delay": words([late]), "nsample": str(int(np.ceil(late / step)) + 2)}
     if servo and not constant:
-        return {"tag": "position", **found, "kp": words([kp]), "kv": words([kd])}
+        return {"tag": "position", **result, "kp": words([kp]), "kv": words([kd])}
     if gain == 1.0 and not any((constant, kp, kd)):
-        return {"tag": "motor", **found}
-    found["gainprm"] = words([gain])
+        return {"tag": "motor", **result}
+    result["gainprm"] = words([gain])
     if any((constant, kp, kd)):
-        found |= {"biastype": "affine", "biasprm": words([-constant, -kp, -kd])}
-    return {"tag": "general", **found}
+        result |= {"biastype": "affine", "biasprm": words([-constant, -kp, -kd])}
+    return {"tag": "general", **result}
 
 
 def _inertial(body: etree._Element, inertia: Body) -> None:
@@ -422,10 +422,10 @@ def _inertial(body: etree._Element, inertia: Body) -> None:
 
 
 def _pose(placement: pin.SE3) -> dict[str, str]:
-    found = {}
+    result = {}
     if np.any(placement.translation):
-        found["pos"] = words(placement.translation)
+        result["pos"] = words(placement.translation)
     if not np.allclose(placement.rotation, np.eye(3), rtol=0, atol=1e-16):
         x, y, z, w = pin.Quaternion(placement.rotation).coeffs()
-        found["quat"] = words([w, x, y, z])
-    return found
+        result["quat"] = words([w, x, y, z])
+    return result

@@ -79,7 +79,7 @@ class LikeMjcf:
         module, model = mujoco_module(), self.model
         names = [link.joint.name for link in self.machine.links]
         at_q, _ = joint_places(model, names)
-        tree, found = self.machine.drawing.model, list[list[pin.SE3]]()
+        tree, result = self.machine.drawing.model, list[list[pin.SE3]]()
         random = np.random.default_rng(0)
         for q in (np.zeros(tree.nq), random.uniform(-0.5, 0.5, tree.nq)):
             data, own = module.MjData(model), tree.createData()
@@ -93,15 +93,15 @@ class LikeMjcf:
                 body = int(model.jnt_bodyid[j])
                 R, p = data.xmat[body].reshape(3, 3).copy(), data.xpos[body].copy()
                 frames.append(pin.SE3(R, p).inverse() * own.oMi[tree.getJointId(link.joint.name)])
-            found.append(frames)
-        for name, one, other in zip(names, *found, strict=True):
+            result.append(frames)
+        for name, one, other in zip(names, *result, strict=True):
             last = self._is_last(name)
             if last and not one.isApprox(other, 1e-6):
                 raise MechanismError(
                     f"--like {self.path}: joint '{name}' is in another place, or turns another "
                     "way, than that of the machine: the file is of another machine"
                 )
-        return dict(zip(names, found[0], strict=True))
+        return dict(zip(names, result[0], strict=True))
 
     def _is_last(self, name: str) -> bool:
         """Return whether a joint is the last of its body, whose frame then is the link's."""

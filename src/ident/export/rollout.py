@@ -68,16 +68,16 @@ def with_controllers(
     """
     module = mujoco_module()
     spec = module.MjSpec.from_string(text.decode())
-    for each in list(spec.actuators):
-        spec.delete(each)
+    for actuator in list(spec.actuators):
+        spec.delete(actuator)
     for name in dict.fromkeys((*gains, *constant)):
         kp, kd = gains.get(name, (0.0, 0.0))
         each = spec.add_actuator(name=name, target=name, trntype=module.mjtTrn.mjTRN_JOINT)
         each.gainprm[0] = 1.0
         each.biastype = module.mjtBias.mjBIAS_AFFINE
         each.biasprm[:3] = [-constant.get(name, 0.0), -kp, -kd]
-    for each in list(spec.keys):
-        spec.delete(each)
+    for key in list(spec.keys):
+        spec.delete(key)
     return spec.compile()
 
 
@@ -138,7 +138,7 @@ def _replayed(
     logged = [mechanism.joint_index[name] for name in e.logged]
     tree = [mechanism.joint_index[name] for name in names]
     dt = float(model.opt.timestep)
-    found, starts, failures = np.full(e.y.shape, np.nan), list[int](), list[str]()
+    result, starts, failures = np.full(e.y.shape, np.nan), list[int](), list[str]()
     length = max(2, round(window * e.rate))
     for segment in e.segments():
         for a in range(segment.start, segment.stop - 1, length):
@@ -153,12 +153,12 @@ def _replayed(
                 failures.append(f"the model's motion is not finite after t = {t[0]:.4g} s")
                 continue
             q, v = q[:, at_q] + offsets, v[:, at_v]
-            found[a + 1 : a + len(t)][:, tree] = CubicHermiteSpline(times, q, v)(t[1:])
+            result[a + 1 : a + len(t)][:, tree] = CubicHermiteSpline(times, q, v)(t[1:])
     joints = tuple(e.logged)
     units = tuple(mechanism.joints[i].unit for i in logged)
     measured = np.where(e.usable[:, None], e.y[:, logged], np.nan)
     return ReplayedLog(
-        e.name, e.t, joints, units, measured, found[:, logged], tuple(starts),
+        e.name, e.t, joints, units, measured, result[:, logged], tuple(starts),
         tuple(dict.fromkeys(failures)),
     )  # fmt: skip
 

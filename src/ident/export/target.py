@@ -93,12 +93,12 @@ def target_of(name: str) -> Target:
 
     if name in TARGETS:
         module, _, target = TARGETS[name].partition(":")
-        found: Target = getattr(import_module(module), target)
-        return found
+        result: Target = getattr(import_module(module), target)
+        return result
     others = {
-        each.name.partition(".")[2]: each
-        for each in entry_points(group=GROUP)
-        if each.name.startswith("export.")
+        entry_point.name.partition(".")[2]: entry_point
+        for entry_point in entry_points(group=GROUP)
+        if entry_point.name.startswith("export.")
     }
     if name in others:
         loaded: Target = others[name].load()

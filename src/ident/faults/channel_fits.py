@@ -80,11 +80,11 @@ class ChannelEquations:
         drive_of_coordinate = (
             tuple(map(driven.index, names)) if sorted(driven) == sorted(names) else ()
         )
-        held = estimate.held
+        fixed = estimate.fixed
         rows_in_use = use.any(axis=1)
         blocks = table.blocks if blocks is None else blocks
         numbers, block = np.unique(blocks[rows_in_use], return_inverse=True)
-        prior = estimate.solution.x[held]
+        prior = estimate.solution.x[fixed]
         columns = [table.effect_columns(effect, [{}]) for effect in effects]
         steps, near = (
             _steps(table) if shifts and drive_of_coordinate else (np.zeros(1, dtype=int), 1)
@@ -94,7 +94,7 @@ class ChannelEquations:
             if drive_of_coordinate
             else _spread_torques(table, driven)
         )
-        ends = np.cumsum([int((~held).sum()), *(C.shape[2] for C, _ in columns)])
+        ends = np.cumsum([int((~fixed).sum()), *(C.shape[2] for C, _ in columns)])
         places = {e.label: np.arange(*x) for e, x in zip(effects, pairwise(ends), strict=True)}
         k, edges = int(ends[-1]), np.searchsorted(block, range(len(numbers) + 1))
         shape, width, most = (len(numbers), len(names)), k + 1 + torques.shape[2], np.diff(edges)
@@ -102,8 +102,8 @@ class ChannelEquations:
         gram = np.zeros((*shape, int(most.max()) if short else width, width))
         rows = np.zeros(shape)
         for u in range(len(names)):
-            X = columns_of(table, ~held, columns, u)
-            known = table.b[:, u] - table.tau[:, u] - table.A[:, u, held] @ prior
+            X = columns_of(table, ~fixed, columns, u)
+            known = table.b[:, u] - table.tau[:, u] - table.A[:, u, fixed] @ prior
             stack = np.column_stack([X, known, torques[:, u]])[rows_in_use]
             stack[~use[rows_in_use, u]] = 0.0
             for n, (i, j) in enumerate(pairwise(edges)):
@@ -340,7 +340,7 @@ def limits_of_machines(
     and the coefficients of effects that every machine has and that cannot be negative.
     """
     mechanism, columns, independent = table.mechanism, table.columns, table.motion.independent
-    d, held, x = len(independent), estimate.held, estimate.solution.x
+    d, fixed, x = len(independent), estimate.fixed, estimate.solution.x
     inertia, offset = np.zeros((d, len(columns))), np.zeros(d)
     known = np.setdiff1d(np.arange(len(mechanism.prior)), columns.rigid)
     e, model = table.motion.experiments[0], mechanism.model
@@ -353,12 +353,12 @@ def limits_of_machines(
             postures
         )
         inertia[u, : len(columns.rigid)] = gamma[columns.rigid]
-        offset[u] = gamma[known] @ mechanism.prior[known] + inertia[u, held] @ x[held]
-    places = {name: i for i, name in enumerate(np.array(columns.names)[~held])}
+        offset[u] = gamma[known] @ mechanism.prior[known] + inertia[u, fixed] @ x[fixed]
+    places = {name: i for i, name in enumerate(np.array(columns.names)[~fixed])}
     extra = [name for effect in effects for name in effect.names]
     places |= {name: k - len(extra) + i for i, name in enumerate(extra)}
     G = np.zeros((d, k))
-    G[:, : int((~held).sum())] = inertia[:, ~held]
+    G[:, : int((~fixed).sum())] = inertia[:, ~fixed]
     positive, given = [], []
     for effect in {e.label: e for e in (*effects, *mechanism.effects)}.values():
         for name, unknown in zip(effect.names, effect.parameters, strict=True):

@@ -123,7 +123,7 @@ class DataChecks(FaultSearch):
         if not (trials := self.faults[0]):
             return self.moved_at_reversals
         fault, equations = trials[-1].fault, trials[-1].equations.with_effects(())
-        free, size = ~self.estimate.held, self.estimate.triangle.column_norms()
+        free, size = ~self.estimate.fixed, self.estimate.triangle.column_norms()
         change = np.zeros(len(self.estimate.x))
         change[free] = equations.solution(fault, equations.noise(fault)) - self.estimate.x[free]
         return np.where(size > ABSENT * size.max(), change, 0.0)  # an unknown of no effect is open
@@ -336,7 +336,7 @@ class DataChecks(FaultSearch):
             f"unit? Scaled, the error of the predicted torque falls from {percent(fall[0])} to "
             f"{percent(fall[1])}"
         )
-        sources = [self.mechanism.columns.get(each) for each in where]
+        sources = [self.mechanism.columns.get(item) for item in where]
         constants = [(s.scale if s else 1.0) / x for s, x in zip(sources, sizes, strict=True)]
         about = ", ".join(f"{n} {two_digits(x)}" for n, x in zip(gains, constants, strict=True))
         entry = log_entry(self.mechanism, where[0], float(f"{1 / sizes[0]:.2g}"))

@@ -107,8 +107,8 @@ class OwnFits:
         return self._estimate(information, np.maximum(sigma, LEAST_NOISE[1] * self.joint.sigma))
 
     def _estimate(self, information: Information, sigma: np.ndarray) -> Estimate:
-        r, held = self.problem, self.joint.held
-        return estimate(information.totals, r.prior, r.torque, sigma=sigma, held=held)
+        r, fixed = self.problem, self.joint.fixed
+        return estimate(information.totals, r.prior, r.torque, sigma=sigma, fixed=fixed)
 
 
 def disagreements(

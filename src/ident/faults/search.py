@@ -140,7 +140,7 @@ class FaultSearch:
     @cached_property
     def possible(self) -> bool:
         """Whether the fit is of a machine that can exist: a torque of another sign is not."""
-        free = ~self.estimate.held
+        free = ~self.estimate.fixed
         G, g = limits_of_machines(self.estimate, self.table, [], int(free.sum()))
         return bool((G @ self.estimate.x[free] + g >= 0).all())
 

@@ -135,7 +135,7 @@ def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
     the rows `use` (N, d): products of the residual with the delay's column, projected off the
     model's, must be no chance from block to block, and it must make HALF of SMALL of some torque.
     """
-    x, rigid, free = estimate.solution.x, len(table.columns.rigid), ~estimate.held
+    x, rigid, free = estimate.solution.x, len(table.columns.rigid), ~estimate.fixed
     squares = (np.where(use, table.tau, 0.0) ** 2).sum(axis=0)
     residual = np.where(use, table.b - table.A @ x, 0.0)
     late = np.where(use, -_rates(table, table.A[:, :, :rigid] @ x[:rigid] + table.tau - table.b), 0)
@@ -163,7 +163,7 @@ def common_delay(
     standard error is that of a jackknife over blocks, and by how much it moves where friction is
     late as well. Rows `use` (N, d) of the table count; further linear effects are refitted.
     """
-    names, free = table.motion.independent, ~estimate.held
+    names, free = table.motion.independent, ~estimate.fixed
     d = len(names)
     if d < 2 or sorted(names) != sorted(table.mechanism.driven):
         return None

@@ -150,7 +150,7 @@ def budget_of(problem: Problem, table: Table, fitted: Estimate) -> Budget | None
             least = estimate([of_rows], np.zeros(n), np.ones(1), sigma=np.ones(1)).x
         x[base] = fitted.x[base] + z.x[:n] - least
         values = z.x[n:]
-    weighted = Estimate(z.solution, z.base, sigma, total, z.held)
+    weighted = Estimate(z.solution, z.base, sigma, total, z.fixed)
     of_causes = z.solution.C[n:, n:]
     errors = np.sqrt(np.diag(of_causes))
     return Budget(
@@ -238,8 +238,8 @@ def _augmented(
     """Return the rows of [A_I, N S] as information, with what is corrected in the table already
     (N, d) given back; unknowns that are held stay at their prior.
     """
-    base, held = fitted.base.independent, np.flatnonzero(fitted.held)
-    b = table.b - table.A[:, :, held] @ fitted.x[held] + known
+    base, fixed = fitted.base.independent, np.flatnonzero(fitted.fixed)
+    b = table.b - table.A[:, :, fixed] @ fitted.x[fixed] + known
     A = np.concatenate([table.A[:, :, base], columns], axis=2)
     blocks, cutoff = list[Block](), problem.motion.band.cutoff
     supports = [np.arange(A.shape[2])] * b.shape[1]

@@ -155,7 +155,7 @@ def nearest_possible(
         at, last = problem.point_at(point.x), point
         problem = Problem.of(problem.mechanism, problem.motion, at)
         unlimited_estimate = problem.estimate(
-            sigma=unlimited_estimate.sigma, held=unlimited_estimate.held
+            sigma=unlimited_estimate.sigma, fixed=unlimited_estimate.fixed
         )
         program = Program.of(problem, asked)
         point = program.solve(unlimited_estimate)
@@ -309,7 +309,7 @@ class Program:
     def solve(self, estimate: Estimate) -> cone.NearestPoint:
         """Return the nearest x within the limits, and by how much each of them pushes."""
         base, rigid = estimate.base, len(self.columns.rigid)
-        held_places = np.flatnonzero(estimate.held)
+        held_places = np.flatnonzero(estimate.fixed)
         B = np.zeros((base.rank + len(held_places), len(estimate.x)))  # x ↦ (β, held unknowns)
         B[np.arange(base.rank), base.independent] = 1.0
         B[: base.rank, base.dependent] += base.K
@@ -328,7 +328,7 @@ class Program:
             weight = np.sqrt(STILL / rows) / max(min(errors), least)
             A.append(weight * total.R)
             b.append(weight * total.d)
-        free = ~estimate.held  # effects that no data feel or that are held stay where they are
+        free = ~estimate.fixed  # effects that no data feel or that are held stay where they are
         free[base.dependent[~base.K.any(axis=0)]] = False
         free[:rigid] = True
         for limit in self.limits:
@@ -466,12 +466,12 @@ def _bodies(mechanism: Mechanism, columns: Columns, margin: float) -> list[cone.
         for effect, places in columns.effects
         if effect.loaded_link
     }
-    found, edge = [], margin * cone.svec(np.eye(4))
+    result, edge = [], margin * cone.svec(np.eye(4))
     for link, S in zip(mechanism.bodies.links, in_balls(mechanism), strict=True):
         mine = mechanism.bodies.columns(link)
         G, pi = D[mine].copy(), known[mine].copy()
         if G.any():
-            found.append(
+            result.append(
                 cone.Limit(f"{link} is a possible body", "psd", S @ G, S @ pi - edge, link)
             )
         if link in payloads:
@@ -482,8 +482,8 @@ def _bodies(mechanism: Mechanism, columns: Columns, margin: float) -> list[cone.
                 else:
                     pi[j] += effect.values[parameter.name]
             name = f"{link} with its payload is a possible body"
-            found.append(cone.Limit(name, "psd", S @ G, S @ pi - edge, link))
-    return found
+            result.append(cone.Limit(name, "psd", S @ G, S @ pi - edge, link))
+    return result
 
 
 def _linear(mechanism: Mechanism, columns: Columns, name: str) -> tuple[int, float]:

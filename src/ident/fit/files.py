@@ -68,7 +68,7 @@ def write_fit(
         IdentError: if the folder cannot be written.
         FitError: if a body's identified inertia cannot be stated in a URDF.
     """
-    urdf, exact = (identified_urdf(fit, possible=each) for each in (True, False))
+    urdf, exact = (identified_urdf(fit, possible=item) for item in (True, False))
     files: dict[str, bytes | Iterable[bytes]] = {
         "fit.json": json_bytes(fit_json(fit)),
         "multipliers.csv": multipliers or multipliers_csv(fit),
@@ -477,7 +477,7 @@ def link_inertials(
         body = pi[mechanism.bodies.columns(link)]
         joint = mechanism.bodies.links.index(link) + 1
         own = body - (fixed := fixed_parameters(mechanism.model, joint))
-        rest, whole = (np.linalg.eigvalsh(pseudo_inertia(each))[0] for each in (own, body))
+        rest, whole = (np.linalg.eigvalsh(pseudo_inertia(item))[0] for item in (own, body))
         # without its fixed links it must have mass, and be possible if the body is
         if fixed.any() and not (own[0] > 0 and (rest > 0 or whole <= 0)):
             own = body  # nothing is left for the link itself: it takes the whole body

@@ -123,7 +123,7 @@ def _held_unknowns(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
         (shapes, "left where the search ended"),
         (~rigid & ~shapes, "held at zero"),
     ):
-        if names := tuple(columns.names[i] for i in np.flatnonzero(estimate.held & kind)):
+        if names := tuple(columns.names[i] for i in np.flatnonzero(estimate.fixed & kind)):
             far = ", or it is far outside its range" * (kind is shapes)
             count = f"{len(names)} parameter{'s' * (len(names) > 1)}"
             text = (
@@ -135,7 +135,7 @@ def _held_unknowns(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
 
 
 def _absorbed(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
-    held_names = {columns.names[i] for i in np.flatnonzero(estimate.held)}
+    held_names = {columns.names[i] for i in np.flatnonzero(estimate.fixed)}
     names: dict[str, list[str]] = {}
     for name, carrier in absorbed_by(columns, estimate.base).items():
         if columns.index[name] >= len(columns.rigid) and name not in held_names:

@@ -113,10 +113,10 @@ def estimate_of(problem: Problem) -> Estimate:
     estimate = problem.estimate()
     # a shape that is held may send another one out of its bounds
     while not problem.stacked:
-        beyond = beyond_bounds(problem, estimate) & ~estimate.held
+        beyond = beyond_bounds(problem, estimate) & ~estimate.fixed
         if not beyond.any():
             break
-        estimate = problem.estimate(sigma=estimate.sigma, held=estimate.held | beyond)
+        estimate = problem.estimate(sigma=estimate.sigma, fixed=estimate.fixed | beyond)
     return estimate
 
 

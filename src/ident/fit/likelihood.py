@@ -287,4 +287,4 @@ class Linearization:
         problem, one = self.problem, np.ones(1)
         runs = tuple(part.eliminated(sigma) for part in self.parts)
         information = stacks_information(runs, problem.motion)
-        return runs, estimate(information.totals, problem.prior, one, sigma=one, held=first.held)
+        return runs, estimate(information.totals, problem.prior, one, sigma=one, fixed=first.fixed)

@@ -273,8 +273,8 @@ class Fit(Charted):
             shares = zip(again.rho.items(), self.budget.remaining, strict=True)
             rho = {name: 1 - (1 - rho) / max(share, 1e-12) for (name, rho), share in shares}
             wider = replace(again, rho=rho).variance(self.motion.duration)
-        held = prior_covariance(self.estimate, self.problem.plausible)
-        return self.budget.noise * wider + held + np.outer(bias, bias)
+        fixed = prior_covariance(self.estimate, self.problem.plausible)
+        return self.budget.noise * wider + fixed + np.outer(bias, bias)
 
     @cached_property
     def _by_calibration(self) -> np.ndarray:

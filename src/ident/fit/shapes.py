@@ -131,17 +131,17 @@ def variable_projection(
     passes = PASSES if any(effect.implicit for effect in mechanism.effects) else 1
 
     def solved(
-        point: Point, first: Estimate, held: np.ndarray, columns: Columns = columns
+        point: Point, first: Estimate, fixed: np.ndarray, columns: Columns = columns
     ) -> Estimate:
         problem = Problem.reduced(mechanism, motion, point, columns)
         sigma = first.sigma * drive_scales(mechanism, motion, point) / scales
-        return problem.estimate(sigma=sigma, held=held)
+        return problem.estimate(sigma=sigma, fixed=fixed)
 
     def trial(point: Point, first: Estimate) -> tuple[Point, float]:
         """Return the point of least error with the shapes where they are, and that error."""
         shape_values = point.unknowns(columns)
         for _ in range(passes):
-            estimate = solved(point, first, first.held | shapes, columns.with_known_shapes)
+            estimate = solved(point, first, first.fixed | shapes, columns.with_known_shapes)
             point = point.at(mechanism, columns, np.where(shapes, shape_values, estimate.x))
         return point, estimate.triangle.residual_norm(estimate.x) ** 2
 
@@ -152,7 +152,7 @@ def variable_projection(
     loss = np.inf
     for number in range(STEPS):
         on_progress("searching shapes", number / STEPS)
-        now, before = solved(point, first, first.held), point.unknowns(columns)
+        now, before = solved(point, first, first.fixed), point.unknowns(columns)
         if shapes.any():
             loss = trial(point, first)[1] if np.isinf(loss) else loss
             for half in range(HALVES):

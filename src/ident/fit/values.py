@@ -218,7 +218,7 @@ class ParameterValues:
         link = name.rpartition(".")[0]
         pi = self.columns.dynamic_parameters(mechanism, self.estimate.solution.x)
         body = mechanism.bodies.columns(link)
-        places = [self.columns.index.get(f"{link}.{each}", -1) for each in DYNAMIC]
+        places = [self.columns.index.get(f"{link}.{item}", -1) for item in DYNAMIC]
         return self._centroidal_gradient(pi[body], places, list(DYNAMIC).index(centroidal[word]))
 
     def correlation(self) -> Correlation:

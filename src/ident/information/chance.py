@@ -95,7 +95,7 @@ def prior_covariance(estimate: Estimate, plausible: Array) -> Array:
 
     Of a shape that is held because its linear step leaves its bounds the rows know more than P.
     """
-    R, fixed, base = estimate.triangle.R, estimate.held, estimate.base.independent
+    R, fixed, base = estimate.triangle.R, estimate.fixed, estimate.base.independent
     if not fixed.any():
         return np.zeros((estimate.base.rank,) * 2)
     columns = R[:, fixed] * plausible[fixed]
@@ -250,7 +250,7 @@ class _Without:
         rows, one = self._others.get(number, self._others[-1]), np.ones(1)
         if not rows.rows:
             return None
-        other = estimate([rows], self.prior, np.zeros(1), sigma=one, held=self.fitted.held)
+        other = estimate([rows], self.prior, np.zeros(1), sigma=one, fixed=self.fitted.fixed)
         return replace(other, sigma=self.fitted.sigma)  # which the rows are divided by already
 
 

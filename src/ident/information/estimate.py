@@ -136,7 +136,7 @@ class Estimate:
     base: Base
     sigma: Array  # (d,) residual of each coordinate [N m | N]
     triangle: Triangle  # of all rows, each divided by its sigma
-    held: np.ndarray  # (k,) unknowns that the data know too badly, held at their prior
+    fixed: np.ndarray  # (k,) unknowns that the data know too badly, held at their prior
 
     @property
     def x(self) -> Array:
@@ -162,7 +162,7 @@ def estimate(
     torque: Array,
     plausible: Array | None = None,
     sigma: Array | None = None,
-    held: np.ndarray | None = None,
+    fixed: np.ndarray | None = None,
 ) -> Estimate:
     """Solve weighted least squares over coordinates.
 
@@ -185,7 +185,7 @@ def estimate(
     """
     if not sum(t.rows for t in totals):
         raise FitError("no equations: every sample is at standstill, singular or missing")
-    start = np.zeros(len(prior), dtype=bool) if held is None else held
+    start = np.zeros(len(prior), dtype=bool) if fixed is None else fixed
     if sigma is not None:
         total = weighted_total(totals, sigma)
         base, solution = _solve(total, prior, start)
@@ -194,9 +194,9 @@ def estimate(
     weights, floor = np.full(len(totals), largest), np.zeros(len(totals))
     # the columns that depend on others do not depend on the weights: they are sought once
     first = _solve(weighted_total(totals, weights), prior, np.zeros(len(prior), dtype=bool))[0]
-    held, rows = start, RowsOnBase.of(totals, first, prior)
+    fixed, rows = start, RowsOnBase.of(totals, first, prior)
     for step in range(ITERATIONS):
-        trial = rows.solved(weights, held)
+        trial = rows.solved(weights, fixed)
         noise = float((_residuals(totals, trial.x) / weights).max())
         while plausible is not None and len(trial.independent):
             # hold, one by one, what the data know worse than is plausible
@@ -211,11 +211,11 @@ def estimate(
                 break
             # of several that are known only together, the one that is newest only by noise
             newest = np.where(doubtful, trial.distance, np.inf).argmin()
-            held = held.copy()
-            held[trial.independent[newest]] = True
-            trial = rows.solved(weights, held, trial)
+            fixed = fixed.copy()
+            fixed[trial.independent[newest]] = True
+            trial = rows.solved(weights, fixed, trial)
         if step == 0:
-            held = np.zeros(len(prior), dtype=bool)  # decided anew with weights that are right
+            fixed = np.zeros(len(prior), dtype=bool)  # decided anew with weights that are right
             before = np.minimum(term_sizes(totals, prior), 10 * largest)
             after = term_sizes(totals, trial.x)
             floor = MATERIAL * np.maximum(np.maximum(after, before), torque)
@@ -226,8 +226,8 @@ def estimate(
             break
         weights = new
     total = weighted_total(totals, weights)
-    base, solution = _solve(total, prior, held)
-    return Estimate(solution, base, weights, total, held)
+    base, solution = _solve(total, prior, fixed)
+    return Estimate(solution, base, weights, total, fixed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +237,7 @@ class Trial:
     independent: Index  # (n,) columns of the base, ascending
     dependent: Index  # (n_dep,) those that are neither in it nor held, ascending
     K: Array  # (n, n_dep)
-    held: np.ndarray  # (k,)
+    fixed: np.ndarray  # (k,)
     beta: Array  # (n,) base parameters
     spread: Array  # (n,) √ of the diagonal of (RᵀR)⁻¹
     distance: Array  # (n,) part of each unit column that the ones before it cannot make
@@ -271,7 +271,7 @@ class RowsOnBase:
         norm = np.sqrt(sum(t.column_norms() ** 2 for t in totals))
         return cls([t.stack()[:, at] for t in totals], base, M, np.asarray(norm), prior)
 
-    def solved(self, weights: Array, held: np.ndarray, last: Trial | None = None) -> Trial:
+    def solved(self, weights: Array, fixed: np.ndarray, last: Trial | None = None) -> Trial:
         """Return the solution with weights (d,) and unknowns `held` (k,) at their prior; `last` is
         one with the same weights of which fewer are held.
         """
@@ -279,18 +279,18 @@ class RowsOnBase:
             rows = [A / w for A, w in zip(self.rows, weights, strict=True)]
             triangle = merged_by_support(rows, self.base.rank)
             last = Trial(
-                self.base.independent, self.base.dependent, self.base.K, np.zeros_like(held),
+                self.base.independent, self.base.dependent, self.base.K, np.zeros_like(fixed),
                 np.zeros(0), np.zeros(0), self.base.distance[self.base.independent], self.prior,
                 triangle,
             )  # fmt: skip
         independent, dependent, K = last.independent, last.dependent, last.K
         distance = dict(zip(independent.tolist(), last.distance, strict=True))
-        for h in np.flatnonzero(held & ~last.held).tolist():
+        for h in np.flatnonzero(fixed & ~last.fixed).tolist():
             if h in dependent:
                 K, dependent = K[:, dependent != h], dependent[dependent != h]
                 continue
             independent, dependent, K = self._without(h, independent, dependent, K, distance)
-        return self._solution(last.triangle, independent, dependent, K, held)
+        return self._solution(last.triangle, independent, dependent, K, fixed)
 
     def _without(
         self, h: int, independent: Index, dependent: Index, K: Array, distance: dict[int, float]
@@ -315,12 +315,12 @@ class RowsOnBase:
         return independent, dependent, K
 
     def _solution(
-        self, triangle: Array, independent: Index, dependent: Index, K: Array, held: np.ndarray
+        self, triangle: Array, independent: Index, dependent: Index, K: Array, fixed: np.ndarray
     ) -> Trial:
         n, x = len(independent), self.prior.copy()
         R, d = (
             triangle[:-1, :-1],
-            triangle[:-1, -1] - triangle[:-1, :-1] @ (self.M[:, held] @ x[held]),
+            triangle[:-1, -1] - triangle[:-1, :-1] @ (self.M[:, fixed] @ x[fixed]),
         )
         same = min(n, self.base.rank)
         changed = np.flatnonzero(independent[:same] != self.base.independent[:same])
@@ -340,7 +340,7 @@ class RowsOnBase:
         inverse, _ = lapack.dtrtri(R) if n else (R, 0)
         x[independent] = beta - K @ x[dependent]
         return Trial(
-            independent, dependent, K, held, beta, np.linalg.norm(inverse, axis=1),
+            independent, dependent, K, fixed, beta, np.linalg.norm(inverse, axis=1),
             np.abs(R.diagonal()) / np.where(norm > 0, norm, 1.0), x, triangle,
         )  # fmt: skip
 
@@ -349,9 +349,9 @@ def _residuals(totals: Sequence[Triangle], x: Array) -> Array:
     return np.array([t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in totals])
 
 
-def _solve(total: Triangle, prior: Array, held: np.ndarray) -> tuple[Base, Solution]:
+def _solve(total: Triangle, prior: Array, fixed: np.ndarray) -> tuple[Base, Solution]:
     """Solve on all columns; held unknowns are at their prior and in no combination."""
-    free, out = np.flatnonzero(~held), np.flatnonzero(held)
+    free, out = np.flatnonzero(~fixed), np.flatnonzero(fixed)
     free_triangle = total.restricted(free, prior) if len(out) else total
     base, norm = rank_revealing(free_triangle, TOLERANCE), free_triangle.column_norms()
     # regroupings below the tolerance are those of a URDF's rounded angles (1.5708)

@@ -24,7 +24,7 @@ class Bar(JointErrors):
     @classmethod
     def of(cls, errors: JointErrors) -> Bar:
         """Return the bar of the errors of a joint."""
-        return cls(*(getattr(errors, each.name) for each in fields(errors)))
+        return cls(*(getattr(errors, field.name) for field in fields(errors)))
 
     @property
     def relative(self) -> bool:

@@ -61,7 +61,7 @@ def comparison_sheet(c: Comparison, request: Request = PYTHON) -> Sheet:
     lines = ["where it fails"]
     for name, residual in c.residuals.items():
         before, several = f"{shown[name]}, " * (len(shown) > 1), len(residual.traces) > 1
-        texts = (failure_text(each, several, errors_that_count(c, name)) for each in residual.where)
+        texts = (failure_text(item, several, errors_that_count(c, name)) for item in residual.where)
         lines += [before + text for text in texts]
     return Sheet(comparison_card(c, request), tables=tables | all_parts(c.residuals), lines=lines)
 
@@ -103,8 +103,8 @@ def comparison_line(a: Assessment) -> str:
             blind = listed(a.unmeasured_before)
             line += f"; without a measured torque when it was fitted: {blind}"
         return f"{line}."
-    rises = [each.joint for each in a.errors if each.rises]
-    falls = [each.joint for each in a.errors if each.falls]
+    rises = [error.joint for error in a.errors if error.rises]
+    falls = [item.joint for item in a.errors if item.falls]
     ways = {"it falls": falls, "it rises": rises}
     parts = [f"{way} in {places(joints)}" for way, joints in ways.items() if joints]
     return (
@@ -151,33 +151,36 @@ def comparison_files(
 
 def _parameters(residuals: Models) -> tuple[Block, ...]:
     """Return values ± standard errors, model beside model: effects, then base parameters."""
-    models, names = [each.model for each in residuals.values()], told_apart(residuals).values()
+    models, names = (
+        [residual.model for residual in residuals.values()],
+        told_apart(residuals).values(),
+    )
     shown: dict[str, str] = {}  # the first name of combinations that differ by rounding
-    found = [
+    result = [
         {
-            shown.setdefault(rounded_name(each.name), each.name): each
-            for each in model.base_parameters
+            shown.setdefault(rounded_name(base_parameter.name), base_parameter.name): base_parameter
+            for base_parameter in model.base_parameters
         }
         for model in models
     ]
     values = [dict(model.point.values) for model in models]
     rigid = set(models[0].mechanism.bodies.names)
-    effects = dict.fromkeys(name for own in values for name in own if name not in rigid)
-    bodies = dict.fromkeys(name for own in found for name in own if name not in effects)
+    effects = dict.fromkeys(name for value in values for name in value if name not in rigid)
+    bodies = dict.fromkeys(name for item in result for name in item if name not in effects)
 
     def row(name: str) -> list[str]:
         cells, unit = [], ""
-        for base, own in zip(found, values, strict=True):
-            known = significant(own[name], 5) if name in own else "–"
+        for base, value in zip(result, values, strict=True):
+            known = significant(value[name], 5) if name in value else "–"
             cells.append(rounded(base[name].value, base[name].stderr) if name in base else known)
             unit = base[name].unit if name in base else unit
         return [shortened(name, WIDTH), *cells, unit]
 
     head, titles = ["parameter", *names, "unit"], ("Effects", "Base parameters of the bodies")
     return tuple(
-        table([head, *map(row, own)], f"{title}; a value without ± is known or is a shape")
-        for title, own in zip(titles, (effects, bodies), strict=True)
-        if own
+        table([head, *map(row, effect)], f"{title}; a value without ± is known or is a shape")
+        for title, effect in zip(titles, (effects, bodies), strict=True)
+        if effect
     )
 
 
@@ -267,7 +270,7 @@ def changed_words(x: Changes) -> list[str]:
     for change in x.changed:
         if change.effect is not None:
             by_kind.setdefault(change.effect.kind, []).append(change)
-    things = [(abs(each[0].z), _kind_words(each)) for each in by_kind.values()]
+    things = [(abs(item[0].z), _kind_words(item)) for item in by_kind.values()]
     if bodies:
         things.append((abs(bodies[0].z), _bodies_words(bodies)))
     return [text for _, text in sorted(things, key=lambda thing: -thing[0])]
@@ -307,7 +310,7 @@ def _bodies_words(changes: Sequence[Change]) -> str:
 
 
 def _then_now(x: Change) -> str:
-    return " → ".join(rounded(each.value, each.stderr) for each in (x.before, x.after))
+    return " → ".join(rounded(item.value, item.stderr) for item in (x.before, x.after))
 
 
 @renders(Changes, "sheet")

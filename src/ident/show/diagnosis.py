@@ -53,7 +53,7 @@ def card(
     good = good_enough_words(a.good_enough)
     parts = [*health_words(d), good, sure, *beside(d)]
     if a.doubts:
-        remedies = "; ".join(each.remedy for each in d.health.findings if each.remedy)
+        remedies = "; ".join(finding.remedy for finding in d.health.findings if finding.remedy)
         parts = [f"Put this right, then diagnose again: {remedies}.", good]
     sentences = " ".join(filter(None, parts))
     line, change = f"{a.subject}: {verdict_line(d, a)}.", " → ".join(filter(None, a.compared))
@@ -125,21 +125,21 @@ def short(d: Diagnosis, top: Card | None = None, request: Request = PYTHON) -> s
     for most, n in sizes:
         least = replace(shown, then=step, most=most, sure=" ".join(sentences[:n]))
         forms.append((least, []))
-    hides, found = len(d.invisible), ""
-    for form, own in forms:
+    hides, result = len(d.invisible), ""
+    for form, entry_ in forms:
         left_out = {
             "the whole verdict": form.sure != shown.sure,
-            formula: own != words,
+            formula: entry_ != words,
             "more about the next experiment": further or form.then != shown.then,
-            "more candidates": any(mark(d, each) != "*" for each in d.candidates),
+            "more candidates": any(mark(d, candidate) != "*" for candidate in d.candidates),
             f"{hides} effect{'s' * (hides > 1)} this log hides": hides,
         }
-        more = ", ".join(each for each, there in left_out.items() if there)
+        more = ", ".join(item for item, element in left_out.items() if element)
         rest = f"--verbose: {more}; {d.decision}" if more else f"{d.decision}"
-        found = Sheet(form, paragraphs=[*own, rest], indent="  ").text()
-        if lines_of(found) <= LINES:
+        result = Sheet(form, paragraphs=[*entry_, rest], indent="  ").text()
+        if lines_of(result) <= LINES:
             break
-    return found
+    return result
 
 
 @renders(Diagnosis, "sheet")
@@ -159,7 +159,7 @@ def where_rows(d: Diagnosis) -> Rows:
     rows = [["joint", "held out", "", "noise", "of misfit", *repeats, "depends on"]]
     for f in d.where:
         error = errors_of(d.fit)[f.joint]
-        signals = ", ".join(each.signal for each in f.depends_on[:2])
+        signals = ", ".join(item.signal for item in f.depends_on[:2])
         noise, quiet = d.floor[f.joint], error.rms <= NOISY * d.floor[f.joint]
         sizes = [f"{significant(error.rms)} {f.unit}", percent(error.relative)]
         sizes += [f"{significant(noise, 2)} {f.unit}", f"{100 * f.share:.0f} %"]
@@ -172,25 +172,25 @@ def where_rows(d: Diagnosis) -> Rows:
 def candidate_rows(d: Diagnosis) -> Rows:
     """Return a row a kind, best first, below it one a candidate; `*` is named, `=` its rivals."""
     rows = [["effect", "joint", "error", "explains", "by chance", "visible", "values"]]
-    shown = [each for each in d.every if each in d.candidates or mark(d, each) == "*"]
+    shown = [item for item in d.every if item in d.candidates or mark(d, item) == "*"]
     for group in alike(d, shown):
         sign = mark(d, group[0])
         if len(group) > 1:
-            sites = places(",".join(each.effect.joints) for each in group)
+            sites = places(",".join(element.effect.joints) for element in group)
             name = f"{group[0].effect.kind} in {sites}"  # a code name, as in the rows below
             best = max(group, key=lambda each: each.evidence.gain)
             best = replace(best, after=d.after) if sign == "*" else best
             rows.append([f"{sign} {name}", *_cells(d, best)[:-1], ""])
         indent = "  " * (len(group) > 1)
-        rows += [[f"{indent}{sign} {each.effect.label}", *_cells(d, each)] for each in group]
+        rows += [[f"{indent}{sign} {entry_.effect.label}", *_cells(d, entry_)] for entry_ in group]
     return rows
 
 
 def alike(d: Diagnosis, shown: Iterable[Explanation]) -> list[list[Explanation]]:
     """Return candidates of one kind and mark together, in the order of the first of each."""
     groups: dict[tuple[str, str], list[Explanation]] = {}
-    for each in shown:
-        groups.setdefault((mark(d, each), each.effect.kind), []).append(each)
+    for item in shown:
+        groups.setdefault((mark(d, item), item.effect.kind), []).append(item)
     return list(groups.values())
 
 
@@ -290,7 +290,7 @@ def _apart(d: Diagnosis, effect: Effect, rivals: tuple[Effect, ...]) -> str:
         f"The held-out errors of {named([effect, *rivals])} differ by less than "
         f"{d.decision.rival_se:g} standard errors."
     )
-    if all({*each.joints} == {*effect.joints} for each in rivals):
+    if all({*rival.joints} == {*effect.joints} for rival in rivals):
         return f"{text} They differ at other speeds, positions or loads than those of this motion."
     if not d.fit.mechanism.closures:
         return f"{text} In this motion they have almost equal torques."
@@ -306,40 +306,40 @@ def beside(d: Diagnosis) -> list[str]:
     """Return what is missing beside the effect that is named."""
     if d.best is None:
         return []
-    laws = [_relative(each) for each in d.relatives[:MOST]]
-    found = [f"Over the travelled range {listed(laws, 'or')} would do as well."] if laws else []
+    laws = [_relative(relative) for relative in d.relatives[:MOST]]
+    result = [f"Over the travelled range {listed(laws, 'or')} would do as well."] if laws else []
     more = [named(group) for group in by_kind(m.effect for m in d.also if not m.curve)]
     more += [f"{named([m.effect])} (or a {curve_name(m.curve)})" for m in d.also if m.curve]
     for law in d.laws[:1]:
         errors = (percent(e[law.felt].relative) for e in (law.before, law.after))
-        found.append(
+        result.append(
             f"In {law.felt} no effect has the right form, but a formula lowers the error, "
             f"{' → '.join(errors)}: torque of {law.joint} = {law.formula}."
         )
     if more:
-        found.append(
+        result.append(
             f"That is not all: beside it, {shortlist(more)} would lower the error further. Add it "
             "and diagnose again; `ident grow` goes on until nothing more can be named."
         )
     elif d.loud:
-        found.append(
+        result.append(
             f"That may not be all: even with it more than noise is left in {listed(d.loud)}."
         )
-    return found
+    return result
 
 
 def _rejected(d: Diagnosis) -> list[str]:
-    found = []
+    result = []
     for m in d.selection.members:
         name = named([m.effect])
         if m.curve is not None:
-            found.append(f"{name} explains a part, but a {curve_name(m.curve)} more")
+            result.append(f"{name} explains a part, but a {curve_name(m.curve)} more")
         elif m.impossible is not None:
             other = f"{named([m.impossible])}, with an impossible value"
-            found.append(f"{name} explains a part, but more {other}")
+            result.append(f"{name} explains a part, but more {other}")
         elif m.law is not None:
-            found.append(f"{name} explains a part, but a formula with no more numbers more")
-    return [f"{listed(found)}: their form is not that of the cause."] if found else []
+            result.append(f"{name} explains a part, but a formula with no more numbers more")
+    return [f"{listed(result)}: their form is not that of the cause."] if result else []
 
 
 def _nearest(d: Diagnosis) -> list[str]:
@@ -358,21 +358,21 @@ def _nearest(d: Diagnosis) -> list[str]:
 
 
 def _invisible(d: Diagnosis) -> list[str]:
-    names = named(each.effect for each in d.invisible)
+    names = named(item.effect for item in d.invisible)
     return [f"Not identifiable from this log, whatever their size: {names}."] if d.invisible else []
 
 
 def unsupported_words(d: Diagnosis) -> list[str]:
     """Return which effects of the model the data do not support, and how to leave them out."""
-    names = [each.effect.label for each in d.unsupported]
-    found = [
+    names = [item.effect.label for item in d.unsupported]
+    result = [
         f"In the model, {named([x.effect])} {'cannot be as it is' if x.absurd else 'is idle'}: "
         f"{x.why}."
         for x in d.unsupported
     ]
     if names:
-        found.append(
+        result.append(
             f"To leave out {listed(names)}: name the others by `--with`, or take [[effect]] out of "
             f"mechanism.toml; in Python, `mechanism.without('{names[0]}')`."
         )
-    return found
+    return result

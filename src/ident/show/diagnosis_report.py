@@ -86,9 +86,9 @@ EFFECT = (
 @renders(Diagnosis, "plot")
 def plot_candidates(d: Diagnosis) -> Chart:
     """Draw the error of its joint without and with each candidate, and what noise would leave."""
-    named = [each for each in d.every if mark(d, each) != " "]
-    others = [each for each in d.every if each not in named][: max(BARS - len(named), 0)]
-    shown = [each for group in alike(d, [*named, *others]) for each in group]
+    named = [item for item in d.every if mark(d, item) != " "]
+    others = [element for element in d.every if element not in named][: max(BARS - len(named), 0)]
+    shown = [entry_ for group in alike(d, [*named, *others]) for entry_ in group]
     before, after, noise = (
         100 * np.array([size or 0.0 for size in sizes])
         for sizes in zip(*(bar_of(d, x).sizes for x in shown), strict=True)
@@ -119,21 +119,24 @@ def plot_candidates(d: Diagnosis) -> Chart:
 
 def diagnosis_sections(d: Diagnosis, request: Request = PYTHON) -> tuple[Section, ...]:
     """Return the words with tables and charts to them, and the fit that was diagnosed."""
-    claim = [paragraph(each) for each in claim_words(d)]
+    claim = [paragraph(claim_word) for claim_word in claim_words(d)]
     if d.verdict != "nothing":  # the card has the first and what is missing beside it
         claim = claim[0 if spoiling_faults(d) else 1 : len(claim) - len(beside(d))]
     what = Section(CLAIMS[d.verdict], [*claim, *_candidates(d)])
-    steps = [each.partition(": ")[::2] for each in experiment_steps(d.next_experiment)]
+    steps = [
+        experiment_step.partition(": ")[::2]
+        for experiment_step in experiment_steps(d.next_experiment)
+    ]
     following: list[Block] = []
     if d.next_experiment:
         following.append(table([["step", "why"], *steps], "The most urgent first", tied=False))
-        following += [code(each) for each in [planning(d, request=request)] if each]
+        following += [code(item) for item in [planning(d, request=request)] if item]
     caption = "Joint by joint: held-out error, and what noise would leave"
     by_laws = bool(d.laws) and d.best is None  # what comes nearest matters less
     felt = d.candidates[0].joint if d.best else ""
     idle = unsupported_words(d) if d.verdict == "nothing" else []
     return (
-        Section("Health of the data", [paragraph(each) for each in health_words(d)]),
+        Section("Health of the data", [paragraph(health_word) for health_word in health_words(d)]),
         Section(
             "Joint by joint" if d.verdict == "nothing" else "Where it fails",
             [table(where_rows(d), caption)],  # the maps have the words
@@ -143,7 +146,7 @@ def diagnosis_sections(d: Diagnosis, request: Request = PYTHON) -> tuple[Section
         Section("What to log next", following),
         *([what] if by_laws else []),
         Section("Invisible in this data", _invisible(d)),
-        Section("In the model, but not supported", [paragraph(each) for each in idle]),
+        Section("In the model, but not supported", [paragraph(element) for element in idle]),
         *fit_sections(d.fit, first=felt, request=request),
     )
 
@@ -188,8 +191,8 @@ def screen_of(d: Diagnosis) -> FirstScreen:
 def _invisible(d: Diagnosis) -> list[Block]:
     """Return a row a kind of what this data cannot show, and why."""
     rows = [["effect", "why"]]
-    for group in by_kind(each.effect for each in d.invisible):
-        why = list(dict.fromkeys(each.why for each in d.invisible if each.effect in group))
+    for group in by_kind(item.effect for item in d.invisible):
+        why = list(dict.fromkeys(element.why for element in d.invisible if element.effect in group))
         more = f"; {len(why) - 1} more alike in diagnosis.json" * (len(why) > 1)
         rows.append([named(group), f"{why[0]}{more}"])
     return [table(rows, "This data cannot show", tied=False)] if rows[1:] else []
@@ -201,7 +204,11 @@ def _candidates(d: Diagnosis) -> list[Block]:
         return []
     blocks: list[Block] = [paragraph(MARKS)] if d.best else []
     blocks += [plot_candidates(d), paragraph(FALLS), table(candidate_rows(d), "Candidates")]
-    refitted = [each for each in d.candidates if each.fit is not None and d.verdict != "nothing"]
+    refitted = [
+        candidate
+        for candidate in d.candidates
+        if candidate.fit is not None and d.verdict != "nothing"
+    ]
     options = {f"{mark(d, x)} {x.effect.label}".strip(): _option(d, x) for x in refitted}
     if options:
         blocks += [headed("Its residual before and after"), Choice("Which candidate", options)]
@@ -255,8 +262,8 @@ def write_instead(d: Diagnosis, folder: Path, files: Mapping[str, bytes]) -> lis
     names: list[str] = []
     with suppress(OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         last = json.loads(regular(folder / "diagnosis.json").read_text(encoding="utf-8"))
-        laws = [str(each["effect"]).partition(":")[0] for each in last.get("laws", ())]
-        names = laws + [str(each["file"]) for each in last.get("curves", ())]
+        laws = [str(item["effect"]).partition(":")[0] for item in last.get("laws", ())]
+        names = laws + [str(element["file"]) for element in last.get("curves", ())]
     written = write_all(folder, files)
     used = {effect.file.resolve() for effect in d.fit.mechanism.effects if effect.file}
     for path in (folder / name for name in names if name not in files and OWN.fullmatch(name)):
@@ -268,8 +275,8 @@ def write_instead(d: Diagnosis, folder: Path, files: Mapping[str, bytes]) -> lis
 def diagnosis_files(d: Diagnosis) -> dict[str, bytes]:
     """Return diagnosis.json, and a file for each curve and law."""
     files = {"diagnosis.json": json_bytes(diagnosis_json(d))}
-    files |= {each.file: each.code.encode() for each in d.laws}
-    return files | {each.file: each.csv.encode() for each in d.curves}
+    files |= {law.file: law.code.encode() for law in d.laws}
+    return files | {curve.file: curve.csv.encode() for curve in d.curves}
 
 
 def _noise(d: Diagnosis, joint: str) -> float | None:
@@ -293,7 +300,9 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
     """Return the content of diagnosis.json; what is not finite is None."""
     first, last = d.selection.first, d.selection.last
     gains = sorted(first.gains.items(), key=lambda item: -item[1][0])
-    limits = {each.effect.label: first.limit_of(each) for each in first.contest.candidates}
+    limits = {
+        candidate.effect.label: first.limit_of(candidate) for candidate in first.contest.candidates
+    }
     decision = {
         **asdict(d.decision),
         "quantile": max(first.chance.limits.values(), default=0.0),
@@ -321,13 +330,15 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
             "effects": [name_of(effect) for effect in d.fit.mechanism.effects],
             "verdict": d.verdict,
             "decision": decision,
-            "where": [_where(d, each) for each in d.where],
-            "candidates": [{**each.json(), "noise": _noise(d, each.joint)} for each in d.every],
+            "where": [_where(d, element) for element in d.where],
+            "candidates": [
+                {**entry_.json(), "noise": _noise(d, entry_.joint)} for entry_ in d.every
+            ],
             "best": None if d.best is None else name_of(d.best),
             "group": [name_of(effect) for effect in d.group],
             "relatives": [
-                {"nearest": each.formula.terms[0].known_as, "formula": each.formula.text}
-                for each in d.relatives
+                {"nearest": relative.formula.terms[0].known_as, "formula": relative.formula.text}
+                for relative in d.relatives
             ],
             "together": together,
             "left": [{"curve": curve.label, "gain": gain} for curve, gain in last.curves],
@@ -335,8 +346,8 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
             "unsupported": [each.json() for each in d.unsupported],
             "curves": [curve_json(d, each) for each in d.curves],
             "laws": [
-                {**each.json(), "same_form": [one.joint for one in d.of_same_form(each)]}
-                for each in d.laws
+                {**law.json(), "same_form": [one.joint for one in d.of_same_form(law)]}
+                for law in d.laws
             ],
             "health": d.health.json(),
             "judged": sum(not each.curve for each in first.contest.candidates),

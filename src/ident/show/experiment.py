@@ -62,7 +62,9 @@ def experiment_text(d: Diagnosis) -> str:
 
 def experiment_words(experiment: Experiment, mechanism: Mechanism) -> str:
     """Return the suggestions of an experiment as sentences."""
-    return " ".join(suggestion_words(each, mechanism) for each in experiment.suggestions)
+    return " ".join(
+        suggestion_words(suggestion, mechanism) for suggestion in experiment.suggestions
+    )
 
 
 def suggestion_words(suggestion: Suggestion, mechanism: Mechanism) -> str:

@@ -18,12 +18,12 @@ def _size(x: float, unit: str) -> str:
 
 def _lost_rows(lost: tuple[Lost, ...]) -> list[list[str]]:
     rows = [["effect", "at", "lost, rms", "largest", "whole", "at a 5 Hz controller", "instead"]]
-    for each in lost:
-        torque, position = each.units
-        place = "" if each.where in each.label else each.where
+    for item in lost:
+        torque, position = item.units
+        place = "" if item.where in item.label else item.where
         rows.append([
-            each.label, place, _size(each.torque, torque), _size(each.largest, torque),
-            _size(each.before, torque), _size(each.position, position), each.nearest or "nothing",
+            item.label, place, _size(item.torque, torque), _size(item.largest, torque),
+            _size(item.before, torque), _size(item.position, position), item.nearest or "nothing",
         ])  # fmt: skip
     return rows
 
@@ -32,10 +32,10 @@ def _lost_rows(lost: tuple[Lost, ...]) -> list[list[str]]:
 def sheet(x: Export) -> Sheet:
     """Return what is held, what is lost with its size, notes and the replay's errors."""
     name = next(iter(x.files))
-    held = x.translation.held
+    fixed = x.translation.fixed
     title = f"{x.machine.name} as {x.target.title}: {name}, {len(x.machine.links)} joints"
     elements: dict[str, list[str]] = {}
-    for label, element in held:
+    for label, element in fixed:
         elements.setdefault(element, []).append(label)
     facts = {element: ", ".join(labels) for element, labels in elements.items()}
     tables: dict[str, Any] = {}
@@ -54,14 +54,14 @@ def export_json(x: Export) -> dict[str, Any]:
         "schema": "ident.export/1",
         "target": x.target.name,
         "files": list(x.files),
-        "held": [{"effect": label, "element": element} for label, element in x.held],
+        "held": [{"effect": label, "element": element} for label, element in x.fixed],
         "lost": [
             {
-                "effect": each.label, "where": each.where, "torque": each.torque,
-                "largest": each.largest, "whole": each.before, "position": each.position,
-                "units": list(each.units), "instead": each.nearest,
+                "effect": item.label, "where": item.where, "torque": item.torque,
+                "largest": item.largest, "whole": item.before, "position": item.position,
+                "units": list(item.units), "instead": item.nearest,
             }
-            for each in x.lost
+            for item in x.lost
         ],
         "notes": list(x.notes),
         **({} if x.replays is None else {"replay": render(x.replays, "json")}),

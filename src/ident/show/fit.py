@@ -86,7 +86,7 @@ def reactions(x: Reactions) -> Sheet:
             size, rms = (float(np.sqrt(np.nanmean(y[:, i] ** 2))) for y in (x.known, x.off))
             worst = float(np.nanmax(np.abs(x.off[:, i])))
             sizes = significant(size, 4), significant(rms), significant(worst)
-            rows.append([name, *(f"{each} {unit}" for each in sizes)])
+            rows.append([name, *(f"{siz} {unit}" for siz in sizes)])
     return Sheet("", tables={"multipliers against known reactions": rows})
 
 
@@ -101,8 +101,8 @@ def plot_reactions(x: Reactions) -> Chart:
 @renders(Health, "sheet")
 def health_sheet(h: Health) -> Sheet:
     """Return the findings, each with its number and threshold."""
-    found = "nothing is wrong" if h.good else f"{len(h.findings)} finding(s)"
-    return Sheet(f"health of the data: {found}", lines=[f"! {each}" for each in h.findings])
+    result = "nothing is wrong" if h.good else f"{len(h.findings)} finding(s)"
+    return Sheet(f"health of the data: {result}", lines=[f"! {finding}" for finding in h.findings])
 
 
 # --- the fit --------------------------------------------------------------------------------------
@@ -113,8 +113,8 @@ def error_table(fit: Fit) -> tuple[str, Rows]:
     errors, cut, judged = dict(fit.errors), fit.motion.band.cutoff, fit.held_out or fit.train
     if cut:
         errors["unfiltered"] = fit.unfiltered
-    whole = {joint: each.with_standstill for joint, each in judged.items()}
-    if still := any(each.rms != judged[joint].rms for joint, each in whole.items()):
+    whole = {joint: item.with_standstill for joint, item in judged.items()}
+    if still := any(element.rms != judged[joint].rms for joint, element in whole.items()):
         errors["at standstill too"] = whole
     caption = "error of the predicted torque" + (f" below {cut:.3g} Hz" if cut else "")
     return caption + ", in motion" * still, error_rows(errors)
@@ -128,8 +128,8 @@ def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
     own = [value for value in fit.parameters if value.identifiable]
     words = {
         name: parameter.negative
-        for each in fit.effects
-        for name, parameter in zip(each.effect.names, each.effect.parameters, strict=True)
+        for item in fit.effects
+        for name, parameter in zip(item.effect.names, item.effect.parameters, strict=True)
     }
 
     def shown(v: Value) -> str:
@@ -213,13 +213,13 @@ def calibration_line(fit: Fit) -> str:
 
 def body_lines(fit: Fit) -> list[str]:
     """Return mass and centre of each payload, of which the tables have all ten parameters."""
-    words = ((each.effect.label, body_words(each.parameters)) for each in fit.effects)
+    words = ((effect.effect.label, body_words(effect.parameters)) for effect in fit.effects)
     return [f"{label}: {body}" for label, body in words if body]
 
 
 def _multiplier_rows(fit: Fit) -> Rows:
     rows = [["multiplier", "rms", "largest", "unit"]]
-    values = np.concatenate([each for _, each in fit.multipliers])
+    values = np.concatenate([item for _, item in fit.multipliers])
     kinematics = fit.mechanism.kinematics
     for name, unit, y in zip(kinematics.multipliers, kinematics.units, values.T, strict=True):
         x = y[np.isfinite(y)]
@@ -317,9 +317,9 @@ def plot_parameters(fit: Fit) -> Chart:
     for unit in dict.fromkeys(v.unit for v in known[:MOST]):
         values = [v for v in known[:MOST] if v.unit == unit]
         at = np.arange(len(values), dtype=float)
-        prior, found = (np.array([getattr(v, key) for v in values]) for key in ("prior", "value"))
+        prior, result = (np.array([getattr(v, key) for v in values]) for key in ("prior", "value"))
         half = np.array([1.96 * (v.stderr or 0.0) for v in values])
-        marks = Dots(at, prior, 0 * at, "prior", PRIOR), Dots(at, found, half, "identified", 0)
+        marks = Dots(at, prior, 0 * at, "prior", PRIOR), Dots(at, result, half, "identified", 0)
         names = tuple(v.name for v in values)
         rows.append((Panel(marks, f"[{unit}]", y_names=names, height=0.7 + 0.22 * len(values)),))
     return Chart(words, tuple(rows))
@@ -372,9 +372,13 @@ def fit_sections(
 
     `first`: joint that comes first.
     """
-    notes = [each for each in fit.warnings if each not in fit.motion.notes]  # those stand elsewhere
+    notes = [
+        warning for warning in fit.warnings if warning not in fit.motion.notes
+    ]  # those stand elsewhere
     prior = residual_before(fit).predictions if len(fit.columns) else ()
-    changed = [html_table(*each[::-1]) for each in change_tables(fit.changes, 120).items()]
+    changed = [
+        html_table(*change_table[::-1]) for change_table in change_tables(fit.changes, 120).items()
+    ]
     return (
         Section("What has changed", changed),
         Section("Warnings", [items(notes)] if notes else []),
@@ -392,7 +396,7 @@ def _parameters(fit: Fit) -> list[Block]:
     blocks: list[Block] = []
     with suppress(FitError):  # nothing was identified by itself
         blocks.append(plot_parameters(fit))
-    blocks += [paragraph(each) for each in body_lines(fit)]
+    blocks += [paragraph(body_line) for body_line in body_lines(fit)]
     tables = value_tables(fit, 120)
     tables.pop("Multipliers", None)
     together = tables.pop(TOGETHER, None)

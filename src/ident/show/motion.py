@@ -196,7 +196,7 @@ def check_text(
     rows = zip(joint_rows(mechanism, motion), column, strict=True)
     joints = text_table([[*row, cell] for row, cell in rows])
     card = check_card(check, request)
-    notes = [f"note: {each}" for each in check.notes if each not in card.line]
+    notes = [f"note: {item}" for item in check.notes if item not in card.line]
     if not verbose and len(notes) > 1:
         first = notes[0].removeprefix("note: ")
         notes = [f"note: {len(notes)} notes, the first: {first}; --verbose shows them"]

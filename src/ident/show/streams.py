@@ -64,16 +64,16 @@ def who_disagrees(x: LogComparison) -> str:
 def log_rows(x: LogComparison) -> list[list[str]]:
     """Return one row a log, the head first."""
     rows = [["log", "samples", "error", "own fit", "chance", "differs in"]]
-    for each in x.logs:
-        if each.left_out:
-            rows.append([each.log, "–", "–", "–", "–", "left out"])
+    for log in x.logs:
+        if log.left_out:
+            rows.append([log.log, "–", "–", "–", "–", "left out"])
             continue
-        odd = each.disagreement
+        odd = log.disagreement
         p = None if odd is None else odd.p_value
         chance = "–" if p is None else f"< {TINY:.0e}" if p < TINY else f"{p:.2g}"
         what = _difference(odd) if odd is not None and odd.clear else ""
-        errors = percent(each.error), percent(each.own)
-        rows.append([each.log, str(each.samples), *errors, chance, what])
+        errors = percent(log.error), percent(log.own)
+        rows.append([log.log, str(log.samples), *errors, chance, what])
     return rows
 
 
@@ -115,13 +115,13 @@ def gathered_text(x: Gathered) -> str:
 def verdict_rows(logs: Sequence[Verdict]) -> list[list[str]]:
     """Return one row a log, the head first."""
     rows = [["log", "samples", "verdict", "of", "error", "with it"]]
-    for each in logs:
-        if each.left_out:
-            rows.append([each.log, "–", "left out", "", "", ""])
+    for log in logs:
+        if log.left_out:
+            rows.append([log.log, "–", "left out", "", "", ""])
             continue
-        verdict = each.verdict + (f": {' or '.join(each.named)}" if each.named else "")
-        errors = (percent(each.error_before), percent(each.error_after)) if each.named else ("", "")
-        rows.append([each.log, str(each.samples), verdict, each.joint, *errors])
+        verdict = log.verdict + (f": {' or '.join(log.named)}" if log.named else "")
+        errors = (percent(log.error_before), percent(log.error_after)) if log.named else ("", "")
+        rows.append([log.log, str(log.samples), verdict, log.joint, *errors])
     return rows
 
 
@@ -182,7 +182,7 @@ def snapshot_sheet(x: Snapshot) -> Sheet:
     """Return tables of parameters and errors, and notes."""
     rows = [["parameter", "value", "prior", "unit", ""]]
     for v in x.identified:
-        state = "held" * (v.name in x.held)
+        state = "held" * (v.name in x.fixed)
         rows.append([v.name, rounded(v.value, v.stderr), f"{v.prior:.5g}", v.unit, state])
     errors = [["error", "all", "rms", "unit"]]
     errors += [[n, percent(e.relative), f"{e.rms:.4g}", e.unit] for n, e in x.errors.items()]
@@ -353,18 +353,18 @@ class MonitorHistory:
     @property
     def sections(self) -> tuple[Section, ...]:
         """Alarms, parameters, reaction forces and errors."""
-        found = self._last
-        if found is None:
+        result = self._last
+        if result is None:
             return ()
         rows = [["alarm", "sure at [s]", "named at [s]"]]
         rows += [[x.headline, f"{x.detected:.2f}", f"{x.named:.2f}"] for x in self.alarms]
         bodies = set(self._mechanism.bodies.names)  # what has changed and may wear comes first
         suspects = [s.removeprefix("payload:") for x in self.alarms for s in x.suspects]
-        changed = tuple(f"{each.replace(':', '.', 1)}." for each in suspects)
+        changed = tuple(f"{suspect.replace(':', '.', 1)}." for suspect in suspects)
         identified = sorted(
-            found.identified, key=lambda v: (not v.name.startswith(changed), v.name in bodies)
+            result.identified, key=lambda v: (not v.name.startswith(changed), v.name in bodies)
         )
-        names = {v.name: (i, v.unit) for i, v in enumerate(found.parameters)}
+        names = {v.name: (i, v.unit) for i, v in enumerate(result.parameters)}
         known = {v.name: names[v.name] for v in identified}
         forces: dict[str, tuple[int, str]] = {}
         if (x := self._last_forces) is not None:
@@ -372,12 +372,12 @@ class MonitorHistory:
         t, errors = self._errors.series
         lines = (
             Line(t, 100 * errors[:, u], joint, u, dotted=len(t) < 3)
-            for u, joint in enumerate(found.errors)
+            for u, joint in enumerate(result.errors)
         )
         panel = Panel((*lines, *self._marks(t)), "t [s]", "error [%]", height=3.0)
         drawn = Chart("Error of the torque over time", ((panel,),), True, clock="log")
         over_time = self._charts("Parameters", self._parameters, known, PANELS)
-        count = sum(len(each.rows) for each in over_time)
+        count = sum(len(item.rows) for item in over_time)
         now = [paragraph(f"{count} of these have a chart.")] * (0 < count < len(identified))
         reactions = self._charts("Reaction forces λ", self._forces, forces, FORCES)
         return (
@@ -385,7 +385,7 @@ class MonitorHistory:
             Section("Parameters over time", over_time),
             Section("Reaction forces", reactions),
             Section("Error of the predicted torque", [drawn]),
-            Section("Now", [*now, *snapshot_sheet(found).blocks()]),
+            Section("Now", [*now, *snapshot_sheet(result).blocks()]),
         )
 
     def _marks(self, t: np.ndarray) -> list[Level]:
@@ -408,8 +408,8 @@ class MonitorHistory:
         for name in drawn[:most]:
             i, unit = known[name]
             value, half = values[:, i, 0], SHARE * values[:, i, 1]
-            if len(found := half[np.isfinite(half)]):  # before it is known, it is not drawn
-                late = np.arange(len(t)) >= (half <= SETTLED * np.median(found)).argmax()
+            if len(result := half[np.isfinite(half)]):  # before it is known, it is not drawn
+                late = np.arange(len(t)) >= (half <= SETTLED * np.median(result)).argmax()
                 value, half = np.where(late, value, np.nan), np.where(late, half, np.nan)
             marks: tuple[Mark, ...] = (
                 Line(t, value - half, "95 % interval", FAINT, 1.0),

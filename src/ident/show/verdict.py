@@ -146,13 +146,13 @@ def _place(effect: Effect) -> str:
 
 def _unnamed(d: Diagnosis) -> str:
     """Return how many effects were tried, and what comes nearest."""
-    tried = sum(not each.curve for each in d.selection.first.contest.candidates)
-    more = [each for each in d.every if each.evidence.p < d.decision.alpha]
+    tried = sum(not candidate.curve for candidate in d.selection.first.contest.candidates)
+    more = [item for item in d.every if item.evidence.p < d.decision.alpha]
     text = f"{tried} effects were tried; none helps more than chance"
     if d.selection.members or d.laws:
         text = f"{tried} effects were tried; none explains it"
     elif more:
-        near = _not_named(d, [each.evidence for each in more[:NEAREST]])
+        near = _not_named(d, [element.evidence for element in more[:NEAREST]])
         text = f"{tried} effects were tried; none is named. Nearest: {near}"
     turns = [] if d.reversing else joints_at_reversals(d)
     where = f" What is left in {places(turns)} is near reversals, where friction does not jump "

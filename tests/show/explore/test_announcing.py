@@ -68,7 +68,7 @@ def delivered(before: ident.Fit, after: ident.Fit) -> float:
 def test_what_is_announced_is_delivered(label):
     e = screened()
     now = e.with_effect(label).now
-    same = now.fit.estimate.held[: len(e.fit.columns)].sum() == e.fit.estimate.held.sum()
+    same = now.fit.estimate.fixed[: len(e.fit.columns)].sum() == e.fit.estimate.fixed.sum()
     assert same == (label != "spring:shoulder")  # with it the refit leaves one at its prior
     fall = delivered(e.fit, now.fit)
     assert fall == pytest.approx(announced(e, label).fall, abs=1e-8 if same else 0.05)
