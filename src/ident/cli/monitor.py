@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ident.streams.online import Online, Snapshot
 
 MOST_NOTED = 20  # lines that are left out, of which each is noted; then they are counted
+RECORDED = 1.0  # [s] between two records of parameters, where nothing is printed
 PARAMETERS = ("t", "quantity", "value", "stderr", "unit", "state")
 ALARMS = ("onset", "detected", "named", "verdict", "suspects", "evidence", "text")
 
@@ -36,7 +37,11 @@ def monitor(
     log: str = argument("A .csv file, or - for standard input.", "LOG", default=...),
     like: Paths = setting("Logs of normal running; what differs raises an alarm.", "LOG"),
     forget: float | None = setting("An equation counts e times less after that.", "S"),
-    every: float = setting("Seconds between two lines.", "S", default=1.0, min=0.0),
+    every: float | None = setting(
+        "Seconds between two lines of parameters. Default: a line where something changes.",
+        "S",
+        min=0.0,
+    ),
     follow_: bool = flag("Wait for more at the end of the file.", "--follow"),
     page: bool = flag("Show it in a browser too, until Ctrl-C.", "--page"),
     port: int = setting("Port of the page; 0 is a free one.", "N", default=0, min=0, max=65535),
@@ -145,11 +150,12 @@ class Session(contextlib.ExitStack):
         online: Online,
         watch: Watch | None,
         folder: Path | None,
-        every: float,
+        every: float | None,
         history: MonitorHistory | None = None,
     ) -> None:
         super().__init__()
-        self._online, self._watch, self._every, self._history = online, watch, every, history
+        self._online, self._watch, self._history = online, watch, history
+        self._every, self._lines = RECORDED if every is None else every, every is not None
         self._due, self._left_out = -float("inf"), 0
         self._waiting = 0  # line of the sample that may wait for its successor
         self.raised: list[Alarm] = []
@@ -194,7 +200,9 @@ class Session(contextlib.ExitStack):
         if online.warm and online.t >= self._due:
             self._due = online.t + self._every
             with contextlib.suppress(FitError):  # no equation yet, so soon
-                result(self._snapshot(online.snapshot()).line)
+                snapshot = self._snapshot(online.snapshot())
+                if self._lines:
+                    result(snapshot.line)
 
     def _leave_out(self, number: int, why: str) -> None:
         self._left_out += 1
@@ -221,7 +229,8 @@ class Session(contextlib.ExitStack):
             rows.append((snapshot.t, f"error.{name}", e.rms, None, e.unit, "all"))
         self._record("parameters", rows)
         if self._history is not None:
-            self._history.add(snapshot, None)
+            normal = self._watch.monitor.errors if self._watch else {}
+            self._history.add(snapshot, None, normal)
         return snapshot
 
     def _record_forces(self) -> None:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import json
 import threading
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from markupsafe import Markup
 
 from ident.assess.machine import assess_machine, explained_alone, typical_error
 from ident.display import renders
+from ident.information.blocks import Error
 from ident.information.chance import ALPHA
 from ident.mechanism import Mechanism
 from ident.request import PYTHON, Request
@@ -39,6 +41,7 @@ SHOWN = 6  # logs in one command
 LAST = 2  # parameters in one line
 TINY = 1e-12  # a smaller chance is printed as this
 SIZED = 3  # rivals of a cause, below which all are printed with their sizes
+YEAR_2000, YEAR_2100 = 946_684_800.0, 4_102_444_800.0  # times [s] since 1970 that are clock times
 BLIND = 10.0  # times a change: a standard error beyond which it is not printed
 
 
@@ -217,10 +220,17 @@ def cause_text(x: Cause) -> str:
     return f"{x.label}: {', '.join(map(str, sure or known or x.steps))}"
 
 
+def moment(t: float) -> str:
+    """Return a time [s] to 10 ms, or local date and clock where it counts from 1970."""
+    if not YEAR_2000 < t < YEAR_2100:
+        return f"{t:.2f} s"
+    return datetime.fromtimestamp(t).astimezone().strftime("%d %b %Y, %H:%M:%S")
+
+
 @renders(Alarm, "headline")
 def headline(x: Alarm) -> str:
     """Return the alarm in one line."""
-    onset = f"{x.onset:.2f} s"
+    onset = moment(x.onset)
     since = f"since the beginning ({onset} or earlier)" if x.from_start else f"since {onset}"
     if not x.suspects or x.best is None:
         near = f"; nearest, but no explanation: {x.best.label}" if x.best else ""
@@ -242,9 +252,9 @@ def alarm_sheet(x: Alarm) -> Sheet:
         if forces:
             causes.append(f"    it would change the reaction {', '.join(forces)} rms")
     facts = {
-        "sure": f"at {x.detected:.2f} s by {x.seen_by}, evidence {x.evidence:.1f} of "
+        "sure": f"at {moment(x.detected)} by {x.seen_by}, evidence {x.evidence:.1f} of "
         f"{x.threshold:.1f}",
-        "named": f"at {x.named:.2f} s",
+        "named": f"at {moment(x.named)}",
         "errors over their normal size": ", ".join(f"{n} {v:.3g}" for n, v in x.errors.items()),
     }
     return Sheet(headline(x), facts=facts, lines=causes)
@@ -310,11 +320,17 @@ class MonitorHistory:
         self.alarms: list[Alarm] = []
         self._lock = threading.RLock()  # a page is drawn while samples come
         self._last: Snapshot | None = None
+        self._of_normal: Mapping[str, Error] = {}
         self._last_forces: Forces | None = None
 
-    def add(self, found: Snapshot, forces: Forces | None) -> None:
-        """Take a snapshot, and the multipliers of the samples since the one before."""
+    def add(
+        self, found: Snapshot, forces: Forces | None, of_normal: Mapping[str, Error] | None = None
+    ) -> None:
+        """Take a snapshot, the multipliers of the samples since the one before, and the present
+        errors of the model of normal running by joint, if the machine is watched.
+        """
         with self._lock:
+            self._of_normal = of_normal or {}
             self._last = found
             both = [(v.value, v.stderr) for v in found.parameters]
             self._parameters.add(found.t, np.array(both, float).reshape(-1, 2))
@@ -345,7 +361,9 @@ class MonitorHistory:
             count = f"{n} alarms, the last" if (n := len(self.alarms)) > 1 else "1 alarm"
             how = "Identify the log of normal operation with --out DIR: `ident diagnose "
             how += "DIR/identified` on this log then compares the machine with its normal values."
-            bars = tuple(map(Bar.of, a.errors))
+            noise = self._last.noise
+            normal = [Bar(n, e, noise=noise.get(n)) for n, e in self._of_normal.items()]
+            bars = tuple(normal) or tuple(map(Bar.of, a.errors))  # not those of the refitted model
             return Card(f"{head}{count}: {self.alarms[-1].headline}", how, bars)
         size = f"; {error_words(a)}" if a.now else ""
         return card_of(a, self._request, line=f"{head}{self._silent or 'no alarm'}{size}.")
@@ -356,8 +374,8 @@ class MonitorHistory:
         result = self._last
         if result is None:
             return ()
-        rows = [["alarm", "sure at [s]", "named at [s]"]]
-        rows += [[x.headline, f"{x.detected:.2f}", f"{x.named:.2f}"] for x in self.alarms]
+        rows = [["alarm", "sure at", "named at"]]
+        rows += [[x.headline, moment(x.detected), moment(x.named)] for x in self.alarms]
         bodies = set(self._mechanism.bodies.names)  # what has changed and may wear comes first
         suspects = [s.removeprefix("payload:") for x in self.alarms for s in x.suspects]
         changed = tuple(f"{suspect.replace(':', '.', 1)}." for suspect in suspects)

@@ -18,6 +18,7 @@ from ident.display import Displayed, render
 from ident.equations.rows import Rows
 from ident.errors import FitError
 from ident.fit import Fit
+from ident.information.blocks import Error
 from ident.information.estimate import MATERIAL
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
@@ -155,6 +156,8 @@ class Monitor(Displayed):
         self._charts = Charts.fresh(len(self.design.weight))
         self._cutter = Cutter(self.seconds)
         self._recent: deque[WatchedInterval] = deque(maxlen=RECENT_INTERVALS)
+        # by interval, squares of the normal reference's error and of torques, and rows (3, d)
+        self._of_normal: deque[np.ndarray] = deque(maxlen=RECENT_INTERVALS)
         self._begun = np.inf  # start of the first interval [s]
 
     @classmethod
@@ -238,8 +241,34 @@ class Monitor(Displayed):
     def absorb(self, rows: Rows) -> list[Alarm]:
         """Return the alarms that further rows of `watched.columns` raise, in order of time."""
         sigma = self.design.normal.sigma
-        intervals = (WatchedInterval.of(x, sigma, self._now) for x in self._cutter.cut(rows))
-        return [alarm for alarm in map(self._step, intervals) if alarm is not None]
+        alarms = []
+        for part in self._cutter.cut(rows):
+            error = np.where(part.informed, part.b - part.A @ self.normal, 0.0)
+            torque = np.where(part.informed, part.tau, 0.0)
+            count = part.informed.sum(axis=0)
+            self._of_normal.append(
+                np.stack([*((x**2).sum(axis=0) for x in (error, torque)), count])
+            )
+            alarms.append(self._step(WatchedInterval.of(part, sigma, self._now)))
+        return [alarm for alarm in alarms if alarm is not None]
+
+    @property
+    def errors(self) -> dict[str, Error]:
+        """Error of the normal reference in the last intervals, by joint: how far the machine is
+        from normal now, whatever has been named or learnt since.
+        """
+        if not self._of_normal:
+            return {}
+        units = [self.watched.mechanism.joint(name).force_unit for name in self.watched.joints]
+        sums = zip(self.watched.joints, *np.sum(self._of_normal, axis=0), units, strict=True)
+        return {
+            name: Error(
+                float(np.sqrt(error / max(count, 1))),
+                float(np.sqrt(error / torque)) if torque > 0 else None,
+                unit,
+            )
+            for name, error, torque, count, unit in sums
+        }
 
     def finish(self) -> list[Alarm]:
         """Return the alarm that waits for its name, named by what there is."""
