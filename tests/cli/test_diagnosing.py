@@ -94,7 +94,7 @@ def test_laws_that_are_found_before_ctrl_c_are_kept(robots, tmp_path, monkeypatc
         assert "missing: cable:elbow" in outcome.out  # in whose place the law would be
     else:
         assert "interrupted before the laws of wrist;" in outcome.err
-        assert "but a formula does: torque of elbow = " in " ".join(outcome.out.split())
+        assert "but a formula explains it: torque of elbow = " in " ".join(outcome.out.split())
         assert "law_elbow.py" in written
         assert f"{tmp_path / 'out'}/law_elbow.py" in (tmp_path / "out" / "report.html").read_text()
 
@@ -161,8 +161,8 @@ def test_a_folder_of_a_fit_is_fitted_anew_and_told_what_has_changed(arm_folder, 
     later.log.write(tmp_path / "later.csv")
     outcome = done("diagnose", tmp_path, tmp_path / "later.csv")
     note = outcome.err.replace("\n", " ")
-    assert "all parameters were fitted anew. Changed" in note
-    assert "dry friction in elbow (coulomb), Fc" in note.partition("fitted anew")[2]
+    assert "all parameters were fitted anew; " in note
+    assert "dry friction in elbow (coulomb) (" in note.partition("fitted anew")[2]
     assert f"ident diagnose {tmp_path}/identified {tmp_path}/later.csv" in note
 
 
@@ -340,7 +340,7 @@ def test_grow_goes_on_where_it_was(arm_folder, tmp_path):
         api.grow(mechanism, motion, checkpoint=tmp_path, resume=True)
 
 
-@pytest.mark.parametrize("moment", ["candidates_of", "judged"])
+@pytest.mark.parametrize("moment", ["candidates_of", "conclude"])
 def test_ctrl_c_in_grow_keeps_what_is_fitted(moment, arm_folder, tmp_path, monkeypatch, ident):
     """Before the second fit, and after the last one; then it goes on."""
 
@@ -368,7 +368,7 @@ def test_ctrl_c_in_the_next_experiment_keeps_the_diagnosis(
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ident.show.experiment._advice", stop)
+    monkeypatch.setattr("ident.assess.experiment._suggestions", stop)
     words = "diagnose", arm_folder, arm_folder / "run.csv", *given(*LACKING)
     outcome = ident(*words, "--out", tmp_path)
     assert outcome.status == 130
