@@ -169,6 +169,10 @@ class Written:
     def write(self, folder: str | Path, request: Request = PYTHON) -> list[Path]:
         """Write its files into a folder, made where there is none; return them, all or none.
 
+        Args:
+            folder: made if it is not there.
+            request: the command that asked for it, which the report's next commands repeat.
+
         Raises:
             IdentError: if the folder cannot be written; then no file of it has changed.
         """

@@ -31,6 +31,9 @@ PLAIN = {
     "x0": -1.0,
     "x1": 0.1,
     "x2": 1.0,
+    "limit": 5.0,
+    "delay": 0.004,
+    "follows_velocity": 0.0,
 }
 
 

@@ -202,11 +202,11 @@ def test_standing_still_for_long_forgets_nothing_wrongly(effects):
         found.append(fed(online, [block]))
     last = found[-1]
     known = {v.name: v for v in moving.parameters if v.identifiable}
-    assert len(last.fixed) > 0.5 * len(known)
-    for name in last.fixed:
+    assert len(last.held) > 0.5 * len(known)
+    for name in last.held:
         value = last[name]
         assert np.isfinite(value.value)
-        errors = [each[name].stderr for each in found if name in each.fixed]
+        errors = [each[name].stderr for each in found if name in each.held]
         assert (np.diff(errors) > 0).all()
         if name in known:
             assert value.stderr > 1e3 * known[name].stderr
@@ -214,7 +214,7 @@ def test_standing_still_for_long_forgets_nothing_wrongly(effects):
     again = motion_log("arm", 200.0, 3.0)
     moved = plant(case.mechanism, again, noise=[Noise("tau", 0.01, relative=True)], seed=0)
     after = fed(online, [{"t": moved.log.t + 30.0, **moved.log.columns}])
-    assert not after.fixed
+    assert not after.held
     np.testing.assert_allclose(beta(after), beta(moving), atol=0.2 * np.abs(beta(moving)).max())
 
 

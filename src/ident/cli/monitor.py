@@ -223,7 +223,7 @@ class Session(contextlib.ExitStack):
         rows: list[tuple[object, ...]] = []
         for v in snapshot.parameters:
             state = "identified" if v.identifiable else "prior"
-            state = "held" if v.name in snapshot.fixed else state
+            state = "held" if v.name in snapshot.held else state
             rows.append((snapshot.t, v.name, v.value, v.stderr, v.unit, state))
         for name, e in snapshot.errors.items():
             rows.append((snapshot.t, f"error.{name}", e.rms, None, e.unit, "all"))

@@ -244,8 +244,12 @@ class Concluded(Plotted):
         return dict(render(self, "json"))
 
     def write(self, folder: str | Path, request: Request = PYTHON) -> list[Path]:
-        """The report and the numbers, files of laws and tables of curves; of a model that was
-        grown its folder too. All of them or none.
+        """Write report and numbers, files of laws and tables of curves; of a model that was grown
+        its folder too. All of them or none.
+
+        Args:
+            folder: made if it is not there.
+            request: the command that asked for it, which the report's next commands repeat.
 
         Raises:
             IdentError: if the folder cannot be written, or is that of the mechanism that has grown.

@@ -326,7 +326,7 @@ class Effect(ABC):
         """Return name and content of the Python file that defines a kind outside of the library.
 
         Args:
-            found: values of its parameters, by short name, for a file that is written from them.
+            estimates: values of its parameters, by short name, for a file that is written from them.
         """
         return None if self.file is None else (self.file.name, self.file.read_bytes())
 
@@ -434,7 +434,12 @@ class Effect(ABC):
         return Correction()
 
     def scale_column(self, s: Signals, predicted: np.ndarray) -> np.ndarray:
-        """∂τ/∂scale (n,) of a drive, where the model predicts its torque (n,) [N m | N]."""
+        """Return ∂τ/∂scale (n,) of a drive.
+
+        Args:
+            s: signals of its joint, with the values of its shapes.
+            predicted: (n,) the torque that the model predicts for it [N m | N].
+        """
         return np.zeros(len(s.t))
 
     def state_rate(self, z: np.ndarray, v: np.ndarray, shape: Shape) -> np.ndarray:

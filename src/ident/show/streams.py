@@ -185,7 +185,7 @@ def snapshot_sheet(x: Snapshot) -> Sheet:
     """Return tables of parameters and errors, and notes."""
     rows = [["parameter", "value", "prior", "unit", ""]]
     for v in x.identified:
-        state = "held" * (v.name in x.fixed)
+        state = "held" * (v.name in x.held)
         rows.append([v.name, rounded(v.value, v.stderr), f"{v.prior:.5g}", v.unit, state])
     errors = [["error", "all", "rms", "unit"]]
     errors += [[n, percent(e.relative), f"{e.rms:.4g}", e.unit] for n, e in x.errors.items()]

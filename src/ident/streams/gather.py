@@ -89,6 +89,7 @@ class Gathered(Displayed):
         Args:
             folder: made if it is not there.
             reactions: known ones, which the report draws beside the multipliers.
+            request: the command that asked for it, which the report's next commands repeat.
 
         Raises:
             IdentError: if the folder cannot be written, or a log no longer be read.

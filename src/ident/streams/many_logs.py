@@ -202,7 +202,11 @@ class Verdicts(Displayed):
 
     def write(self, folder: str | Path, request: Request = PYTHON) -> list[Path]:
         """Write diagnosis.json and report.html of all logs together, and logs.csv, all or none, to
-        a folder that is made if it is not there. Return the files.
+        a folder. Return the files.
+
+        Args:
+            folder: made if it is not there.
+            request: the command that asked for it, which the report's next commands repeat.
 
         Raises:
             IdentError: if the folder cannot be written.

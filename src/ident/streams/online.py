@@ -96,7 +96,7 @@ class Snapshot(Displayed):
     rows: float
     parameters: tuple[Value, ...]
     base_parameters: tuple[BaseValue, ...]
-    fixed: tuple[str, ...]
+    held: tuple[str, ...]
     multipliers: Forces | None
     errors: Mapping[str, Error]
     noise: Mapping[str, float]
@@ -115,7 +115,7 @@ class Snapshot(Displayed):
     @property
     def identified(self) -> tuple[Value, ...]:
         """The parameters that the data determine, or did."""
-        return tuple(v for v in self.parameters if v.identifiable or v.name in self.fixed)
+        return tuple(v for v in self.parameters if v.identifiable or v.name in self.held)
 
     @property
     def line(self) -> str:
@@ -323,7 +323,7 @@ class Online:
             rows=float(squares.all_rows[2].mean()),
             parameters=tuple(parameters),
             base_parameters=known.base,
-            fixed=tuple(outdated),
+            held=tuple(outdated),
             multipliers=self._forces(stream, [self._last] if self._last else []),
             errors=squares.errors(joints, units),
             noise=dict(zip(joints, self._floor.tolist(), strict=True)),
