@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -123,11 +124,25 @@ class LogSignals:
         """The step of the clock [s]."""
         return float(self.t[1] - self.t[0])
 
+    @cached_property
+    def _longest(self) -> slice:
+        """The longest run."""
+        return max(runs(self.usable), key=lambda run: run.stop - run.start)
+
+    @cached_property
+    def _clock_step(self) -> float:
+        """The median step of the log's own times [s]."""
+        return float(np.median(np.diff(self.log.t)))
+
+    def _step_of(self, at: np.ndarray) -> float:
+        """The median step of a column's times [s], most of which are those of the whole log."""
+        return self._clock_step if len(at) == len(self.log.t) else float(np.median(np.diff(at)))
+
     def even(self, name: str) -> tuple[np.ndarray, float]:
         """A column (m,) in the longest run, uniform, no finer than its samples; its step [s]."""
-        run = max(runs(self.usable), key=lambda run: run.stop - run.start)
+        run = self._longest
         t, (at, x) = self.t[run], self.log.series(name)
-        dt, step = float(t[1] - t[0]), float(np.median(np.diff(at)))
+        dt, step = float(t[1] - t[0]), self._step_of(at)
         if step > 1.5 * dt:
             first, last = np.searchsorted(at, (t[0] - 0.5 * dt, t[-1] + 0.5 * dt))
             t, dt = np.arange(at[first], at[last - 1] + 1e-6 * step, step), step
@@ -226,7 +241,8 @@ def measure(
             f"largest {1e3 * off.max():.3g} ms); everything is evaluated on a uniform clock of {n} "
             "samples"
         )
-    usable = ~gaps(t, log.t)
+    in_gap = gaps(t, log.t)
+    usable = ~in_gap
     if (count := int((~usable).sum())) > 0:
         holes = np.flatnonzero(step > longest_step(log.t))
         several = f"{len(holes)} gaps of up to" if len(holes) > 1 else "a gap of"
@@ -255,8 +271,9 @@ def measure(
         columns[name] = x if even and len(x) == n else np.interp(t, at, x)
         if not is_signal(name):
             continue
-        empty = gaps(t, at)
-        steps.append(float(np.median(np.diff(at))))
+        complete = len(at) == len(log.t)  # its times are the log's: nothing to be found out again
+        empty = in_gap if complete else gaps(t, at)
+        steps.append(dt if complete else float(np.median(np.diff(at))))
         consequence = "values between are interpolated"
         if (count := int((empty & usable).sum())) > 0:
             consequence = (
