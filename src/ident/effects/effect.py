@@ -326,7 +326,7 @@ class Effect(ABC):
         """Return name and content of the Python file that defines a kind outside of the library.
 
         Args:
-            estimates: values of its parameters, by short name, for a file that is written from them.
+            estimates: values of its parameters, by short name, for a file written from them.
         """
         return None if self.file is None else (self.file.name, self.file.read_bytes())
 
