@@ -62,7 +62,7 @@ def assess_comparison(
     bars = joint_errors(before, errors, floor)
     fitted, logs = is_fitted_log(c, last.name), [trace.name for trace in first.traces]
     answer = good_enough(
-        errors, floor, acceptable=acceptable, away=last.errors_away_from_reversals,
+        errors, floor, acceptable=acceptable, away_from_reversals=last.errors_away_from_reversals,
         logs=[] if fitted else logs,
     )  # fmt: skip
     rises, falls = [b for b in bars if b.rises], [b for b in bars if b.falls]

@@ -40,7 +40,8 @@ def assess_diagnosis(
     turns = joints_at_reversals(d)
     left = Remainder.of(now, d.floor, turns, d.decision.material)
     answer = good_enough(
-        errors, d.floor, acceptable=acceptable, away=d.fit.residual.errors_away_from_reversals,
+        errors, d.floor, acceptable=acceptable,
+        away_from_reversals=d.fit.residual.errors_away_from_reversals,
         doubts=d.health.findings,
     )  # fmt: skip
     worst = d.candidates[0].joint if d.best else d.laws[0].felt if d.laws else ""
@@ -101,23 +102,23 @@ def assess_growth(history: History, *, acceptable: float | None = None) -> Asses
     """Judge a model that grew: from the model as given to the last one with all that is named."""
     d, first = history.diagnosis, history.steps[0].errors
     last = next((step.added for step in history.steps[::-1] if step.added), ())
-    judged = assess_diagnosis(d, acceptable=acceptable, added=history.added)
+    assessment = assess_diagnosis(d, acceptable=acceptable, added=history.added)
     errors = {**errors_of(history.fit), **errors_with_named(d)}
-    joints = [judged.worst, *(joint for effect in last for joint in effect.joints)]
-    step = judged.next
+    joints = [assessment.worst, *(joint for effect in last for joint in effect.joints)]
+    step = assessment.next
     if d.verdict == "nothing":
         step = Step("compare", tuple(effect.label for effect in history.added), grown=True)
     elif step.verb == "explore":
         step = Step("explore", step.effects, grown=True)
     return Assessment(
-        subject=judged.subject,
+        subject=assessment.subject,
         verdict=d.verdict,
         errors=joint_errors(first, errors, d.floor),
         compared=("as given", "with all that is named"),
-        causes=(*causes_of_growth(history), *judged.causes),
-        left=judged.left,
-        doubts=judged.doubts,
-        good_enough=judged.good_enough,
+        causes=(*causes_of_growth(history), *assessment.causes),
+        left=assessment.left,
+        doubts=assessment.doubts,
+        good_enough=assessment.good_enough,
         next=step,
         worst=next(filter(None, joints), ""),
     )

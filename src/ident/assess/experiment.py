@@ -103,7 +103,7 @@ class SeparateRivals:
     trial: Trial
     now: tuple[Move, ...]
     pairs: tuple[tuple[Effect, Effect], ...]
-    alike: tuple[tuple[Effect, Effect], ...]
+    similar: tuple[tuple[Effect, Effect], ...]
     separation: float
     seconds: float
 
@@ -208,15 +208,15 @@ def _explained(d: Diagnosis, joint: str) -> bool:
 
 
 def _between(
-    d: Diagnosis, rivals: Sequence[Evidence], tried: Sequence[Attempt]
+    d: Diagnosis, rivals: Sequence[Evidence], trials: Sequence[Attempt]
 ) -> list[Suggestion]:
     """Return the first question that a motion answers, behind one that none does."""
     suggestions: list[Suggestion] = []
     for pairs in questions(rivals):
-        if result := proposal(d, tried, pairs):
-            alike = {(a.label, b.label) for a, b in result.alike}
+        if result := proposal(d, trials, pairs):
+            similar = {(a.label, b.label) for a, b in result.alike}
             effects = [(a.effect, b.effect) for a, b in pairs]
-            apart = tuple((a, b) for a, b in effects if (a.label, b.label) not in alike)
+            apart = tuple((a, b) for a, b in effects if (a.label, b.label) not in similar)
             now = present(d.fit.mechanism, d.fit.motion)
             motion = SeparateRivals(
                 result.trial, now, apart, result.alike, result.separation, result.seconds
@@ -318,8 +318,8 @@ def separable_pair(
     rivals = []
     for pair in pairs:
         labels = [effect.label for effect in pair]
-        plain = all(not (x.signal or x.loaded_link) and x.kind in KINDS for x in pair)
-        if plain and best.label in labels:
+        without_signals = all(not (x.signal or x.loaded_link) and x.kind in KINDS for x in pair)
+        if without_signals and best.label in labels:
             rivals.append(pair[1 - labels.index(best.label)])
     if not rivals:
         return ()

@@ -38,17 +38,22 @@ class Increase:
 def assess_fit(fit: Fit, *, acceptable: float | None = None) -> Assessment:
     """Judge a fit, beside the model before it: the URDF's numbers, or those of an earlier fit."""
     errors, floor = fit.held_out or fit.train, fit.noise
-    away: Mapping[str, float] = fit.residual.errors_away_from_reversals
+    away_from_reversals: Mapping[str, float] = fit.residual.errors_away_from_reversals
     bars, compared = errors_beside(fit), names_of(fit)
     if fit.validation:
         errors, floor = worst_on_validation(fit, lambda e, x: e.rms / (x or 1e-300))
-        away = {}
+        away_from_reversals = {}
     doubts = doubts_of(fit.health, fit.findings)
     answer = good_enough(
-        errors, floor, acceptable=acceptable, away=away, logs=[*fit.validation],
+        errors, floor, acceptable=acceptable,
+        away_from_reversals=away_from_reversals, logs=[*fit.validation],
         doubts=fit.health.findings,
     )  # fmt: skip
-    reversals = [j for j in errors if j in away and away[j] <= 1.5 * floor.get(j, 0.0)]
+    reversals = [
+        j
+        for j in errors
+        if j in away_from_reversals and away_from_reversals[j] <= 1.5 * floor.get(j, 0.0)
+    ]
     verdict = "identified"
     if fit.changes is not None:
         verdict = "changed" if fit.changes.changed else "unchanged"

@@ -75,7 +75,7 @@ def good_enough(
     floor: Mapping[str, float],
     *,
     acceptable: float | None = None,
-    away: Mapping[str, float] | None = None,
+    away_from_reversals: Mapping[str, float] | None = None,
     logs: Sequence[str] = (),
     doubts: Iterable[Finding] = (),
 ) -> GoodEnough:
@@ -111,7 +111,11 @@ def good_enough(
         worst = share_range(known[joint] for joint in large)
         describes = acceptable is None and worst is not None and worst[1] < DESCRIBES
         answer = Answer.NOT_TESTED if describes and not logs else Answer.NO
-        beyond = [joint for joint in large if not _only_at_reversals(joint, away or {}, floor)]
+        beyond = [
+            joint
+            for joint in large
+            if not _only_at_reversals(joint, away_from_reversals or {}, floor)
+        ]
         results = result(answer, Reason.LARGE, large)
         return replace(results, near_reversals=not beyond)
     share = {
@@ -139,5 +143,9 @@ def scale_doubts(findings: Iterable[Finding]) -> list[Finding]:
     return [finding for finding in findings if finding.code == "magnitude"]
 
 
-def _only_at_reversals(joint: str, away: Mapping[str, float], floor: Mapping[str, float]) -> bool:
-    return joint in away and away[joint] <= NOISY * floor.get(joint, 0.0)
+def _only_at_reversals(
+    joint: str, away_from_reversals: Mapping[str, float], floor: Mapping[str, float]
+) -> bool:
+    return joint in away_from_reversals and away_from_reversals[joint] <= NOISY * floor.get(
+        joint, 0.0
+    )

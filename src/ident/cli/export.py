@@ -100,13 +100,13 @@ def _read(model: ModelOptions, fit: Path | None) -> tuple[Mechanism, Saved | Non
     home = path if path.is_dir() else path.parent
     if path.suffix == ".json" or (path.is_dir() and (path / "fit.json").is_file() and fit is None):
         fit = fit or (path / "fit.json" if path.is_dir() else path)
-        own = home if (home / "mechanism.toml").is_file() else home / "identified"
-        if not own.is_dir():
+        own_folder = home if (home / "mechanism.toml").is_file() else home / "identified"
+        if not own_folder.is_dir():
             raise IdentError(
                 f"{path}: no identified/ beside it, so its mechanism is not known; write ident "
                 f"export MECHANISM --fit {path}"
             )
-        model = replace(model, mechanism=own)
+        model = replace(model, mechanism=own_folder)
     mechanism = model.load()
     if fit is None:
         return mechanism, None

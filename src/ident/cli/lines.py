@@ -75,8 +75,8 @@ class ShellRequest(Request):
             for name, value in pairwise((*self.options, "")):
                 if name in names:
                     given += [name, value] if name in (WITH, *PAIRS) else [name]
-        there = {value for name, value in pairwise(given) if name == WITH}
-        labels = [label for label in step.effects if label not in there] if effects else []
+        present = {value for name, value in pairwise(given) if name == WITH}
+        labels = [label for label in step.effects if label not in present] if effects else []
         return [
             *given,
             *(word for label in labels for word in (WITH, label)),

@@ -191,7 +191,7 @@ class Proposal:
     # standard errors of a log as long as the present one, of the rivals that stay most alike
     separation: float
     apart: tuple[Effect, ...]  # rivals that it tells apart
-    alike: tuple[tuple[Effect, Effect], ...]  # pairs that it does not
+    similar: tuple[tuple[Effect, Effect], ...]  # pairs that it does not
     seconds: float  # how long a log of it should be to be nearly sure
 
 
@@ -292,7 +292,7 @@ def proposal(
         trial=best.trial,
         separation=best.separation(worst),
         apart=tuple(effects.values()),
-        alike=tuple((a.effect, b.effect) for a, b in pairs if best.separation((a, b)) < APART_SE),
+        similar=tuple((a.effect, b.effect) for a, b in pairs if best.separation((a, b)) < APART_SE),
         seconds=max(
             best.trial.seconds, length * max(1.0, (TOLD_APART_SE / best.separation(worst)) ** 2)
         ),

@@ -161,10 +161,12 @@ def limit_by_coordinate(chance: Chance, gain: float, place: int, shares: Array) 
     coordinate is below its share (d,), in odds g/(1 − g).
     """
     limit = chance.limit(place)
-    own = [(x, place + 1 + u) for u, x in enumerate(shares) if place + 1 + u in chance.residual]
-    if not (own and gain > 0 and limit > 0):
+    own_shares = [
+        (x, place + 1 + u) for u, x in enumerate(shares) if place + 1 + u in chance.residual
+    ]
+    if not (own_shares and gain > 0 and limit > 0):
         return limit
-    ratio = max(odds_ratio(x, chance.limit(at)) for x, at in own)
+    ratio = max(odds_ratio(x, chance.limit(at)) for x, at in own_shares)
     if ratio <= odds_ratio(gain, limit):
         return limit
     odds = gain / max(1 - gain, ROUNDING) / ratio

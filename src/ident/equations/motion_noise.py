@@ -77,12 +77,12 @@ def gain(
         for order in range(3):
             step = STEP * (float(np.std(known[order][:, given.index(name)])) or 1.0)
             if mechanism.closures:
-                there = neighbours.shifted(name, order, step)
+                shifted_state = neighbours.shifted(name, order, step)
             else:
                 shifted = known.copy()
                 shifted[order][:, given.index(name)] += step
-                there = e.at(mechanism, shifted, given)
-            G[:, :, i, order] = (residual(at(there)) - base) / step
+                shifted_state = e.at(mechanism, shifted, given)
+            G[:, :, i, order] = (residual(at(shifted_state)) - base) / step
     samples = Samples(mechanism, e, slice(None), point).reduced(slice(None))
     G[~informing(samples, largest_transmission(e))] = 0.0
     return G

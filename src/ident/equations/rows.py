@@ -98,9 +98,9 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             forces = mechanism.kinematics.forces_of(name)
             gap = C * base.multipliers()[:, forces]
             step = np.einsum("nij,nj->ni", e.pinv[:, :, forces], gap)
-            moved = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
-            q = integrate(mechanism.model, e.q, moved[0])
-            e = e.at(mechanism, motion=(q, e.v + moved[1], e.a + moved[2]))
+            transmits = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
+            q = integrate(mechanism.model, e.q, transmits[0])
+            e = e.at(mechanism, motion=(q, e.v + transmits[1], e.a + transmits[2]))
     if e is base.e and mechanism is base.mechanism:
         return base
     as_before = e.q is base.e.q and e.a is base.e.a and mechanism.model is base.mechanism.model
@@ -423,10 +423,10 @@ def smooth_step(scene: Scene, cutoff: float | None) -> int:
         v = e.v[part] / speed
         return np.hstack([v, v * v, e.a[part] / rise])
 
-    def whole(part: slice | np.ndarray) -> np.ndarray:
+    def all_rows(part: slice | np.ndarray) -> np.ndarray:
         return scene.samples.reduced(part).gamma.reshape(len(e.t[part]), -1)
 
-    step = agreeing_step(decimator, e.rate, cutoff, e.segments(), quick, whole, tolerance)
+    step = agreeing_step(decimator, e.rate, cutoff, e.segments(), quick, all_rows, tolerance)
     e.store.put(key, model, [np.array([step])])
     return step
 

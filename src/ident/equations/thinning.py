@@ -108,10 +108,10 @@ class NodeSeries:
 def _inner_weights(decimator: Decimator, step: int, phase: int) -> tuple[int, Array]:
     """The first node, counted from that before the row, and weights, far from a run's ends."""
     half = decimator.half
-    reach = half // step + SIDE + 2
-    nodes = step * np.arange(-reach, reach + 1)
+    span_of_taps = half // step + SIDE + 2
+    nodes = step * np.arange(-span_of_taps, span_of_taps + 1)
     low, w = _weights(nodes, np.arange(phase - half, phase + half + 1), decimator)
-    return low - reach, w
+    return low - span_of_taps, w
 
 
 def _weights(nodes: Index, samples: Index, decimator: Decimator) -> tuple[int, Array]:
@@ -141,7 +141,7 @@ def agreeing_step(
     cutoff: float,
     runs: Sequence[slice],
     quick: Callable[[Index | slice], Array],
-    whole: Callable[[Index | slice], Array],
+    all_rows: Callable[[Index | slice], Array],
     tolerance: float,
 ) -> int:
     """Return the largest distance of nodes with which filtered rows are those of all samples.
@@ -173,7 +173,7 @@ def agreeing_step(
         max(run.start, int(at[0]) - half - 2 * SIDE * step),
         min(run.stop, int(at[-1]) + half + 2 * SIDE * step + 1),
     )
-    x = whole(inside)
+    x = all_rows(inside)
     right = multiplied(products(taps_of(decimator), at - inside.start), x)
     size = np.sqrt((right**2).mean(axis=0))
     good = size > SIGNIFICANT * size.max(initial=0.0)
@@ -207,16 +207,16 @@ def _worst(
             return None
         offs = []
         for start in range(0, len(at), 512):
-            some = at[start : start + 512]
-            base = max(int(some[0]) - half, 0)
-            x = quick(slice(run.start + base, run.start + int(some[-1]) + half + 1))
-            right = multiplied(products(taps_of(decimator), some - base), x)
-            blocks = thinning.products(some)
+            subset = at[start : start + 512]
+            base = max(int(subset[0]) - half, 0)
+            x = quick(slice(run.start + base, run.start + int(subset[-1]) + half + 1))
+            right = multiplied(products(taps_of(decimator), subset - base), x)
+            blocks = thinning.products(subset)
             first, stop = blocks[0][0].start, max(nodes.stop for nodes, _ in blocks)
             x = quick(run.start + thinning.nodes[first:stop])
             blocks = [(slice(s.start - first, s.stop - first), W) for s, W in blocks]
             offs.append((multiplied(blocks, x) - right) ** 2)
-            squares, count = squares + (right**2).sum(axis=0), count + len(some)
+            squares, count = squares + (right**2).sum(axis=0), count + len(subset)
         largest.append((run, np.concatenate(offs)))
         off_squares = off_squares + largest[-1][1].sum(axis=0)
     if not count:

@@ -36,8 +36,8 @@ class Element:
 
     def iter(self, tag: str) -> list[Element]:
         """Return all elements of a tag at or below this one, in the order of the file."""
-        own = [self] if self.tag == tag else []
-        return own + [item for child in self.children for item in child.iter(tag)]
+        own_element = [self] if self.tag == tag else []
+        return own_element + [item for child in self.children for item in child.iter(tag)]
 
 
 class XmlEdit:

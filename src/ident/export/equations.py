@@ -230,14 +230,14 @@ class Equations:
         sign = ca.tanh(v / self.smooth)
         friction = self.slipping(v) + self.dry(v) * sign + self.coupled(v)
         rest = self.springs(q) + friction + self.rotors(a)
-        whole = self.rigid(q, v, a, pi) + rest
+        total = self.rigid(q, v, a, pi) + rest
         gravity = self.rigid(q, none, none, pi) + self.springs(q)
         symbolic = ca.SX.sym("pi", 10 * self.n)
         regressor = ca.jacobian(self.rigid(q, v, a, symbolic), symbolic)
         inertial = self.rigid(q, none, a, pi) - self.rigid(q, none, none, pi) + self.rotors(a)
         bias = self.rigid(q, v, none, pi) + self.springs(q) + self.slipping(v) + self.coupled(v)
         outputs = {
-            "inverse_dynamics": ([q, v, a], [whole / ca.DM(self.gains)]),
+            "inverse_dynamics": ([q, v, a], [total / ca.DM(self.gains)]),
             "gravity": ([q], [gravity / ca.DM(self.gains)]),
             "friction": ([v], [friction / ca.DM(self.gains)]),
             "regressor": ([q, v, a], [regressor]),

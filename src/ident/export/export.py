@@ -186,8 +186,10 @@ def _replays(
     text = next(iter(product.files.values()))
     simulated = run(text, machine, motion, window)
     saved = Saved("ident", machine.mechanism, machine.point)
-    own = replay(saved, motion=motion, window=window, progress=progress)
-    return Replay({**own.runs, SIMULATORS[made.target.name]: tuple(simulated)}, own.window)
+    own_replay = replay(saved, motion=motion, window=window, progress=progress)
+    return Replay(
+        {**own_replay.runs, SIMULATORS[made.target.name]: tuple(simulated)}, own_replay.window
+    )
 
 
 def largest_error(replays: Replay, model: str) -> float:

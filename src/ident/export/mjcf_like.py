@@ -82,17 +82,19 @@ class LikeMjcf:
         tree, result = self.machine.drawing.model, list[list[pin.SE3]]()
         random = np.random.default_rng(0)
         for q in (np.zeros(tree.nq), random.uniform(-0.5, 0.5, tree.nq)):
-            data, own = module.MjData(model), tree.createData()
+            data, own_data = module.MjData(model), tree.createData()
             data.qpos[:] = model.qpos0
             data.qpos[at_q] = q[[link.joint.index for link in self.machine.links]]
             module.mj_kinematics(model, data)
-            pin.forwardKinematics(tree, own, q)
+            pin.forwardKinematics(tree, own_data, q)
             frames = []
             for link in self.machine.links:
                 j = model.joint(link.joint.name).id
                 body = int(model.jnt_bodyid[j])
                 R, p = data.xmat[body].reshape(3, 3).copy(), data.xpos[body].copy()
-                frames.append(pin.SE3(R, p).inverse() * own.oMi[tree.getJointId(link.joint.name)])
+                frames.append(
+                    pin.SE3(R, p).inverse() * own_data.oMi[tree.getJointId(link.joint.name)]
+                )
             result.append(frames)
         for name, one, other in zip(names, *result, strict=True):
             last = self._is_last(name)
@@ -184,22 +186,22 @@ class LikeMjcf:
     def _body(self, edit: XmlEdit, joint: Element, name: str) -> None:
         body = joint.parent
         assert body is not None
-        own = [child for child in body.children if child.tag in JOINTS]
-        if own[-1] is not joint:  # a link without mass between the joints of one body
+        own_data = [child for child in body.children if child.tag in JOINTS]
+        if own_data[-1] is not joint:  # a link without mass between the joints of one body
             return
         model = self.model
         j = [model.joint(i).name for i in range(model.njnt)].index(name)
         at = int(model.jnt_bodyid[j])
         link = self.machine.by_joint[name]
-        whole = _moved(self.machine.total(link), self.frames[name])
+        total_inertia = _shifted(self.machine.total(link), self.frames[name])
         fixed = np.zeros(10)
         for child in range(at + 1, model.nbody):
             if int(model.body_parentid[child]) == at and not model.body_jntnum[child]:
                 fixed += self._fixed(child)
         present = self._present(at)
-        wanted = whole - fixed
+        wanted = total_inertia - fixed
         if not possible(wanted):
-            wanted = present if np.allclose(whole, present + fixed, rtol=EQUAL) else wanted
+            wanted = present if np.allclose(total_inertia, present + fixed, rtol=EQUAL) else wanted
         scale = np.abs(present).max() or 1.0
         if np.abs(wanted - present).max() <= EQUAL * scale:
             return
@@ -219,7 +221,7 @@ class LikeMjcf:
                 total = total + self._fixed(child)
         w, x, y, z = (float(value) for value in model.body_quat[body])
         pose = pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(model.body_pos[body]))
-        return _moved(total, pose)
+        return _shifted(total, pose)
 
     def _present(self, body: int) -> np.ndarray:
         """Return the ten parameters of a body as the file has it, in its frame."""
@@ -295,7 +297,7 @@ def _numbers(text: str) -> np.ndarray:
     return np.array([float(x) for x in text.split()])
 
 
-def _moved(pi: np.ndarray, placement: pin.SE3) -> np.ndarray:
+def _shifted(pi: np.ndarray, placement: pin.SE3) -> np.ndarray:
     """Return ten parameters in a frame in which their own is at `placement`."""
     body = Body.of(pi).at(placement)
     return _dynamic(body.mass, body.centre, body.inertia)

@@ -117,8 +117,8 @@ def _inertials(machine: Machine, own_file: bool) -> Mapping[str, np.ndarray | No
     prior = machine.mechanism.prior.reshape(-1, COUNT)
     changed = [
         link.name
-        for link, own, new in zip(machine.links, prior, pi.reshape(-1, COUNT), strict=True)
-        if not own_file or np.abs(own - new).max() > 1e-12 * max(np.abs(own).max(), 1e-300)
+        for link, item, new in zip(machine.links, prior, pi.reshape(-1, COUNT), strict=True)
+        if not own_file or np.abs(item - new).max() > 1e-12 * max(np.abs(item).max(), 1e-300)
     ]
     return link_inertials(machine.mechanism, pi, changed)
 

@@ -142,26 +142,28 @@ class _Logs:
         for i in range(len(columns.rigid)):
             parts.setdefault(columns.names[i].rpartition(".")[0], []).append(i)
         for effect, places in columns.effects:
-            if own := [int(place) for place in places if place >= 0]:
-                parts[effect.label] = own
+            if own_step := [int(place) for place in places if place >= 0]:
+                parts[effect.label] = own_step
         # unknowns by body and effect, those of the fewest first
         self.parts = dict(sorted(parts.items(), key=lambda item: len(item[1])))
         # by log: H (n, n) and g (n,) at the estimate, s², S (n, n), the covariance of g of its
         # blocks in its own fit over s², and the number of squares that this rests on
         self.H, self.g, self.noise, self.S, self.nu = {}, {}, {}, {}, {}
         for log in information.logs:
-            mine = information.of_log(log)
-            keys, H_b, g_b = scores(mine, joint, norm)
+            own_rows = information.of_log(log)
+            keys, H_b, g_b = scores(own_rows, joint, norm)
             if not keys:
                 continue
-            H, g, total = H_b.sum(axis=0), g_b.sum(axis=0), mine.total(joint.sigma)
+            H, g, total = H_b.sum(axis=0), g_b.sum(axis=0), own_rows.total(joint.sigma)
             inverse = _inverse(H)
-            own = inverse @ g
+            own_step = inverse @ g
             others = _inverse(H - H_b)
-            errors = (others @ (g_b - H_b @ own)[..., None])[..., 0] @ H  # at the fit of all others
+            errors = (others @ (g_b - H_b @ own_step)[..., None])[
+                ..., 0
+            ] @ H  # at the fit of all others
             spare = total.rows - np.linalg.matrix_rank(inverse)
-            left = (total.residual_norm(joint.x) ** 2 - float(g @ own)) / max(spare, 1)
-            self.H[log], self.g[log], self.noise[log] = H, g, max(left, LEAST_NOISE[0])
+            remaining = (total.residual_norm(joint.x) ** 2 - float(g @ own_step)) / max(spare, 1)
+            self.H[log], self.g[log], self.noise[log] = H, g, max(remaining, LEAST_NOISE[0])
             S, nu = long_run(keys, errors, np.diagonal(H_b, axis1=1, axis2=2))
             self.S[log], self.nu[log] = S / self.noise[log], float(np.median(nu))
 
@@ -197,8 +199,8 @@ class _Logs:
         fall, shares = float(r @ _inverse(P) @ r), {}
         for name, unknowns in self.parts.items():  # what each part explains by itself
             D = W[:, np.isin(known, unknowns)]
-            mine = (D.T @ r) @ linear.pinv(D.T @ P @ D, rcond=1e-9, hermitian=True) @ (D.T @ r)
-            shares[name] = float(np.clip(mine / fall, 0.0, 1.0)) if fall > 0 else 0.0
+            own_rows = (D.T @ r) @ linear.pinv(D.T @ P @ D, rcond=1e-9, hermitian=True) @ (D.T @ r)
+            shares[name] = float(np.clip(own_rows / fall, 0.0, 1.0)) if fall > 0 else 0.0
         best = max(shares.values(), default=0.0)
         near = [name for name, x in shares.items() if x >= best - PARSIMONY]
         explained = delta**2 * h  # of multiples of each other the first

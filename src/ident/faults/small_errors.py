@@ -49,11 +49,13 @@ def away_from_reversals(table: Table) -> np.ndarray:
     """
     guard = min(GUARD, 0.3 / max(table.motion.band.motion, 1e-9))
     while True:
-        away = np.concatenate([_away_in_log(table, i, guard) for i in range(len(table.scenes))])
-        if guard < 1e-3 or away.mean(axis=0).min() >= ENOUGH:
-            moving = away & table.moving
+        calm_rows = np.concatenate(
+            [_away_in_log(table, i, guard) for i in range(len(table.scenes))]
+        )
+        if guard < 1e-3 or calm_rows.mean(axis=0).min() >= ENOUGH:
+            moving = calm_rows & table.moving
             too_few = moving.mean(axis=0) < ENOUGH  # slow filters have standstill in most rows
-            use = np.where(too_few, away & table.informed, moving)
+            use = np.where(too_few, calm_rows & table.informed, moving)
             return use if use.any() else table.informed
         guard *= 0.5
 
@@ -70,13 +72,13 @@ def _away_in_log(table: Table, number: int, guard: float) -> np.ndarray:
     return of_joints(scene.samples.reduced(at), ~near[at].astype(bool), largest_transmission(e))
 
 
-def misfit_at_reversals(table: Table, away: np.ndarray, x: np.ndarray) -> np.ndarray:
+def misfit_at_reversals(table: Table, calm_rows: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(d,) squared residual of a row at reversals over that of a row `away` (N, d) from them, of
     unknowns x (k,); 0 where such rows are few, or do not matter.
     """
     misfit = np.zeros(table.b.shape[1])
     squares = (table.b - table.A @ x) ** 2
-    for u, (calm, informed) in enumerate(zip(away.T, table.informed.T, strict=True)):
+    for u, (calm, informed) in enumerate(zip(calm_rows.T, table.informed.T, strict=True)):
         near = informed & ~calm
         if near.sum() < FEWEST or not calm.any():
             continue
@@ -87,7 +89,7 @@ def misfit_at_reversals(table: Table, away: np.ndarray, x: np.ndarray) -> np.nda
 
 
 def moved_by_reversals(
-    table: Table, away: np.ndarray, estimate: Estimate, misfit: np.ndarray
+    table: Table, calm_rows: np.ndarray, estimate: Estimate, misfit: np.ndarray
 ) -> np.ndarray:
     """(k,) x_away − x: what rows at reversals do to the unknowns, where they fit worse.
 
@@ -101,7 +103,7 @@ def moved_by_reversals(
     H, g = np.zeros((len(independent),) * 2), np.zeros(len(independent))
     for u in range(r.shape[1]):
         rows = table.informed[:, u]
-        calm = away[rows, u] | ~worse[u]
+        calm = calm_rows[rows, u] | ~worse[u]
         A, residuals = table.A[rows, u][:, independent], r[rows, u]
         sigma = max(float(np.sqrt((residuals[calm] ** 2).sum() / max(calm.sum(), 1))), 1e-300)
         w = np.where(calm, 1.0, FAINT)[:, None] / sigma**2

@@ -476,14 +476,16 @@ def link_inertials(
     for link in links:
         body = pi[mechanism.bodies.columns(link)]
         joint = mechanism.bodies.links.index(link) + 1
-        own = body - (fixed := fixed_parameters(mechanism.model, joint))
-        rest, whole = (np.linalg.eigvalsh(pseudo_inertia(item))[0] for item in (own, body))
+        own_body = body - (fixed := fixed_parameters(mechanism.model, joint))
+        rest, whole_body = (
+            np.linalg.eigvalsh(pseudo_inertia(item))[0] for item in (own_body, body)
+        )
         # without its fixed links it must have mass, and be possible if the body is
-        if fixed.any() and not (own[0] > 0 and (rest > 0 or whole <= 0)):
-            own = body  # nothing is left for the link itself: it takes the whole body
+        if fixed.any() and not (own_body[0] > 0 and (rest > 0 or whole_body <= 0)):
+            own_body = body  # nothing is left for the link itself: it takes the whole body
             frames = (f for f in mechanism.model.frames if f.type == pin.FrameType.BODY)
             inertials |= dict.fromkeys(f.name for f in frames if f.parentJoint == joint)
-        inertials[link] = own
+        inertials[link] = own_body
     return inertials
 
 

@@ -93,8 +93,8 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     u = len(effect.unknowns)
     full = effect.full
     if effect.corrects:
-        whole = Samples(mechanism, motion.experiments[0], slice(None), point)
-        start = {**effect.starts(whole.signals(effect.joints))[0], **shape}
+        samples = Samples(mechanism, motion.experiments[0], slice(None), point)
+        start = {**effect.starts(samples.signals(effect.joints))[0], **shape}
         return point.with_values({full[s.name]: start[s.name] for s in effect.shapes})
     others = tuple(
         e for e in mechanism.effects

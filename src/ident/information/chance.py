@@ -242,8 +242,8 @@ class _Without:
     @cached_property
     def _others(self) -> dict[int, Triangle]:
         weighted = [part.total(self.fitted.sigma) for part in self.parted.values()]
-        whole = {-1: Triangle.merge(weighted)}
-        return whole | dict(zip(self.parted, without_each(weighted), strict=True))
+        whole_blocks = {-1: Triangle.merge(weighted)}
+        return whole_blocks | dict(zip(self.parted, without_each(weighted), strict=True))
 
     def estimate(self, number: int) -> Estimate | None:
         """Return the estimate without a stretch, with the weights of all; None without rows."""

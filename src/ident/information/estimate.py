@@ -200,8 +200,8 @@ def estimate(
         noise = float((_residuals(totals, trial.x) / weights).max())
         while plausible is not None and len(trial.independent):
             # hold, one by one, what the data know worse than is plausible
-            own = plausible[trial.independent]
-            possible = own + np.abs(trial.K) @ plausible[trial.dependent]
+            own_range = plausible[trial.independent]
+            possible = own_range + np.abs(trial.K) @ plausible[trial.dependent]
             stderr = noise * trial.spread
             # what stands out of its own error is real, whatever the prior calls plausible
             beta_prior = prior[trial.independent] + trial.K @ prior[trial.dependent]

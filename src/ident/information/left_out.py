@@ -71,8 +71,8 @@ class LeftOut:
             return cls(times, T, zero, zero[:, :, 0], np.zeros((n, n)))
         Q = np.concatenate([piece[2] for piece in pieces])
         # what rounding leaves of QᵀQ − I goes
-        whole = n and not with_prior
-        turn = np.linalg.inv(np.linalg.cholesky(Q.T @ Q)).T if whole else np.eye(n)
+        is_whole = n and not with_prior
+        turn = np.linalg.inv(np.linalg.cholesky(Q.T @ Q)).T if is_whole else np.eye(n)
         Q, T = Q @ turn, T @ turn
         e, block = (np.concatenate([piece[i] for piece in pieces]) for i in (3, 1))
         order = np.argsort(block, kind="stable")

@@ -220,9 +220,9 @@ def merged_by_support(blocks: Sequence[Array], k: int) -> Array:
             triangle, *_ = lapack.dtpqrt(
                 0, min(_PANEL, len(triangle)), triangle, piece, overwrite_a=1, overwrite_b=1
             )
-    whole, at = np.zeros((k + 1, k + 1)), np.append(present, k)
-    whole[np.ix_(at, at)] = triangle * np.where(triangle.diagonal() < 0, -1.0, 1.0)[:, None]
-    return whole + 0.0
+    square, at = np.zeros((k + 1, k + 1)), np.append(present, k)
+    square[np.ix_(at, at)] = triangle * np.where(triangle.diagonal() < 0, -1.0, 1.0)[:, None]
+    return square + 0.0
 
 
 def weighted_total(totals: Sequence[Triangle], sigma: Array) -> Triangle:

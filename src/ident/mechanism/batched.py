@@ -167,10 +167,10 @@ def states(
         else:
             g = g + axis * second + (2 * cross(w, axis * rate) if moves else 0.0)
         if axes:
-            own = np.broadcast_to(axis[:, None], (3, 1, n))
+            own_axis = np.broadcast_to(axis[:, None], (3, 1, n))
             none = np.zeros((3, 1, n))
-            sw = np.concatenate([sw, own if joint.turns else none], axis=1)
-            sv = np.concatenate([sv, none if joint.turns else own], axis=1)
+            sw = np.concatenate([sw, own_axis if joint.turns else none], axis=1)
+            sv = np.concatenate([sv, none if joint.turns else own_axis], axis=1)
         bodies.append(BodyState(w, dw, g, sw, sv))
     return bodies, placements
 

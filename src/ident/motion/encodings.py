@@ -90,8 +90,8 @@ def unwrapped(
         step, usual = np.diff(x), np.diff(t[known]) <= longest
         turns = np.rint(step / TURN)
         jump = (turns != 0) & usual & (np.abs(step - turns * TURN) < NEAR * TURN)
-        away = np.abs(step[~jump & usual]).max(initial=0.0)
-        if not jump.any() or len(known) < ENOUGH or away > NEAR * TURN:
+        largest_step = np.abs(step[~jump & usual]).max(initial=0.0)
+        if not jump.any() or len(known) < ENOUGH or largest_step > NEAR * TURN:
             continue
         count = np.cumsum(np.where(jump, turns, 0.0))
         if (np.abs(np.diff(np.flatnonzero(jump))) == 1).any():  # a lone sample, no turn

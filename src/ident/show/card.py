@@ -44,9 +44,9 @@ class Bar(JointErrors):
         if self.before.relative is None:
             return " → ".join(f"{significant(error.rms)} {error.unit}" for error in both)
         noise = self.sizes[2]
-        beside = " (larger)" * self.rises
-        beside += "" if noise is None else f", noise {percent(noise)}"
-        return " → ".join(percent(error.relative) for error in both) + beside
+        suffix = " (larger)" * self.rises
+        suffix += "" if noise is None else f", noise {percent(noise)}"
+        return " → ".join(percent(error.relative) for error in both) + suffix
 
 
 def bars_of(
@@ -118,8 +118,8 @@ class Card:
                 strip = axis.strip(cells, *bar.marks) if bar.relative else " " * cells
                 lines.append(f"  {bar.joint:<{wide}}  {strip}  {bar.words}")
         if (more := len(self.bars) - self.most) > 0:
-            risen = [bar.joint for bar in self.bars if bar.rises and bar not in bars]
-            larger = f", larger in {places(risen)}" * bool(risen)
+            increased = [bar.joint for bar in self.bars if bar.rises and bar not in bars]
+            larger = f", larger in {places(increased)}" * bool(increased)
             lines.append(f"  and {more} joint{'s' * (more > 1)} more{larger}")
         lines += ["", f"  {self.command}"] if self.command else []
         return [*lines, *([""] if self.then else []), *wrapped(self.then, "  ")]

@@ -31,7 +31,7 @@ from ident.text import lines_of, listed, percent, places, shortlist, significant
 
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
-FEW = 4  # bars of joints that are worth more than further sentences
+BRIEF = 4  # bars of joints that are worth more than further sentences
 MOST = 3  # joints and candidates that are described
 CANDIDATES = (
     "what adding an effect would do: held-out error; share of all squares (what chance does)"
@@ -51,7 +51,7 @@ def card(
     known = "The earlier model lacked it too: its own log shows as much. "
     sure = known * bool(d.best and incomplete_before(d)) + certainty(d)
     good = good_enough_words(a.good_enough)
-    parts = [*health_words(d), good, sure, *beside(d)]
+    parts = [*health_words(d), good, sure, *aside(d)]
     if a.doubts:
         remedies = "; ".join(finding.remedy for finding in d.health.findings if finding.remedy)
         parts = [f"Put this right, then diagnose again: {remedies}.", good]
@@ -117,10 +117,10 @@ def short(d: Diagnosis, top: Card | None = None, request: Request = PYTHON) -> s
         command = shown.then.partition(" File: ")[2]
         step = f"{title}: {parts[0]}." + f" File: {command}" * bool(command)
     sentences, bars = SENTENCE_END.split(shown.sure), min(shown.most, len(shown.bars))
-    few, count = min(FEW, bars), len(sentences)
-    sizes = [(most, count) for most in range(bars, few - 1, -1)]
-    sizes += [(few, n) for n in range(count - 1, 1, -1)]
-    sizes += [(most, n) for n in (2, 1) for most in range(few, 0, -1)]
+    brief, count = min(BRIEF, bars), len(sentences)
+    sizes = [(most, count) for most in range(bars, brief - 1, -1)]
+    sizes += [(brief, n) for n in range(count - 1, 1, -1)]
+    sizes += [(most, n) for n in (2, 1) for most in range(brief, 0, -1)]
     forms = [(shown, words), (shown, [])]
     for most, n in sizes:
         least = replace(shown, then=step, most=most, sure=" ".join(sentences[:n]))
@@ -160,11 +160,11 @@ def where_rows(d: Diagnosis) -> Rows:
     for f in d.where:
         error = errors_of(d.fit)[f.joint]
         signals = ", ".join(item.signal for item in f.depends_on[:2])
-        noise, quiet = d.floor[f.joint], error.rms <= NOISY * d.floor[f.joint]
+        noise, unnamed = d.floor[f.joint], error.rms <= NOISY * d.floor[f.joint]
         sizes = [f"{significant(error.rms)} {f.unit}", percent(error.relative)]
         sizes += [f"{significant(noise, 2)} {f.unit}", f"{100 * f.share:.0f} %"]
         again = ["" if f.repeats is None else f"{f.repeats:.2f}"] * len(repeats)
-        signals = signals or ("noise" if f.white and quiet else "no single signal")
+        signals = signals or ("noise" if f.white and unnamed else "no single signal")
         rows.append([f.joint, *sizes, *again, signals])
     return rows
 
@@ -173,7 +173,7 @@ def candidate_rows(d: Diagnosis) -> Rows:
     """Return a row a kind, best first, below it one a candidate; `*` is named, `=` its rivals."""
     rows = [["effect", "joint", "error", "explains", "by chance", "visible", "values"]]
     shown = [item for item in d.every if item in d.candidates or mark(d, item) == "*"]
-    for group in alike(d, shown):
+    for group in similar(d, shown):
         sign = mark(d, group[0])
         if len(group) > 1:
             sites = places(",".join(element.effect.joints) for element in group)
@@ -186,7 +186,7 @@ def candidate_rows(d: Diagnosis) -> Rows:
     return rows
 
 
-def alike(d: Diagnosis, shown: Iterable[Explanation]) -> list[list[Explanation]]:
+def similar(d: Diagnosis, shown: Iterable[Explanation]) -> list[list[Explanation]]:
     """Return candidates of one kind and mark together, in the order of the first of each."""
     groups: dict[tuple[str, str], list[Explanation]] = {}
     for item in shown:
@@ -267,21 +267,21 @@ def claim_words(d: Diagnosis) -> list[str]:
     best, effect = d.candidates[0], d.candidates[0].effect
     if best.known:
         first += f" The model has it, as {known_values(best)}: that must have changed."
-    own = ""
+    own_signals = ""
     if effect.joints and best.joint not in effect.joints:
-        own = f" against the signals of {', '.join(effect.joints)}"
+        own_signals = f" against the signals of {', '.join(effect.joints)}"
     return [
         first,
         f"The torque of {named([effect])}: {effect.equation}. What to look for in the plots of "
-        f"{best.joint}{own}: {effect.signature}.",
+        f"{best.joint}{own_signals}: {effect.signature}.",
         *([_apart(d, effect, best.rivals)] if best.rivals else []),
         *([f"Its mass and moments are {IN_PROPORTION}."] if effect.loaded_link else []),
-        *beside(d),
+        *aside(d),
     ]
 
 
-def _relative(found: FittedFormula) -> str:
-    name = found.formula.terms[0].known_as.replace("_", " ")
+def _relative(estimates: FittedFormula) -> str:
+    name = estimates.formula.terms[0].known_as.replace("_", " ")
     return f"an {name}" if name[0] in "aeiou" else f"a {name}"
 
 
@@ -302,7 +302,7 @@ def _apart(d: Diagnosis, effect: Effect, rivals: tuple[Effect, ...]) -> str:
     )
 
 
-def beside(d: Diagnosis) -> list[str]:
+def aside(d: Diagnosis) -> list[str]:
     """Return what is missing beside the effect that is named."""
     if d.best is None:
         return []

@@ -27,9 +27,8 @@ from ident.request import PYTHON, Request
 from ident.show.card import Bar
 from ident.show.charts import BEFORE, MEASURED, NOW, Chart, Dots, Panel
 from ident.show.diagnosis import (
-    alike,
+    aside,
     bar_of,
-    beside,
     candidate_rows,
     card,
     claim_words,
@@ -37,6 +36,7 @@ from ident.show.diagnosis import (
     health_words,
     mark,
     planning,
+    similar,
     unsupported_words,
     where_rows,
 )
@@ -65,7 +65,7 @@ CLAIMS = {  # title of what each verdict says
     "undecided": "What comes nearest",
 }
 BARS = 12
-OWN = re.compile(r"law\d*_[\w.-]*\.py|curve_[\w.-]*\.csv")  # files that a diagnosis writes
+OWN_JOINT = re.compile(r"law\d*_[\w.-]*\.py|curve_[\w.-]*\.csv")  # files that a diagnosis writes
 LOGS = 4  # whose torques are drawn below each other
 MARKS = "* named; = this data cannot tell it from the one named."
 FALLS = (
@@ -88,7 +88,7 @@ def plot_candidates(d: Diagnosis) -> Chart:
     """Draw the error of its joint without and with each candidate, and what noise would leave."""
     named = [item for item in d.every if mark(d, item) != " "]
     others = [element for element in d.every if element not in named][: max(BARS - len(named), 0)]
-    shown = [entry_ for group in alike(d, [*named, *others]) for entry_ in group]
+    shown = [entry_ for group in similar(d, [*named, *others]) for entry_ in group]
     before, after, noise = (
         100 * np.array([size or 0.0 for size in sizes])
         for sizes in zip(*(bar_of(d, x).sizes for x in shown), strict=True)
@@ -104,8 +104,10 @@ def plot_candidates(d: Diagnosis) -> Chart:
         if part:
             marks.append(Dots(at[of], after[of], none[of], label, colour))
     marks.append(Dots(at, noise, none, "noise alone", MEASURED, upright=True))
-    own = (x.joint in x.effect.joints or alone for x in shown)
-    names = [x.effect.label + f" in {x.joint}" * (not y) for x, y in zip(shown, own, strict=True)]
+    own_joint = (x.joint in x.effect.joints or alone for x in shown)
+    names = [
+        x.effect.label + f" in {x.joint}" * (not y) for x, y in zip(shown, own_joint, strict=True)
+    ]
     panel = Panel(
         tuple(marks), "held-out error of the joint [%]", y_names=tuple(names), logarithmic_x=True,
         x_range=axis.percents,
@@ -121,7 +123,7 @@ def diagnosis_sections(d: Diagnosis, request: Request = PYTHON) -> tuple[Section
     """Return the words with tables and charts to them, and the fit that was diagnosed."""
     claim = [paragraph(claim_word) for claim_word in claim_words(d)]
     if d.verdict != "nothing":  # the card has the first and what is missing beside it
-        claim = claim[0 if spoiling_faults(d) else 1 : len(claim) - len(beside(d))]
+        claim = claim[0 if spoiling_faults(d) else 1 : len(claim) - len(aside(d))]
     what = Section(CLAIMS[d.verdict], [*claim, *_candidates(d)])
     steps = [
         experiment_step.partition(": ")[::2]
@@ -266,7 +268,9 @@ def write_instead(d: Diagnosis, folder: Path, files: Mapping[str, bytes]) -> lis
         names = laws + [str(element["file"]) for element in last.get("curves", ())]
     written = write_all(folder, files)
     used = {effect.file.resolve() for effect in d.fit.mechanism.effects if effect.file}
-    for path in (folder / name for name in names if name not in files and OWN.fullmatch(name)):
+    for path in (
+        folder / name for name in names if name not in files and OWN_JOINT.fullmatch(name)
+    ):
         if path.resolve() not in used:
             path.unlink(missing_ok=True)
     return written

@@ -113,9 +113,9 @@ def error_table(fit: Fit) -> tuple[str, Rows]:
     errors, cut, judged = dict(fit.errors), fit.motion.band.cutoff, fit.held_out or fit.train
     if cut:
         errors["unfiltered"] = fit.unfiltered
-    whole = {joint: item.with_standstill for joint, item in judged.items()}
-    if still := any(element.rms != judged[joint].rms for joint, element in whole.items()):
-        errors["at standstill too"] = whole
+    errors_at_rest = {joint: item.with_standstill for joint, item in judged.items()}
+    if still := any(element.rms != judged[joint].rms for joint, element in errors_at_rest.items()):
+        errors["at standstill too"] = errors_at_rest
     caption = "error of the predicted torque" + (f" below {cut:.3g} Hz" if cut else "")
     return caption + ", in motion" * still, error_rows(errors)
 
@@ -125,7 +125,7 @@ def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
     priors = fit.estimate.base.combined(fit.problem.prior)
     combined = [(v, x) for v, x in zip(fit.base_parameters, priors, strict=True) if " " in v.name]
     effects = [value for effect in fit.effects for value in effect.parameters]
-    own = [value for value in fit.parameters if value.identifiable]
+    own_values = [value for value in fit.parameters if value.identifiable]
     words = {
         name: parameter.negative
         for item in fit.effects
@@ -147,7 +147,7 @@ def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
         ],
         "Identified parameters": [
             ["parameter", "value", *head, "prior", "unit"],
-            *([v.name, shown(v), *cells(v), significant(v.prior, 5), v.unit] for v in own),
+            *([v.name, shown(v), *cells(v), significant(v.prior, 5), v.unit] for v in own_values),
         ],
         TOGETHER: [
             ["base parameter", "value", *head, "prior", "unit"],
@@ -235,8 +235,8 @@ def sheet(fit: Fit, request: Request = PYTHON) -> Sheet:
     cut = fit.motion.band.cutoff
     lines = []
     if len(fit.columns):
-        own = sum(not value.identifiable for value in fit.parameters)
-        rest = f"; {own} unknowns are not identifiable by themselves" if own else ""
+        own_values = sum(not value.identifiable for value in fit.parameters)
+        rest = f"; {own_values} unknowns are not identifiable by themselves" if own_values else ""
         condition = f"condition number {significant(fit.condition_number)}"
         lines.append(f"rank {fit.rank} of {len(fit.columns)} unknowns, {condition}{rest}")
     lines += [str(x) for x in (fit.likelihood, fit.binding) if x is not None]
@@ -305,9 +305,9 @@ def summary(fit: Fit, request: Request = PYTHON) -> str:
 @renders(Fit, "plot_parameters")
 def plot_parameters(fit: Fit) -> Chart:
     """Draw identified values ± 1.96 standard errors beside the prior; a FitError without any."""
-    own = [value for effect in fit.effects for value in effect.parameters]
-    own += [value for value in fit.parameters if value.identifiable]
-    known = [v for v in own if v.stderr and np.isfinite(v.stderr)]  # 0: of what was given
+    own_values = [value for effect in fit.effects for value in effect.parameters]
+    own_values += [value for value in fit.parameters if value.identifiable]
+    known = [v for v in own_values if v.stderr and np.isfinite(v.stderr)]  # 0: of what was given
     if not known:
         raise FitError(f"{fit.mechanism.name}: nothing was identified by itself")
     words = "Identified values with their 95 % intervals, beside what was assumed before"

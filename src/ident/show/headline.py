@@ -82,8 +82,8 @@ def causes_words(causes: Sequence[Cause]) -> str:
     """Return all causes; the kinds of effects in the same joints together."""
     same: dict[tuple[str, ...], list[Cause]] = {}
     for i, cause in enumerate(causes):
-        alike = not (cause.rivals or cause.changed or any(x.signal for x in cause.effects))
-        single = alike and all(len(effect.joints) == 1 for effect in cause.effects)
+        similar = not (cause.rivals or cause.changed or any(x.signal for x in cause.effects))
+        single = similar and all(len(effect.joints) == 1 for effect in cause.effects)
         joints = sorted(effect.joints[0] for effect in cause.effects) if single else [f"{i}"]
         same.setdefault((str(single), *joints), []).append(cause)
     words = []
@@ -122,9 +122,9 @@ def left_words(left: Remainder) -> str:
         return ""
     size = f"{share_words(left.share)} of the torque" if left.share else "more than noise"
     times = times_words(left.times) if left.times else ""
-    beside = f" ({times} the noise)" if times else ""
+    aside = f" ({times} the noise)" if times else ""
     where = ", near reversals only" if left.near_reversals else ""
-    return f"{size}{beside} in {joints_words(left.joints)}{where}"
+    return f"{size}{aside} in {joints_words(left.joints)}{where}"
 
 
 def headline(a: Assessment) -> str:

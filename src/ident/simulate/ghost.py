@@ -59,8 +59,8 @@ def drift(
     """
     first = predictions[0]
     every = max(1, int(first.scene.e.rate / RATE))
-    whole = range(*samples.indices(len(first.t)))
-    thin = slice(whole.start, whole.stop, every)
+    all_samples = range(*samples.indices(len(first.t)))
+    thin = slice(all_samples.start, all_samples.stop, every)
     t, fine = first.t[thin], first.t[samples]
     rates = [deviation_rate(p, thin) for p in predictions]
     q = first.scene.e.q[thin]
@@ -84,7 +84,7 @@ def drift(
             if stop - start > 1:
                 speed = cumulative_trapezoid(a[part], t[part], axis=0, initial=0.0)
                 u[part] = cumulative_trapezoid(speed, t[part], axis=0, initial=0.0)
-        away = np.einsum("nvd,nd->nv", L, u)
+        deviation = np.einsum("nvd,nd->nv", L, u)
         nearest = np.minimum(np.searchsorted(t, fine), len(t) - 1)
-        ghosts.append(p.scene.e.q[samples] + away[nearest])
+        ghosts.append(p.scene.e.q[samples] + deviation[nearest])
     return ghosts, window
