@@ -146,5 +146,5 @@ def test_noise_above_the_torque_itself_is_no_yes():
 
 def test_only_reversals_are_beyond_noise():
     beyond = {"tip": Error(0.05, 0.05, "N m")}
-    assert good_enough(beyond, {"tip": 0.01}, away={"tip": 0.01}).near_reversals
-    assert not good_enough(beyond, {"tip": 0.01}, away={"tip": 0.05}).near_reversals
+    assert good_enough(beyond, {"tip": 0.01}, away_from_reversals={"tip": 0.01}).near_reversals
+    assert not good_enough(beyond, {"tip": 0.01}, away_from_reversals={"tip": 0.05}).near_reversals

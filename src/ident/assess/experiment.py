@@ -214,12 +214,12 @@ def _between(
     suggestions: list[Suggestion] = []
     for pairs in questions(rivals):
         if result := proposal(d, trials, pairs):
-            similar = {(a.label, b.label) for a, b in result.alike}
+            similar = {(a.label, b.label) for a, b in result.similar}
             effects = [(a.effect, b.effect) for a, b in pairs]
             apart = tuple((a, b) for a, b in effects if (a.label, b.label) not in similar)
             now = present(d.fit.mechanism, d.fit.motion)
             motion = SeparateRivals(
-                result.trial, now, apart, result.alike, result.separation, result.seconds
+                result.trial, now, apart, result.similar, result.separation, result.seconds
             )
             return [*suggestions, motion]
         suggestions = suggestions or [Inseparable(_effects_of(pairs))]

@@ -160,8 +160,8 @@ def _separated(suggestion: SeparateRivals, mechanism: Mechanism) -> str:
         f"{two_digits(suggestion.separation)} standard errors in a log as long as this one; log "
         f"about {two_digits(suggestion.seconds)} s of it to be sure"
     )
-    if suggestion.alike:
-        effects = [effect for pair in suggestion.alike for effect in pair]
+    if suggestion.similar:
+        effects = [effect for pair in suggestion.similar for effect in pair]
         names = named({effect.label: effect for effect in effects}.values())
         remedy = remedies_without_motion(mechanism, effects)
         text += f". Not all of {names} differ in it; for those, {remedy}"
