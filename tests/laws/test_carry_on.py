@@ -41,7 +41,7 @@ def test_a_fit_with_a_law_is_written_and_read_back(fit, tmp_path):
         ident.read_fit(tmp_path / "out", plain)
     saved = ident.read_fit(tmp_path / "out", plain, allow_code=True)
     for name in ("law.elbow.k", "law.elbow.q0", "law.elbow.x0"):
-        assert saved.point.values[name] == pytest.approx(fit[name].value)
+        assert saved.point.values[name] == pytest.approx(fit.point.values[name])
     again = ident.load(tmp_path / "out" / "identified", allow_code=True)
     assert "law:elbow" in [effect.label for effect in again.effects]
     (errors,) = ident.compare(saved, motion=fit.motion).errors.values()
