@@ -123,7 +123,7 @@ def test_identify_takes_a_folder(spoken, folder, tmp_path):
     assert status == 0, err
     assert "coulomb.elbow.Fc" in out
     assert "run_2.csv disagrees with the others" in out
-    assert "note: run_1b.csv: left out: " in err
+    assert "run_1b.csv: left out: " in err
     table = pl.read_csv(tmp_path / "out" / "logs.csv")
     assert table["log"].to_list() == ["run_0.csv", "run_1.csv", "run_2.csv", "run_1b.csv"]
 

@@ -76,9 +76,11 @@ class Gathered(Displayed):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Warnings of the fit, and logs that were left out."""
+        """Logs that were left out, first since only the first of several notes is always shown, and
+        warnings of the fit.
+        """
         of_logs = self.each.notes if self.several else ()
-        return tuple(dict.fromkeys((*self.fit.warnings, *of_logs)))
+        return tuple(dict.fromkeys((*of_logs, *self.fit.warnings)))
 
     def write(
         self, folder: str | Path, reactions: Reactions | None = None, request: Request = PYTHON
