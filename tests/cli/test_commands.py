@@ -16,9 +16,10 @@ from pages import read_page, reading
 
 
 def number(text: str, name: str) -> float:
-    """The value that a printed table gives to a name."""
-    (line,) = [line for line in text.splitlines() if line.split()[:1] == [name]]
-    return float(line.split()[1])
+    """The value that a printed table gives to a name; a note may begin with "NAME ± …", too."""
+    lines = (line.split() for line in text.splitlines() if line.startswith("  "))
+    (value,) = [words[1] for words in lines if words[:1] == [name] and words[1] != "±"]
+    return float(value)
 
 
 def rows(path) -> list[list[str]]:
@@ -50,7 +51,7 @@ def test_check_says_first_whether_a_log_can_be_used(robots, tmp_path, ident):
     words, command = first("dead.csv", constant(torque))
     assert "can be used" in words
     assert "look at this first: dead.csv: tau.elbow: always 0.5" in words
-    assert command.endswith("--unmeasured elbow --out DIR")
+    assert "--unmeasured elbow --out " in command
     words, _ = first("still.csv", constant(position))
     assert "of 22 base parameters" in words
     assert "22 of 22" not in words
@@ -60,13 +61,13 @@ def test_check_says_first_whether_a_log_can_be_used(robots, tmp_path, ident):
     words, command = first("plan.csv", lambda line: line[:torque] + line[torque + 1 :])
     assert words.startswith("plan.csv cannot be used for identification: it has no tau.elbow;")
     assert command.startswith("ident identify ")
-    assert command.endswith("--unmeasured elbow --out DIR")
+    assert "--unmeasured elbow --out " in command
     words, command = first("empty.csv", constant(torque, ""))
     assert "identification: it has no values of tau.elbow; with them it would" in words
-    assert command.endswith("--unmeasured elbow --out DIR")
+    assert "--unmeasured elbow --out " in command
     words, command = first("zero.csv", constant(torque, "0"))
     assert "look at this first: zero.csv: tau.elbow: always 0 while the joint moves" in words
-    assert command.endswith("--unmeasured elbow --out DIR")
+    assert "--unmeasured elbow --out " in command
     words, command = first("plan.csv", lambda line: line[: head.index("tau.yaw")])
     assert "it has no tau.yaw, tau.shoulder, tau.elbow and tau.wrist" in words
     assert command.startswith("ident excite ")
@@ -122,7 +123,8 @@ def test_check_names_joints_beyond_their_limits(arm, done, tmp_path):
     smaller = api.Log.from_arrays("plan", t, {"q.shoulder": q[1], "q.elbow": q[1]})
     smaller.write(tmp_path / "small.csv")
     assert "beyond the limits" not in done("check", arm, tmp_path / "small.csv").out
-    assert "outside its limits -2 to 2" in done("check", arm, "--lock", "shoulder=3").out
+    said = done("check", arm, "--lock", "shoulder=3", "--verbose").out
+    assert "outside its limits -2 to 2" in said
 
 
 def test_check_in_absolute_coordinates(robots, done):

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_solve_banded
 from scipy.linalg import cholesky_banded as of_scipy
 from scipy.optimize import nnls
 from scipy.special import stdtrit
 
+from ident.information.cubic import cubic
 from ident.information.lapack import cholesky_banded, lapack, solve_cholesky_banded
 from ident.information.linear import nonnegative
 from ident.information.student import tail_quantile
@@ -44,3 +46,22 @@ def test_banded_factors_are_scipys():
     with pytest.raises(np.linalg.LinAlgError):
         cholesky_banded(bands)
     assert lapack.dtpqrt
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (3, 2)])
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 60])
+def test_cubic_splines_are_scipys(n, shape):
+    """At uneven times, and a little beyond the ends."""
+    rng = np.random.default_rng(n)
+    t, x = np.cumsum(rng.uniform(0.5, 1.5, n)), rng.standard_normal((n, *shape))
+    at = np.linspace(t[0] - 0.3, t[-1] + 0.3, 200)
+    np.testing.assert_allclose(cubic(t, x, at), CubicSpline(t, x)(at), atol=1e-9)
+
+
+def test_nonnegative_least_squares_ends_where_all_numbers_are_rounding():
+    """Of columns or data that are next to nothing, numbers enter as zero."""
+    A = np.array([[1e-200, 0.0, 1.0], [0.0, 1e-300, 1.0], [0.0, 0.0, 0.0]])
+    for b in (np.array([1e-160, 1e-300, 0.0]), np.array([5e-324, 1e-320, 1.0]), np.ones(3)):
+        x = nonnegative(A, b)
+        assert (x >= 0).all()
+        assert np.isfinite(x).all()

@@ -85,7 +85,7 @@ def check_logs(mechanism: Mechanism, motion: Motion | None = None) -> LogCheck:
     usable = not without and bool(rank)
     verb = "identify"
     if not usable:
-        verb = "identify" if blind else "excite" * (not without)
+        verb = "identify" if without and blind else "excite"
         if several and len(motion.logs) > len(lacking):
             verb = ""
         if not unknowns:

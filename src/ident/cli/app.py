@@ -193,7 +193,7 @@ COMMANDS = {  # in which module of this package, and the first line of its docst
     "add": ("model", "Write effects into mechanism.toml."),
     "effects": ("model", "List the library of effects."),
     "simulate": ("model", "Simulate a log of the model itself."),
-    "export": ("export", "Write it for a simulator or a controller, and prove it by replay."),
+    "export": ("export", "Write it for a simulator or controller; prove it by replay."),
     "excite": ("model", "Plan a periodic motion that determines most, within limits."),
     "explore": ("logs", "Add effects by hand, in a browser; watch the error fall."),
     "montecarlo": ("model", "Study what noise does to the estimates: bias and spread."),

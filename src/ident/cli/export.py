@@ -52,7 +52,7 @@ def export(
     plot: Plot = None,
     out: Path | None = setting("Default: the mechanism's name, in this folder.", "FILE"),
 ) -> None:
-    """Write the machine for a simulator or a controller, and prove it by replay.
+    """Write it for a simulator or controller; prove it by replay.
 
     MECHANISM may be a fit.json, or the folder of an identification. What the target cannot hold is
     listed with its size; with --replay the file is run in its simulator beside ident's own model.

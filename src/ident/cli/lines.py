@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
-from ident.mechanism.load import has_identified
 from ident.request import Request, Step
 
 # options of the model that a verb takes: with a value, and without one
@@ -30,6 +29,8 @@ class ShellRequest(Request):
         return shlex.join(["ident", step.verb, *words]) if words else ""
 
     def _words(self, step: Step) -> list[str]:
+        from ident.mechanism.load import has_identified  # which takes half a second to import
+
         verb, mechanism = step.verb, self.mechanism
         if verb == "add":
             return [mechanism, *self._added(step)]

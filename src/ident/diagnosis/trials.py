@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
@@ -42,7 +41,8 @@ def strokes(low: float, high: float, speed: float, t: np.ndarray, pitch: float =
     """y, ẏ, ÿ (n,) to and fro at constant speed, rounded at the ends."""
     w = pitch * speed * np.pi / (high - low)
     fine = np.linspace(0.0, 2 * np.pi, 4001)
-    way = cumulative_trapezoid(np.tanh(CORNER * np.sin(fine)), fine, initial=0.0)
+    rate = np.tanh(CORNER * np.sin(fine))
+    way = np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(fine)))
     h = (high - low) / way.max()
     shape = np.tanh(CORNER * np.sin(w * t))
     bend = CORNER * np.cos(w * t) * (1 - shape**2)

@@ -41,6 +41,7 @@ from ident.equations.thinning import NodeSeries, Thinning, agreeing_step
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
 from ident.information.chance import CONTRIBUTES
+from ident.information.cubic import cubic
 from ident.information.time_bases import Basis, Chunk
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import row_spans, supports
@@ -132,11 +133,9 @@ def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
     """x(t − d) of a series x (n,) at the times t (n,) [s]; the ends stand still."""
     if not d:
         return x
-    from scipy.interpolate import CubicSpline  # takes 0.2 s to import
-
     if len(t) < 2:  # of one sample no rate is known
         return x
-    return CubicSpline(t, x)(np.clip(t - d, t[0], t[-1]))
+    return cubic(t, x, np.clip(t - d, t[0], t[-1]))
 
 
 def _rates(e: State, dq: np.ndarray | float, cutoff: float | None) -> np.ndarray:

@@ -18,6 +18,7 @@ from ident.equations.filter import Decimator, Product, multiplied, products
 from ident.equations.rows import Rows, Scene, corrected, perturbed, residual, rows
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
+from ident.information.cubic import cubic
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
@@ -154,9 +155,7 @@ class Table(Rows):
             at = self.thin[number] if still else corrected(bare, cutoff, effect)
             S, t = (residual(at) - residual(shifted)) / h, scene.e.t
             if len(S) != len(t):
-                from scipy.interpolate import CubicSpline  # takes 0.2 s to import
-
-                S = CubicSpline(bare.e.t, S)(t)
+                S = cubic(bare.e.t, S, t)
             series.append(self.filtered(number, S[self.samples[number].part]))
         return np.concatenate(series)
 

@@ -334,9 +334,11 @@ def _without_gaps(P: Array, known: Array) -> Array:
 
 def _smooth(x: Array) -> Array:
     """Return means over SMOOTH frequencies, added up each, so that small ones beside large stay."""
-    from scipy.ndimage import correlate1d  # takes 0.1 s to import
-
-    return np.asarray(correlate1d(x, np.full(SMOOTH, 1 / SMOOTH), axis=0))
+    sides = ((SMOOTH // 2, (SMOOTH - 1) // 2), *((0, 0),) * (x.ndim - 1))
+    padded, total = np.pad(x, sides, mode="symmetric"), np.zeros_like(x)
+    for shift in range(SMOOTH):
+        total += padded[shift : shift + len(x)]
+    return np.asarray(total / SMOOTH)
 
 
 def _transformed(x: Array) -> np.ndarray:

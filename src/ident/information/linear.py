@@ -320,7 +320,8 @@ def nonnegative(A: Array, b: Array) -> Array:
             if not negative.any():
                 x = s
                 break
-            share = (x[negative] / (x[negative] - s[negative])).min()
+            back = x[negative] - s[negative]  # ≥ 0; zero where a number has just entered as zero
+            share = np.where(back > 0, x[negative] / np.where(back > 0, back, 1.0), 0.0).min()
             x = x + share * (s - x)
             free &= ~(negative & (x <= 1e-15 * np.abs(x).max(initial=0.0)))
             x[~free] = 0.0

@@ -175,7 +175,7 @@ def check_card(check: LogCheck, request: Request = PYTHON) -> Card:
     sure = ""
     if check.without and check.others:
         sure = "Leave this log out, or map the columns of its torques in [log]."
-    elif check.without and check.next:
+    elif check.without and check.next.verb == "identify":
         sure = "Without a sensor, leave out the equation of the joint:"
     line = f"{logs} cannot be used for identification: {why}."
     return Card(line, sure, command=command, step=check.next)
@@ -196,7 +196,9 @@ def check_text(
     rows = zip(joint_rows(mechanism, motion), column, strict=True)
     joints = text_table([[*row, cell] for row, cell in rows])
     card = check_card(check, request)
-    notes = [f"note: {item}" for item in check.notes if item not in card.line]
+    of_mechanism = () if verbose else mechanism.notes  # its own text has them
+    every = dict.fromkeys([*of_mechanism, *check.notes])
+    notes = [f"note: {item}" for item in every if item not in card.line]
     if not verbose and len(notes) > 1:
         first = notes[0].removeprefix("note: ")
         notes = [f"note: {len(notes)} notes, the first: {first}; --verbose shows them"]
@@ -204,8 +206,8 @@ def check_text(
     if start := mechanism.found_start:
         values = ", ".join(f'"{name}" = {value:g}' for name, value in start.items())
         parts.append([f"the loops close at, to keep in mechanism.toml: start = {{ {values} }}"])
+    parts += [[note] for note in notes]
     if motion is not None:
-        parts += [[note] for note in notes]
         channels = [CHANNELS, *text_table(_channels(mechanism, motion))]
         columns = [
             f"{log.name}: {log.t.size} samples at {log.rate:.6g} Hz; {', '.join(log.columns)}"

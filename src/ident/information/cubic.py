@@ -1,0 +1,45 @@
+"""The cubic spline through a series, without SciPy's package, which takes 0.2 s to import.
+
+    s(t_i + u) = x_i + u m_i + u² (3 Δ_i − 2 m_i − m_{i+1})/h_i + u³ (m_i + m_{i+1} − 2 Δ_i)/h_i²
+    h_i = t_{i+1} − t_i,    Δ_i = (x_{i+1} − x_i)/h_i
+
+Slopes m make the second derivative continuous, and at the first and last inner knot the third, too
+("not a knot"). Source: C. de Boor, A Practical Guide to Splines, 1978, ch. IV.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.information.lapack import lapack
+
+
+def cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return the values at `at` of the spline through x (n, …) at increasing times t (n,).
+
+    Beyond the ends their polynomials go on. Of fewer than four points it is the polynomial through
+    them. As `scipy.interpolate.CubicSpline`.
+    """
+    n = len(t)
+    if n < 4:
+        scale = t[-1] - t[0] or 1.0
+        powers, wanted = (np.vander((times - t[0]) / scale, n) for times in (t, at))
+        values = wanted @ np.linalg.solve(powers, x.reshape(n, -1))
+        return np.asarray(values.reshape(-1, *x.shape[1:]))
+    steps, shape = np.diff(t), (-1, *(1,) * (x.ndim - 1))
+    first, last = t[2] - t[0], t[-1] - t[-3]
+    h = steps.reshape(shape)
+    rise = np.diff(x, axis=0) / h
+    right = np.concatenate([
+        ((h[0] + 2 * first) * h[1] * rise[:1] + h[0] ** 2 * rise[1:2]) / first,
+        3 * (h[1:] * rise[:-1] + h[:-1] * rise[1:]),
+        ((h[-1] + 2 * last) * h[-2] * rise[-1:] + h[-1] ** 2 * rise[-2:-1]) / last,
+    ])  # fmt: skip
+    diagonal = np.concatenate([steps[1:2], 2 * (steps[1:] + steps[:-1]), steps[-2:-1]])
+    lower, upper = np.append(steps[1:], last), np.append(first, steps[:-1])
+    *_, slopes, _ = lapack.dgtsv(lower, diagonal, upper, right.reshape(n, -1))
+    m = slopes.reshape(x.shape)
+    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, n - 2)
+    u, m0, m1 = (at - t[i]).reshape(shape), m[i], m[i + 1]
+    bend, twist = (3 * rise[i] - 2 * m0 - m1) / h[i], (m0 + m1 - 2 * rise[i]) / h[i] ** 2
+    return np.asarray(x[i] + u * (m0 + u * (bend + u * twist)))
