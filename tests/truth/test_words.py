@@ -19,7 +19,7 @@ from ident.fit.files import Saved
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.card import Bar, Card
-from ident.show.diagnosis import beside, certainty, short
+from ident.show.diagnosis import aside, certainty, short
 from ident.show.diagnosis import words as text_of
 from ident.show.experiment import remedy_of
 from ident.show.ladder import head, history_card, rung
@@ -316,10 +316,10 @@ def test_bars_are_in_the_mechanisms_order_the_loudest_where_not_all_are_shown():
 def test_what_lowers_no_error_is_not_among_what_is_missing_too():
     arm = ident.load(ROBOTS / "arm")
     d = ident.diagnose(ident.identify(arm, ident.complete(arm, ROBOTS / "arm" / "run.csv")))
-    assert "That is not all" in " ".join(beside(d))
+    assert "That is not all" in " ".join(aside(d))
     strict = replace(d, decision=replace(d.decision, material=0.99))  # no error falls by as much
     assert not strict.also
-    assert "That is not all" not in " ".join(beside(strict))
+    assert "That is not all" not in " ".join(aside(strict))
 
 
 def test_what_is_left_at_reversals_is_said_where_nothing_is_named(monkeypatch):

@@ -16,7 +16,7 @@ from helpers import ROBOTS
 from ident import FitError, MechanismError
 from ident.cli.lines import ShellRequest
 from ident.effects.library import named
-from ident.show.board import JUDGED, VIEWS, Board, top
+from ident.show.board import NAMED_MARK, VIEWS, Board, top
 from ident.show.ladder import changed
 from ident.text import percent
 
@@ -192,7 +192,7 @@ def test_judged_it_says_the_verdict(board, monkeypatch):
     assert board.state["view"] == "Verdict"
     assert "Missing: " in board.state["card"]
     assert any("missing" in piece["html"] for piece in board.state["shown"])
-    rows = [row for row in board.state["effects"] if row["mark"] == JUDGED]
+    rows = [row for row in board.state["effects"] if row["mark"] == NAMED_MARK]
     assert rows == board.state["effects"][: len(rows)]  # first, and one line with one button
     assert len({row["set"] for row in rows}) == 1
     named = board.exploration.diagnosis.group
