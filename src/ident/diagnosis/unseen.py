@@ -9,7 +9,8 @@ left out, and whole regions of a joint's position and direction, beside stretche
 An effect is carried by a log if one of its values is CARRIED_SE standard errors from zero, if D is
 RIVAL standard errors above zero over stretches of time, or over phases where the motion repeats, if
 regions that were left out are not predicted worse with it, and if what it takes from the error of
-some joint is CARRIED_SHARE of that joint's torque.
+some joint is CARRIED_SHARE of that joint's torque, or most of that error: what a diagnosis would
+name next is no refinement of what is there.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from ident.information.hypotheses import Array, PartialRegression
 
 CARRIED_SE = 3.0  # level: standard errors of one of its values
 CARRIED_SHARE = 0.01  # level: of a joint's torque (rms), that an effect takes from its error
+CARRIED_MOST = 0.5  # level: of the squares that are left in a joint, whatever its torque
 PHASES = 10  # work: of a period, that are left out in turn
 REGIONS = 5  # work: of a joint's positions, each in both directions
 
@@ -50,13 +52,14 @@ class Unseen:
         fall = (without - losses).sum(axis=0)
         torque = np.maximum(self.effect_set.contest.torque, 1e-300)
         size = float(np.sqrt(np.maximum(fall, 0.0) / torque).max())
+        share = float((fall / np.maximum(without.sum(axis=0), 1e-300)).max())
         if self.phases is not None:
             without, losses = self._losses(self.phases, member)
         sure = paired(without.sum(axis=1), losses.sum(axis=1))
         worst = max(
             1 - self.standard_errors[member.label] / CARRIED_SE,
             1 - sure / RIVAL,
-            1 - size / CARRIED_SHARE,
+            1 - max(size / CARRIED_SHARE, share / CARRIED_MOST),
         )
         in_motion = member.effect.joints and not member.effect.corrects
         if worst <= 0 and in_motion and (regions := self._regions(member)) is not None:
