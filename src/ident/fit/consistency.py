@@ -207,7 +207,7 @@ class PossibleBodies:
         """Return the nearest possible bodies; None where those of the fit are possible, or where
         known ones contradict each other.
         """
-        x = possible_bodies(problem, estimate, findings)
+        x = possible_bodies(problem, estimate, findings, (STURDY, MARGIN))
         if x is None:
             return None
         joints, d = problem.motion.independent, len(problem.motion.independent)
@@ -252,14 +252,19 @@ class PossibleBodies:
 
 
 def possible_bodies(
-    problem: Problem, estimate: Estimate, findings: Sequence[Finding]
+    problem: Problem,
+    estimate: Estimate,
+    findings: Sequence[Finding],
+    margins: Sequence[float] = (MARGIN,),
 ) -> np.ndarray | None:
     """Return the x (k,) with possible bodies nearest to an estimate, at its working point; None
     where no finding says that its bodies are impossible, or where known ones contradict each other.
+    Each body keeps the first of the `margins` of its ball that is possible; the default is that of
+    a consistent fit.
     """
     if not any(finding.code == IMPOSSIBLE_BODY for finding in findings):
         return None
-    for margin in (STURDY, MARGIN):
+    for margin in margins:
         try:
             program = Program.of(problem, problem.mechanism.consistency, margin)
             return program.solve(estimate).x
