@@ -143,10 +143,10 @@ def test_standard_errors_hold_the_priors_of_what_is_held(small):
 def test_the_command_shows_both(small, capsys, monkeypatch, tmp_path):
     told = {c: x for c, x in small.log.columns.items() if c[0] in "qt"}
     Log.from_arrays("s", small.log.t, told).write(tmp_path / "s.csv")
-    command = ["ident", "identify", str(ROBOTS / "arm"), str(tmp_path / "s.csv")]
+    command = ["ident", "identify", str(ROBOTS / "arm"), str(tmp_path / "s.csv"), "--verbose"]
     monkeypatch.setattr(sys, "argv", command)
     with pytest.raises(SystemExit) as stop:
         main()
     assert not stop.value.code
     said = capsys.readouterr()
-    assert "note: this motion does not determine " in said.err
+    assert "this motion does not determine " in said.err
