@@ -101,7 +101,7 @@ def shown(hidden: Hidden, folder: Path) -> tuple[str, bytes]:
     d = ident.diagnose(ident.identify(mechanism, motion, estimator="least-squares"))
     short = d.short.replace(str(path), path.name)
     planted = f"{hidden.words} in {robot.joints[hidden.joint]} (`{hidden.kind}`)"
-    above = re.split(r"\n\n(?:  ident |Next|--verbose)", short)[0]
+    above = re.split(r"\n\n(?:  ident[ .]|Next|--verbose)", short)[0]
     lines = [f"## {hidden.robot}", "", f"Hidden: {planted}.", "", "```", above]
     lines += ["```", "", "```sh", f"ident diagnose {path.name} {name}", "```", ""]
     first = next((x for x in d.candidates if d.best is not None and x.fit is not None), None)
