@@ -33,7 +33,7 @@ def test_the_tables(compared):
     fits, comparison = compared
     text = str(comparison)
     assert max(map(len, text.splitlines())) <= 100
-    for words in ("error falls", "rigid bodies", "coulomb", "depends on", "no structure found"):
+    for words in ("falls in", "rigid bodies", "coulomb", "depends on", "no structure found"):
         assert words in text
     for (name, errors), fit in zip(comparison.fitted.items(), fits, strict=True):
         assert errors["train"] == fit.train

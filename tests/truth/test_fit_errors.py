@@ -204,7 +204,7 @@ def test_compare_gives_the_numbers_of_the_fits():
             assert error.rms == pytest.approx(fit.train[joint].rms, rel=1e-12)
             assert error.relative == pytest.approx(fit.train[joint].relative, rel=1e-12)
             assert error.unit == fit.train[joint].unit
-    assert "error falls" in str(compared)
+    assert "falls in" in str(compared)
     figure = compared.plot()
     assert len(figure.axes) == 8
 
