@@ -13,6 +13,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Diagnosis, Fit, Mechanism, Motion, Noise
+from ident.assess.experiment import MoveSlowly, next_experiment
 from ident.diagnosis.candidates import Contest, candidates_of
 from ident.diagnosis.diagnosis import by_rivals, least_error
 from ident.diagnosis.grow import undetermined
@@ -162,7 +163,9 @@ def test_what_only_rows_at_reversals_show_is_undecided():
     present = "viscous:elbow", "coulomb:elbow"
     d = diagnosed(planted([*present, "stribeck:elbow"], values), *present)
     assert (d.verdict, d.reversing, d.loud) == ("undecided", True, ("elbow",))
-    assert "elbow at up to" in d.next_experiment
+    (move,) = next_experiment(d).suggestions
+    assert isinstance(move, MoveSlowly)
+    assert [joint for joint, _ in move.speeds] == ["elbow"]
 
 
 def test_pulses_at_reversals_are_the_moments_of_friction_that_is_early():
@@ -292,7 +295,7 @@ def test_a_law_of_the_wrong_form_is_no_name():
     assert d.verdict == "unexplained"
     assert d.best is None
     assert d.rivals == ()
-    assert any(curve.joints[0] == "elbow" for curve, _ in d.selection.first.curves)
+    assert any(curve.effect.joints[0] == "elbow" for curve in d.curves)
 
 
 class Late(Effect):
