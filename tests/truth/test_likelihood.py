@@ -75,10 +75,25 @@ def test_rows_are_linear_about_the_motion(crank, snr):
     assert np.linalg.norm(gone - foretold) < 1e-4 * np.linalg.norm(foretold)
 
 
-def test_forty_decibels_are_no_bias_and_intervals_cover(crank):
+@pytest.mark.parametrize(
+    "calibrated",
+    [
+        "exact",
+        pytest.param(
+            "",
+            marks=pytest.mark.xfail(
+                strict=False,
+                reason="with errors of calibration, the default, rod.Ixx is off by -2.8 % in the "
+                "mean, and two standard errors hold 67 % of the true values",
+            ),
+        ),
+    ],
+)
+def test_forty_decibels_are_no_bias_and_intervals_cover(crank, calibrated):
     """Of sensors that are exact but for their noise."""
     mechanism, log = crank
-    mechanism = mechanism.with_calibration("exact")
+    if calibrated:
+        mechanism = mechanism.with_calibration(calibrated)
     off = {"auto": [], "least-squares": []}
     covered = []
     for seed in range(8):
