@@ -365,5 +365,5 @@ def test_a_change_raises_an_alarm(spoken, tmp_path):
     assert float(alarms[0]["detected"]) < 25.0
     assert "viscous:elbow" in alarms[0]["suspects"].split()
     assert "alarm: " in said
-    assert "1 alarm, since" in " ".join(noted.split())
+    assert "1 alarm, changed since" in " ".join(noted.split())
     assert "viscous:elbow" in (tmp_path / "report.html").read_text()

@@ -54,7 +54,7 @@ def test_what_is_there_from_the_first_interval_may_be_older(monitor):
     (alarm,) = monitor.fresh().watch(run(19, 30.0, {0.0: ("", {"coulomb.elbow.Fc": 1.1})}))
     assert alarm.suspects == ("coulomb:elbow",)
     assert alarm.from_start
-    assert f"since the beginning ({alarm.onset:.2f} s or earlier) changed" in alarm.headline
+    assert f"changed before the log began ({alarm.onset:.2f} s or earlier)" in alarm.headline
 
 
 def test_a_second_change_is_found_after_the_first(monitor):
@@ -68,6 +68,55 @@ def test_a_second_change_is_found_after_the_first(monitor):
     mass = alarms[1].best.steps[0]
     assert (mass.name, mass.unit) == ("m", "kg")
     assert alarms[1].onset == pytest.approx(40.0, abs=0.51)
+
+
+def service(seed: int, seconds: float = 24.0) -> tuple[set[str], float, float, ident.Motion]:
+    """A log in which a body is put on the hand and dry friction of a joint grows by half at 8 s:
+    labels of both, the mass [kg], the change of the friction [N m], the motion.
+    """
+    joint, m = ("yaw", "shoulder", "elbow")[seed % 3], (0.5, 0.75, 1.0)[seed // 3 % 3]
+    body = {key: x * m / LOAD["m"] for key, x in LOAD.items()}
+    _, values = arm()
+    name = f"coulomb.{joint}.Fc"
+    changed = {f"payload.hand.{key}": x for key, x in body.items()} | {name: 1.5 * values[name]}
+    motion = run(100 + seed, seconds, {8.0: ("payload:hand", changed)})
+    return {"payload:hand", f"coulomb:{joint}"}, m, 0.5 * values[name], motion
+
+
+def test_a_load_and_a_friction_that_change_together_are_both_named(monitor):
+    causes, m, Fc, motion = service(2)
+    (alarm,) = monitor.fresh().watch(motion)
+    assert alarm.verdict == "named"
+    assert set(alarm.best.label.split(" + ")) == causes
+    step = {step.name: step for step in alarm.best.steps}
+    assert step["m"].change == pytest.approx(m, abs=4 * step["m"].stderr)
+    assert step["Fc"].change == pytest.approx(Fc, abs=4 * step["Fc"].stderr)
+    assert alarm.onset == pytest.approx(8.0, abs=0.51)
+    assert "A load on hand and dry friction in elbow" in alarm.headline
+
+
+@pytest.mark.slow
+def test_both_changes_of_a_service_are_named_in_most_logs(monitor):
+    named = 0
+    for seed in range(20):
+        causes, _, _, motion = service(seed)
+        own = monitor.fresh()
+        alarms = own.watch(motion) + own.finish()
+        labels = {part for x in alarms for label in x.suspects for part in label.split(" + ")}
+        named += labels == causes
+    assert named >= 17
+
+
+@pytest.mark.slow
+def test_one_cause_is_not_joined_by_another(monitor):
+    for seed in range(20):
+        _, values = arm()
+        load = {f"payload.hand.{key}": x for key, x in LOAD.items()}
+        friction = {"coulomb.shoulder.Fc": 1.5 * values["coulomb.shoulder.Fc"]}
+        label, changed = ("payload:hand", load) if seed % 2 else ("", friction)
+        own = monitor.fresh()
+        alarms = own.watch(run(200 + seed, 24.0, {8.0: (label, changed)})) + own.finish()
+        assert not [x for alarm in alarms for x in alarm.suspects if "payload:hand + " in x]
 
 
 def test_noise_that_grows_with_a_load_is_no_second_change(monitor):

@@ -17,6 +17,8 @@ from markupsafe import Markup
 
 from ident.assess.machine import assess_machine, explained_alone, typical_error
 from ident.display import renders
+from ident.effects.library import create as effect
+from ident.effects.library import named
 from ident.information.blocks import Error
 from ident.information.chance import ALPHA
 from ident.mechanism import Mechanism
@@ -231,15 +233,32 @@ def moment(t: float) -> str:
 def headline(x: Alarm) -> str:
     """Return the alarm in one line."""
     onset = moment(x.onset)
-    since = f"since the beginning ({onset} or earlier)" if x.from_start else f"since {onset}"
+    since = f"before the log began ({onset} or earlier)" if x.from_start else f"since {onset}"
     if not x.suspects or x.best is None:
         near = f"; nearest, but no explanation: {x.best.label}" if x.best else ""
-        return f"{since} something has changed, cannot tell what{near}"
+        return f"changed {since}, cannot tell what{near}"
     if x.verdict == "named":
-        return f"{since} changed: {x.best}"
+        words = _sentence(cause_nouns(x.best))
+        return f"changed {since}. {words}: {x.best}"
     few = len(x.rivals) < SIZED
     which = map(str, (x.best, *x.rivals)) if few else x.suspects
-    return f"{since} changed: one of {('; ' if few else ', ').join(which)}"
+    return f"changed {since}. One of {('; ' if few else ', ').join(which)}"
+
+
+def cause_nouns(x: Cause) -> str:
+    """Return a cause in words: `a load on hand and dry friction in elbow`."""
+    nouns = []
+    for label in x.label.split(" + "):
+        kind, _, joints = label.partition(":")
+        cause = effect(kind, joints)
+        load = f"a load on {cause.loaded_link}" if cause.loaded_link else ""
+        nouns.append(load or named([cause]).removesuffix(f" ({kind})"))  # its label follows
+    return listed(nouns)
+
+
+def _sentence(words: str) -> str:
+    """Return words with a capital at the beginning."""
+    return words[:1].upper() + words[1:]
 
 
 @renders(Alarm, "sheet")

@@ -24,6 +24,7 @@ from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.streams import charts, suspects
+from ident.streams.causes import name_together
 from ident.streams.charts import FEWEST, Charts, Cutter, Design, NormalRunning, WatchedInterval
 from ident.streams.suspects import SURPLUS, WATCHED, Naming, Reading, Watched, name_since_onset
 
@@ -274,7 +275,7 @@ class Monitor(Displayed):
         """Return the alarm that waits for its name, named by what there is."""
         if self.raised is None or self.raised.named < np.inf:
             return []
-        return [self._alarm(self.raised, *self._naming(self.raised))]
+        return [self._alarm(self.raised, *self._naming(self.raised, last=True))]
 
     def _step(self, interval: WatchedInterval) -> Alarm | None:
         self._recent.append(interval)
@@ -295,18 +296,22 @@ class Monitor(Displayed):
         late = raised.waited * self.seconds >= self.patience
         named = raised.named < np.inf
         if late or not named:
-            naming, window = self._naming(raised)
+            naming, window = self._naming(raised, last=late and not named)
             if (raised.ready(naming) or late) and not named:
                 alarm = self._alarm(raised, naming, window)
             if late:
                 self._go_on(raised, naming, window)
         return alarm
 
-    def _naming(self, raised: _Raised) -> tuple[Naming, list[WatchedInterval]]:
-        return name_since_onset(
-            self.watched.suspects, list(self._recent), raised.since, self.reference,
-            self.calibrated.normal, self.threshold,
-        )  # fmt: skip
+    def _naming(self, raised: _Raised, last: bool) -> tuple[Naming, list[WatchedInterval]]:
+        """Name one cause; two where it is the last time and no single one is sound."""
+        known, intervals = self.watched.suspects, list(self._recent)
+        x, normal = self.reference, self.calibrated.normal
+        single, window = name_since_onset(known, intervals, raised.since, x, normal, self.threshold)
+        if not last or single.sound:
+            return single, window
+        both = name_together(single, known, intervals, window, x, normal, self.threshold)
+        return both or (single, window)
 
     def _alarm(self, raised: _Raised, naming: Naming, window: Sequence[WatchedInterval]) -> Alarm:
         energy = self.design.normal.energy
@@ -337,10 +342,13 @@ class Monitor(Displayed):
         excess = naming.best.fall / naming.explained  # squares beyond noise
         suspect, dx = reading.suspect, np.zeros(len(self.watched.columns))
         dx[suspect.places] = reading.theta
-        parts = zip(suspect.parameters, reading.theta, reading.stderr, suspect.units, strict=True)
+        labels = [parameter.name for parameter in suspect.parameters]
+        if len(set(labels)) < len(labels):  # as of dry friction in two joints
+            labels = [self.watched.columns.names[i] for i in suspect.places]
+        parts = zip(labels, reading.theta, reading.stderr, suspect.units, strict=True)
         steps = tuple(
-            ParameterChange(parameter.name, float(x), None if np.isnan(s) else float(s), unit)
-            for parameter, x, s, unit in parts
+            ParameterChange(label, float(x), None if np.isnan(s) else float(s), unit)
+            for label, x, s, unit in parts
         )
         names = self.watched.mechanism.kinematics.multipliers
         forces = {

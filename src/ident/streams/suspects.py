@@ -78,6 +78,7 @@ class Suspect:
     places: np.ndarray  # (k,) of its columns among all
     parameters: tuple[Unknown, ...]  # (k,) what they are
     units: tuple[str, ...]  # (k,) of them
+    load: tuple[int, ...] = ()  # those of the places that are columns of a load
 
     @classmethod
     def of(cls, effects: tuple[Effect, ...], columns: Columns) -> Suspect:
@@ -93,7 +94,8 @@ class Suspect:
         ]
         places = np.array([columns.index[name] for name in names])
         units = tuple(columns.units[i] for i in places)
-        return cls(effects, places, tuple(unknown for _, unknown in open_), units)
+        load = tuple(int(i) for i, (e, _) in zip(places, open_, strict=True) if e.loaded_link)
+        return cls(effects, places, tuple(unknown for _, unknown in open_), units, load)
 
     @property
     def label(self) -> str:
@@ -103,11 +105,16 @@ class Suspect:
     def within(self, R: np.ndarray) -> Suspect:
         """Return it without columns of rounding; a load has all ten."""
         size = np.linalg.norm(R[:, self.places], axis=0)
-        keep = size >= FELT * size.max()
-        if self.effects[0].loaded_link or keep.all():
+        keep = (size >= FELT * size.max()) | self.loaded
+        if keep.all():
             return self
         parameters, units = compress(self.parameters, keep), compress(self.units, keep)
-        return Suspect(self.effects, self.places[keep], tuple(parameters), tuple(units))
+        return Suspect(self.effects, self.places[keep], tuple(parameters), tuple(units), self.load)
+
+    @property
+    def loaded(self) -> np.ndarray:
+        """(k,) whether a column is one of a load."""
+        return np.isin(self.places, self.load)
 
     def contains(self, other: Suspect) -> bool:
         """Whether it is the other one and more."""
@@ -215,18 +222,17 @@ class Reading:
         theta, root = inverse @ e, np.sqrt(phi2) * inverse
         error = np.linalg.norm(root, axis=1)
         alone = (size > 0) & (1 - np.einsum("ij,ji->i", inverse, C) <= FELT)
-        if suspect.effects[0].loaded_link:  # less than what ten free columns would explain
-            free, theta = C @ theta, load_change(C, e)
+        load = suspect.loaded
+        if load.any():  # less than what ten free columns would explain
+            free, theta = C @ theta, possible_load(C, e, load)
             gain -= float(np.sum((e - C @ theta) ** 2) - np.sum((e - free) ** 2)) / phi2
             if gain <= 0:
                 return None
-        else:
-            values = zip(suspect.parameters, x[suspect.places] + theta, error, strict=True)
-            for parameter, value, se in values:
-                if (parameter.nonnegative and value < -NEGATIVE * se) or abs(
-                    value
-                ) > parameter.largest + se:
-                    return None
+        values = zip(suspect.parameters, x[suspect.places] + theta, error, load, strict=True)
+        for parameter, value, se, of_load in values:
+            below = parameter.nonnegative and value < -NEGATIVE * se
+            if not of_load and (below or abs(value) > parameter.largest + se):
+                return None
         predicted = C @ theta
         fall = float(e @ e - np.sum((e - predicted) ** 2))
         return cls(suspect, theta, np.where(alone, error, np.nan), root, fall, gain, predicted)
@@ -365,6 +371,23 @@ def name_since_onset(
         start = first + onset(intervals[first:], x, naming.best)
         naming = naming_from(start)
     return naming, list(intervals[start:])
+
+
+def possible_load(C: np.ndarray, e: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """Fit θ (k,) of columns C (n, k), of which those of the mask `load` (k,) are a body that can
+    exist. The free columns are eliminated: of the load only what they do not explain is fitted.
+    """
+    if load.all():
+        return load_change(C, e)
+    size = np.linalg.norm(C[:, ~load], axis=0)
+    size = np.where(size > 0, size, 1.0)
+    Q, s, _ = np.linalg.svd(C[:, ~load] / size, full_matrices=False)
+    Q = Q[:, s > RANK * s.max(initial=0.0)]
+    theta = np.zeros(len(load))
+    theta[load] = load_change(*(y - Q @ (Q.T @ y) for y in (C[:, load], e)))
+    free = linear.pinv(C[:, ~load] / size, RANK) / size[:, None]
+    theta[~load] = free @ (e - C[:, load] @ theta[load])
+    return theta
 
 
 def load_change(C: np.ndarray, e: np.ndarray) -> np.ndarray:
