@@ -21,7 +21,7 @@ ARM = ROBOTS / "servo_arm"
 
 @pytest.fixture(scope="module")
 def shipped():
-    mechanism = ident.load(ARM)
+    mechanism = ident.load(ARM).with_calibration("exact")  # its sensors are those of a simulator
     return ident.identify(mechanism, ident.complete(mechanism, ARM / "run.csv"))
 
 
@@ -50,7 +50,7 @@ def test_servo_gains_friction_and_rotors_of_the_shipped_log(shipped):
 
 
 def test_one_known_gain_gives_the_scale_of_all():
-    mechanism = ident.load(ARM)
+    mechanism = ident.load(ARM).with_calibration("exact")
     bodies = mechanism.bodies.select(["turret", "upper_arm", "forearm"], "test")
     unknown = replace(mechanism, unknown=bodies)
     motion = ident.complete(unknown, ARM / "run.csv")
@@ -67,7 +67,7 @@ def test_one_known_gain_gives_the_scale_of_all():
 def test_a_drive_that_is_off_has_no_torque():
     truth = Servos()
     log = pl.DataFrame(servo_log(truth, seed=3, seconds=12.0, off=(5.0, 6.0)))
-    mechanism = ident.load(ARM).with_effect("viscous")
+    mechanism = ident.load(ARM).with_calibration("exact").with_effect("viscous")
     fit = ident.identify(mechanism, ident.complete(mechanism, log))
     values = {p.name: p for effect in fit.effects for p in effect.parameters}
     # with the drive off its damping and the friction of the joint are two things

