@@ -91,7 +91,7 @@ def test_a_velocity_that_is_late_weighs_less(crank):
     left = {channel.column: channel.residual for channel in motion.experiments[0].channels}
     assert left["v.crank"] > 0.02  # of 1e-3: what it misses the positions by
     assert left["q.crank"] < 2e-3
-    assert sum("times the noise of v.crank: they contradict" in note for note in motion.notes) == 1
+    assert sum("v.crank" in note and "positions" in note for note in motion.notes) >= 1
     assert off(crank, motion, true)[0] < 0.02
 
 

@@ -14,7 +14,7 @@ FC = (7.23, 8.25, 6.29, 2.51)  # [N m]
 @pytest.fixture(scope="module")
 def motion(shared_data):
     folder = shared_data / "staubli_tx40"
-    mechanism = ident.load(folder / "tx40.urdf")
+    mechanism = ident.load(folder / "tx40.urdf").with_calibration("exact")  # as published
     return mechanism, ident.complete(mechanism, folder / "tx40.csv")
 
 
