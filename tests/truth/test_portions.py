@@ -39,7 +39,12 @@ def log_of(mechanism, values, rows=ROWS, rate=500.0, noise=0.02, seed=0):
 
 @pytest.fixture(scope="module")
 def arm():
-    return ident.load(ROBOTS / "arm").with_effect("viscous").with_effect("coulomb")
+    return (
+        ident.load(ROBOTS / "arm")
+        .with_calibration("exact")
+        .with_effect("viscous")
+        .with_effect("coulomb")
+    )
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ What a document says is its canonical form (C14N), by Python's own XML library.
 from __future__ import annotations
 
 import codecs
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -150,8 +151,8 @@ def test_numbers_that_are_known_keep_their_text(tmp_path):
     (tmp_path / "odd.urdf").write_text(FULL)
     fit = fitted(FULL.encode(), tmp_path, tmp_path)
     new = identified_urdf(fit, possible=False).decode()
-    value = fit["fore.Iyy"].value
-    assert abs(value - 1) > 0.01
-    assert f'<inertia ixx="1" iyy="{value!r}" izz="1" ixy="0" ixz="0" iyz="0"/>' in new
+    pattern = r'<inertia ixx="1" iyy="([^"]+)" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    (value,) = re.findall(pattern, new)
+    assert abs(float(value) - 1) > 0.01
     for kept in ('<mass value="1"/>', '<mass value="1.50"/>', 'ixx="1e-2"', 'rpy="0.1 0 0"'):
         assert kept in new
