@@ -145,7 +145,7 @@ def test_an_inertial_is_added(tmp_path):
 
 @pytest.mark.xfail(
     strict=False,
-    reason="inertias of 1 kg m² on a small machine are taken for an exporter's defaults: 0 is written",
+    reason="inertias of 1 kg m² on a small machine count as an exporter's defaults: 0 is written",
 )
 def test_numbers_that_are_known_keep_their_text(tmp_path):
     """Of one body `Lyy` is asked for: the file's other numbers are not rewritten."""
