@@ -13,6 +13,7 @@ the column would shrink the scale. Source of the argument: W. Fuller, Measuremen
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
@@ -85,13 +86,13 @@ class Drive(Correcting):
         )
         return self.setting("delay") + sum(common)
 
+    @abstractmethod
     def error(self, s: Signals) -> np.ndarray:
         """Return what the scale multiplies (n,)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def offset(self, s: Signals) -> np.ndarray:
         """Return the torque (n,) that does not depend on the scale [N m | N]."""
-        raise NotImplementedError
 
     def gain(self, s: Signals) -> np.ndarray:
         """Return the gain (n,) of the firmware in each sample, 1 where the log has none."""
