@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 def export(
     model: ModelOptions,
     to: str = setting(
-        "mjcf, urdf, sdf, drake, c, fmu, or of another package.", "TARGET", default=...
+        "mjcf, urdf, sdf, drake, usd, c, fmu, or of another package.", "TARGET", default=...
     ),
     like: Path | None = setting(
         "Change this file of yours in place of a new one: only numbers that differ.", "FILE"

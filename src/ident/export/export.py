@@ -91,7 +91,7 @@ def export(
 
     Args:
         model: a fit, one read back, or a mechanism with values.
-        to: mjcf, urdf, sdf, drake, c, fmu, or a target of another package.
+        to: mjcf, urdf, sdf, drake, usd, c, fmu, or a target of another package.
         out: the file; default: the mechanism's name in this folder.
         like: a file of one's own, of which only numbers that are different change.
         step: of the simulator [s].

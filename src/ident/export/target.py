@@ -23,6 +23,7 @@ TARGETS = {
     "urdf": "ident.export.urdf:URDF",
     "sdf": "ident.export.sdf:SDF",
     "drake": "ident.export.urdf:DRAKE",
+    "usd": "ident.export.usd:USD",
     "c": "ident.export.c:C",
     "fmu": "ident.export.fmu:FMU",
 }
