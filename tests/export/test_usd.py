@@ -30,13 +30,16 @@ def placement(joint, i):
 
 def model_of(stage, joints):
     """The tree of a stage, written by the schema's own words: body frames at joints' frame 1."""
-    model, index = pin.Model(), {None: 0}
+    model, index = pin.Model(), dict[str, int]()
     scene = next(p for p in stage.Traverse() if p.IsA(UsdPhysics.Scene))
     gravity = UsdPhysics.Scene(scene)
     model.gravity.linear = gravity.GetGravityMagnitudeAttr().Get() * np.array(
         gravity.GetGravityDirectionAttr().Get(), dtype=float
     )
-    after = {None: pin.SE3.Identity()}  # of a body's frame in its joint's moving frame
+    (base,) = (p for p in stage.Traverse() if p.IsA(UsdPhysics.FixedJoint))
+    fixed = str(UsdPhysics.Joint(base).GetBody1Rel().GetTargets()[0])
+    after = {fixed: pin.SE3.Identity()}  # of a body's frame in its joint's moving frame
+    index[fixed] = 0
     for name in joints:
         prim = next(p for p in stage.Traverse() if p.GetName() == name)
         joint = UsdPhysics.Joint(prim)
@@ -44,7 +47,7 @@ def model_of(stage, joints):
             [str(path) for path in rel.GetTargets()]
             for rel in (joint.GetBody0Rel(), joint.GetBody1Rel())
         )
-        parent = above[0] if above else None
+        (parent,) = above
         kind = pin.JointModelRX() if prim.IsA(UsdPhysics.RevoluteJoint) else pin.JointModelPX()
         at = after[parent] * placement(joint, 0)
         index[body[0]] = model.addJoint(index[parent], kind, at, name)

@@ -21,7 +21,8 @@ from ident.export.target import Job, Product, Target, translated
 from ident.mechanism.closures import FrameClosure
 
 ABSENT = 'writing USD needs Pixar\'s library: pip install "ident[usd]"'
-PHYSX = "PhysxJointAxisAPI"
+PHYSX = "PhysxJointAxisAPI"  # armature and friction of an axis
+STATE = "PhysicsJointStateAPI"  # position at the start
 JOINTS = {
     "point": "SphericalJoint", "revolute": "RevoluteJoint", "prismatic": "PrismaticJoint",
     "fixed": "FixedJoint", "universal": "Joint",
@@ -30,6 +31,7 @@ WORDS = Vocabulary(
     {"viscous": "physxJointAxis:viscousFrictionCoefficient",
      "coulomb": "physxJointAxis:dynamicFrictionEffort",
      "rotor_inertia": "physxJointAxis:armature", "spring": "drive:physics:stiffness",
+     "servo": "drive:physics:stiffness and damping",
      "payload": "PhysicsMassAPI", "gravity_tilt": "physics:gravityDirection",
      "geometry": "physics:localPos0"},
     {kind: word.removesuffix("Joint") + "Joint" for kind, word in JOINTS.items()}, degree=1,
@@ -55,6 +57,11 @@ def write(job: Job) -> Product:
         for name, laws in translation.laws.items()
         if laws.position and not _stiffness(laws)
     ]
+    notes += [
+        f"{name}: an axis has one drive here, which is the spring; the servo's gains are left out"
+        for (name,) in job.machine.values.get("servo", {})
+        if _stiffness(translation.laws[name])
+    ]
     return Product({job.out.name: _Stage(pxr, translation).text()}, translation, tuple(notes))
 
 
@@ -66,6 +73,9 @@ class _Stage:
         self.machine: Machine = translation.machine
         self.stage = pxr.Usd.Stage.CreateInMemory()
         self._identifiers: dict[str, str] = {}
+        names = [link.name for link in self.machine.links]
+        root = self.machine.mechanism.model.frames[1].name
+        self.base = f"{root}_base" if root in names else root
         self.root = "/" + pxr.Tf.MakeValidIdentifier(self.machine.name)
 
     def text(self) -> bytes:
@@ -78,6 +88,7 @@ class _Stage:
         stage.SetDefaultPrim(root)
         pxr.UsdPhysics.ArticulationRootAPI.Apply(root)
         self._gravity()
+        self._base()
         for link, pose in zip(self.machine.links, self._poses(), strict=True):
             self._link(link, pose)
             self._joint(link, self.translation.laws[link.joint.name])
@@ -102,6 +113,16 @@ class _Stage:
         direction = self.machine.gravity / size if size else np.array([0.0, 0.0, -1.0])
         scene.CreateGravityDirectionAttr(self._vector(direction))
         scene.CreateGravityMagnitudeAttr(size)
+
+    def _base(self) -> None:
+        """Fix a body to the world: PhysX begins an articulation at a body, not at the world."""
+        prim = self.pxr.UsdGeom.Xform.Define(self.stage, self._path(self.base)).GetPrim()
+        self.pxr.UsdPhysics.RigidBodyAPI.Apply(prim)
+        mass = self.pxr.UsdPhysics.MassAPI.Apply(prim)  # of any size, as it never moves
+        mass.CreateMassAttr(1.0)
+        mass.CreateDiagonalInertiaAttr(self._vector(np.ones(3)))
+        still = pin.SE3.Identity()
+        self._connection("FixedJoint", f"{self.base}_fixed", (None, still), (self.base, still))
 
     def _poses(self) -> list[pin.SE3]:
         """Return the poses of the links' frames in the world, at the assembled configuration."""
@@ -134,7 +155,7 @@ class _Stage:
         pxr, joint = self.pxr, link.joint
         kind = "RevoluteJoint" if joint.rotational else "PrismaticJoint"
         turned = _to_axis(link.axis)
-        above = None if link.parent < 0 else self.machine.links[link.parent].name
+        above = self.base if link.parent < 0 else self.machine.links[link.parent].name
         prim = self._connection(
             kind, joint.name, (above, link.placement * turned), (link.name, turned)
         )
@@ -146,6 +167,9 @@ class _Stage:
             if np.isfinite(value):
                 create(float(value * per))
         axis = "angular" if joint.rotational else "linear"
+        if start := self.machine.start[joint.index]:
+            prim.GetPrim().AddAppliedSchema(f"{STATE}:{axis}")
+            self._attribute(prim, f"state:{axis}:physics:position", start * per)
         servo = self.machine.values.get("servo", {}).get((joint.name,))
         if k := _stiffness(laws):
             drive = pxr.UsdPhysics.DriveAPI.Apply(prim.GetPrim(), axis)
@@ -169,9 +193,12 @@ class _Stage:
             prim.GetPrim().AddAppliedSchema(f"{PHYSX}:{axis}")
         for name, value in terms.items():
             if value:
-                prim.GetPrim().CreateAttribute(
-                    f"physxJointAxis:{axis}:{name}", pxr.Sdf.ValueTypeNames.Float, False
-                ).Set(float(value))
+                self._attribute(prim, f"physxJointAxis:{axis}:{name}", value)
+
+    def _attribute(self, joint: Any, name: str, value: float) -> None:
+        """Write an attribute of PhysX's schemas, which Pixar's library does not know."""
+        kind = self.pxr.Sdf.ValueTypeNames.Float
+        joint.GetPrim().CreateAttribute(name, kind, False).Set(float(value))
 
     def _loop(self, closure: FrameClosure) -> None:
         turned = (
@@ -180,7 +207,7 @@ class _Stage:
             else _to_axis(np.array([0.0, 0.0, 1.0]))
         )
         ends = [
-            (None if frame.joint == 0 else frame.link, frame.placement * turned)
+            (self.base if frame.joint == 0 else frame.link, frame.placement * turned)
             for frame in closure.frames
         ]
         prim = self._connection(JOINTS[closure.kind], f"{closure.name}_closure", *ends)

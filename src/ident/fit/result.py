@@ -535,7 +535,7 @@ class Fit(Charted):
         """Return the identified machine for a simulator or a controller.
 
         Args:
-            to: mjcf, urdf, sdf, drake, c, fmu, or a target of another package.
+            to: mjcf, urdf, sdf, drake, usd, c, fmu, or a target of another package.
             options: those of `ident.export`, as `like`, `step`, `out`, `log`.
         """
         return render(self, "export", to, **options)
