@@ -1,5 +1,7 @@
 """Raw numbers of servos and encoders, and units of URDFs: what was planted is undone or named."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,33 @@ def test_a_body_of_another_unit_is_named(factors, unit, zero):
         return
     assert unit in verdict.text
     assert (verdict.inertia, verdict.centre) == (zero == "inertia", zero == "centre")
+
+
+INERTIA = '<inertia ixx="{0}" ixy="0" ixz="0" iyy="{0}" iyz="0" izz="{0}"/>'
+
+
+def chain(folder: Path, mass: float, inertia: float, unknown: str) -> ident.Mechanism:
+    """Three links of 0.3 m whose bodies have one mass [kg] and inertia [kg m²]."""
+    urdf, before = '<robot name="chain"><link name="base"/>', "base"
+    for name in "abc":
+        urdf += f'<link name="{name}"><inertial><mass value="{mass}"/>{INERTIA.format(inertia)}'
+        urdf += f'</inertial></link><joint name="j{name}" type="continuous"><origin xyz="0 0 0.3"/>'
+        urdf += f'<parent link="{before}"/><child link="{name}"/><axis xyz="1 0 0"/></joint>'
+        before = name
+    (folder / "chain.urdf").write_text(urdf + "</robot>")
+    text = f'urdf = "chain.urdf"\n[parameters]\nunknown = {unknown}\n'
+    (folder / "mechanism.toml").write_text(text)
+    return ident.load(folder)
+
+
+def test_numbers_that_cannot_be_are_no_prior_and_stay_as_known_values(tmp_path):
+    """1 kg m² at 0.3 kg on a machine of 0.6 m, as exporters write it, is said once."""
+    every = chain(tmp_path, 0.3, 1.0, '["a", "b", "c"]')
+    some = chain(tmp_path, 0.3, 1.0, '["a"]')
+    (note,) = [note for note in every.notes if "radius of gyration" in note]
+    assert "'b'" in note
+    assert "'c'" in note
+    assert every.prior == pytest.approx(some.prior)  # as it is written
+    assert every.prior.reshape(-1, 10)[:, 4] == pytest.approx([1.0] * 3)
+    assert every.plausible_prior.reshape(-1, 10)[:, 4] == pytest.approx([0.0] * 3)
+    assert some.plausible_prior.reshape(-1, 10)[:, 4] == pytest.approx([0.0, 1.0, 1.0])

@@ -286,7 +286,7 @@ def body_scales(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
             ends = (frame.placement.translation for frame in closure.frames)
             steps.append(max(ends, key=np.linalg.norm))
     mean = sum(float(np.linalg.norm(step)) for step in steps) / count
-    bodies = mechanism.prior.reshape(count, COUNT)
+    bodies = mechanism.plausible_prior.reshape(count, COUNT)
     total = float(bodies[:, 0].sum())
     masses, sizes = [], []
     for m, moments, L in map(split, bodies):

@@ -50,7 +50,7 @@ class Columns:
         known = np.array([i for i in given if names[i] not in unknown], dtype=int)
         all_names = [names[i] for i in rigid]
         units = [unit_of(name) for name in all_names]
-        prior = list(mechanism.prior[rigid])
+        prior = list(mechanism.plausible_prior[rigid])
         effects, loads = [], []
         for effect in mechanism.effects:
             places = []
@@ -147,7 +147,7 @@ class Point:
             for name, full in effect.full.items()
             if name in effect.values
         }
-        return cls(mechanism.prior, known)
+        return cls(mechanism.plausible_prior, known)
 
     def at(self, mechanism: Mechanism, columns: Columns, x: np.ndarray) -> Point:
         """The point with the unknowns at x (k,)."""

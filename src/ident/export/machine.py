@@ -10,7 +10,7 @@ in the pose of the drawing. Of bodies that cannot exist the nearest possible one
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -185,7 +185,7 @@ def machine_of(
         point = model.possible or model.point
         substituted = _changed_links(model)
     else:
-        point = Point.prior(mechanism)
+        point = replace(Point.prior(mechanism), pi=mechanism.prior)  # as it is written
     for label in without:
         mechanism = mechanism.without(label)
     given = {**(values or {})}

@@ -168,7 +168,8 @@ def nearest_possible(
     worse = None if outside is None or before is None else rise(outside, before)
     mechanism, unknown = problem.mechanism, bodies_with_unknowns(problem.mechanism)
     pi = problem.columns.dynamic_parameters(mechanism, point.x)
-    after, priors = (smallest_eigenvalues(mechanism, pi_of) for pi_of in (pi, mechanism.prior))
+    after = smallest_eigenvalues(mechanism, pi)
+    priors = smallest_eigenvalues(mechanism, mechanism.plausible_prior)
     if broken := [link for link in unknown if not after[link] >= cone.SLACK["psd"] - 1e-9]:
         raise FitError(f"no consistent fit was found: {', '.join(broken)} is no possible body")
     both = zip(program.limits, point.push, strict=True)
@@ -388,7 +389,7 @@ def in_balls(mechanism: Mechanism) -> list[np.ndarray]:
     where the URDF gives no mass or no size, those of a mean link stand in.
     """
     balls = []
-    priors = mechanism.prior.reshape(-1, COUNT)
+    priors = mechanism.plausible_prior.reshape(-1, COUNT)
     for prior, mean_m, mean_l in zip(priors, *body_scales(mechanism), strict=True):
         m, moments, L = split(prior)
         c = moments / m if m > 0 else np.zeros(3)

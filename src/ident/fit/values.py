@@ -166,7 +166,7 @@ class ParameterValues:
         for link in mechanism.bodies.links:
             names = [f"{link}.{word}" for word in DYNAMIC]
             body = mechanism.bodies.columns(link)
-            body_values, prior = pi[body], mechanism.prior[body]
+            body_values, prior = pi[body], mechanism.plausible_prior[body]
             places = [self.columns.index.get(name, -1) for name in names]
             errors = np.array([self._stderr[i] if i >= 0 else 0.0 for i in places])
             centred = np.isfinite(errors[:4]).all() and body_values[0] != 0.0

@@ -26,7 +26,8 @@ from lxml import etree
 
 from ident.errors import MechanismError, one_of
 from ident.files import BUILT_IN, HUGE, dialects, reader_of, regular
-from ident.mechanism.body_units import verdict_of
+from ident.mechanism.body_units import BodyVerdict, verdict_of
+from ident.text import shortlist
 
 LARGEST = 50_000_000  # work: bytes of a file
 FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf"}  # by root element
@@ -43,6 +44,8 @@ NUMBERS = {  # attributes that are numbers, by element, with their defaults
     "mass": {"value": ""},
     "inertia": {key: "" if key[1] == key[2] else "0" for key in TERMS},
 }
+NAMED = 4  # shown: links that are named of those with one fault
+LONGEST = 100.0  # range: m, of a travel that a URDF states; what is longer is no limit
 UNLIMITED = 1e9  # range: what a URDF states where there is no limit
 
 
@@ -330,6 +333,8 @@ class Tree:
     links: tuple[str, ...]  # that each joint moves, by Pinocchio's index from 1 on
     mimics: tuple[dict[str, Any], ...]  # joints that follow another, as tables [[closure]]
     notes: tuple[str, ...]  # interpretations that differ from the text of the URDF
+    # (10 · bodies,) dynamic parameters in which numbers that cannot be are zero, if there are any
+    plausible: np.ndarray | None = None
 
 
 def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> Tree:
@@ -350,7 +355,9 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
     for inertia in robot.iterfind("link/inertial/inertia"):  # urdfdom requires them
         for key in ("ixy", "ixz", "iyz"):
             inertia.set(key, inertia.get(key, "0"))
-    notes += _without_placeholders(robot, where)
+    verdicts = _verdicts(robot, where)
+    notes += _said_together(verdicts)
+    _remove(robot, {link: verdict for link, verdict in verdicts.items() if verdict.dummy})
     moving = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
     mimics = tuple(_take_mimics(moving, where))
     for joint in robot.findall("joint[@type='fixed'][mimic]"):
@@ -365,12 +372,7 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
             joint.set("type", "revolute")
         for key in ("effort", "velocity"):
             limit.set(key, limit.get(key, f"{UNLIMITED}"))
-    try:
-        model = pin.buildModelFromXML(etree.tostring(robot).decode())
-    except (RuntimeError, ValueError) as error:
-        raise MechanismError(
-            f"{where}: Pinocchio refuses it: {' '.join(str(error).split())}"
-        ) from None
+    model = _pinocchio_model(robot, where)
     if model.nv == 0:
         raise MechanismError(
             f"{where}: has no joint that moves; every joint is fixed (a body that flies or "
@@ -379,37 +381,67 @@ def build_tree(robot: etree._Element, gravity: Sequence[float], where: str) -> T
     model.gravity.linear = np.array(gravity)
     child = {j.get("name"): j.find("child").get("link") for j in robot.findall("joint")}
     links = tuple(child[name] for name in list(model.names)[1:])
-    return Tree(model, links, mimics, tuple(notes))
+    plausible = None
+    if any(not verdict.dummy for verdict in verdicts.values()):
+        _remove(robot, verdicts)
+        bodies = _pinocchio_model(robot, where).inertias[1:]
+        plausible = np.concatenate([body.toDynamicParameters() for body in bodies])
+    return Tree(model, links, mimics, tuple(notes), plausible)
 
 
-def _without_placeholders(robot: etree._Element, where: str) -> Iterator[str]:
-    """Remove what no body of the machine can have: other units, and inertias that only satisfy a
-    simulator, such as 1 kg m² at a milligram.
+def _pinocchio_model(robot: etree._Element, where: str) -> pin.Model:
+    try:
+        return pin.buildModelFromXML(etree.tostring(robot).decode())
+    except (RuntimeError, ValueError) as error:
+        raise MechanismError(
+            f"{where}: Pinocchio refuses it: {' '.join(str(error).split())}"
+        ) from None
+
+
+def _verdicts(robot: etree._Element, where: str) -> dict[str, BodyVerdict]:
+    """Return why the numbers of links cannot be, by link: other units, and inertias that only
+    satisfy a simulator, such as 1 kg m² at a milligram.
     """
-    length = _length(robot, where)
+    length, verdicts = _length(robot, where), dict[str, BodyVerdict]()
     for link in robot.iterfind("link[inertial]"):
         inertial = link.find("inertial")
         (m,) = attribute(inertial, "mass", "value", where)
         trace = sum(attribute(inertial, "inertia", key, where)[0] for key in ("ixx", "iyy", "izz"))
         centre = np.array(attribute(inertial, "origin", "xyz", where))
-        if (verdict := verdict_of(m, centre, trace, length)) is None:
-            continue
-        yield f"link '{link.get('name')}': {verdict.text}"
-        if verdict.inertia:
+        if (verdict := verdict_of(m, centre, trace, length)) is not None:
+            verdicts[str(link.get("name"))] = verdict
+    return verdicts
+
+
+def _said_together(verdicts: Mapping[str, BodyVerdict]) -> Iterator[str]:
+    """Yield a note for each cause, with the numbers of its first link."""
+    by_cause: dict[str, list[str]] = {}
+    for link, verdict in verdicts.items():
+        by_cause.setdefault(verdict.cause, []).append(f"'{link}'")
+    for first, *others in by_cause.values():
+        alike = f"; the same of {shortlist(others, NAMED)}" if others else ""
+        yield f"link {first}: {verdicts[first[1:-1]].text}{alike}"
+
+
+def _remove(robot: etree._Element, verdicts: Mapping[str, BodyVerdict]) -> None:
+    """Set the numbers of links to zero that cannot be."""
+    for link in robot.iterfind("link[inertial]"):
+        inertial, verdict = link.find("inertial"), verdicts.get(link.get("name"))
+        if verdict is not None and verdict.inertia:
             inertial.find("inertia").attrib.update(dict.fromkeys(TERMS, "0"))
-        if verdict.centre:
+        if verdict is not None and verdict.centre:
             inertial.find("origin").set("xyz", "0 0 0")
 
 
 def _length(robot: etree._Element, where: str) -> float:
-    """Return how far [m] the farthest joint is from the base, along the links."""
-    before = {
-        joint.find("child").get("link"): (
-            joint.find("parent").get("link"),
-            float(np.linalg.norm(attribute(joint, "origin", "xyz", where))),
-        )
-        for joint in robot.findall("joint")
-    }
+    """Return how far [m] the farthest joint is from the base, along the links and what slides."""
+    before = {}
+    for joint in robot.findall("joint"):
+        step = float(np.linalg.norm(attribute(joint, "origin", "xyz", where)))
+        if joint.get("type") == "prismatic":
+            ends = [abs(attribute(joint, "limit", key, where)[0]) for key in ("lower", "upper")]
+            step += max(ends) if max(ends) < LONGEST else 0.0
+        before[joint.find("child").get("link")] = joint.find("parent").get("link"), step
     lengths = {}
     for link in before:
         total, at = 0.0, link

@@ -209,6 +209,7 @@ def _read(
             top.table("calibration"),
             [*(joint.name for joint in joints), *(closure.name for closure in constraints)],
         ),
+        plausible=tree.plausible,
     )
     names = [closure.name for closure in mechanism.closures]
     if twice := [name for name in names if names.count(name) > 1]:
@@ -289,7 +290,7 @@ def _unknown_again(known: Mechanism, file: Path) -> Mechanism:
     unknown = known.bodies.select(bodies, str(file))
     estimated = {*unknown, *free}
     errors = known.covariance and known.covariance.without(estimated)
-    return replace(known.freed(estimated), name=name, covariance=errors)
+    return replace(known.freed(estimated), name=name, covariance=errors, plausible=None)
 
 
 def unused_toml(urdf: Path, toml: Path | None) -> str:

@@ -106,6 +106,8 @@ class Mechanism(Displayed):
         consistency: bounds on parameters and the total mass, for a consistent fit.
         covariance: of known values, where an earlier fit has found them.
         calibration: what may be a little wrong with its sensors and its drawing.
+        plausible: (10 · bodies,) the URDF's dynamic parameters with 0 in place of numbers that
+            cannot be, None where all can.
     """
 
     name: str
@@ -130,6 +132,7 @@ class Mechanism(Displayed):
     consistency: Consistency = field(default_factory=Consistency)
     covariance: Covariance | None = None
     calibration: Calibration = field(default_factory=Calibration)
+    plausible: np.ndarray | None = None
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -167,6 +170,15 @@ class Mechanism(Displayed):
         return np.concatenate(
             [inertia.toDynamicParameters() for inertia in self.model.inertias[1:]]
         )
+
+    @cached_property
+    def plausible_prior(self) -> np.ndarray:
+        """The prior (10 · bodies,) with 0 for unknown numbers that cannot be those of a body."""
+        if self.plausible is None:
+            return self.prior
+        unknown = {*self.unknown}
+        free = np.array([name in unknown for name in self.bodies.names])
+        return np.where(free, self.plausible, self.prior)
 
     @cached_property
     def joint_index(self) -> Mapping[str, int]:
