@@ -20,6 +20,7 @@ from ident.cli.options import (
     named,
     output_file,
     setting,
+    value,
 )
 from ident.display import render
 from ident.errors import IdentError
@@ -47,6 +48,7 @@ def export(
     set_: Texts = setting("A parameter's value: coulomb.elbow.Fc=0.4.", "NAME=VALUE", "--set"),
     float_: bool = flag("Single precision, of c and fmu.", "--float"),
     fmi: int | None = setting("Version of the FMU, 2 or 3. Default: 3.", "N"),
+    gravity: str | None = setting("Another one [m/s²]: 0,0,-1.62.", "X,Y,Z"),
     good_enough: GoodEnough = None,
     json: Json = False,
     plot: Plot = None,
@@ -78,7 +80,7 @@ def export(
         made = export_(
             saved or mechanism, to, out=out, like=like, step=step, log=replay or log,
             replayed=replay is not None, values=values, without=without or (),
-            fitted=not physical, progress=on_progress, **settings,
+            gravity=_vector(gravity), fitted=not physical, progress=on_progress, **settings,
         )  # fmt: skip
     written = made.write()
     if plot is not None and made.replays is not None:
@@ -90,6 +92,13 @@ def export(
         simulator = SIMULATORS[made.target.name]
         if largest_error(made.replays, simulator) > good_enough / 100:
             sys.exit(3)
+
+
+def _vector(text: str | None) -> list[float] | None:
+    """Return the numbers of --gravity."""
+    if text is None:
+        return None
+    return [value(x, "--gravity", "write three numbers, as 0,0,-1.62") for x in text.split(",")]
 
 
 def _read(model: ModelOptions, fit: Path | None) -> tuple[Mechanism, Saved | None]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.display import Displayed, Progress, no_progress
 from ident.errors import IdentError, MotionError
+from ident.export.band import band, covariance_of, inseparable
 from ident.export.laws import Lost, Translation
 from ident.export.machine import Machine, machine_of
 from ident.export.target import Job, Product, Target, target_of
@@ -82,6 +83,7 @@ def export(
     replayed: bool = False,
     values: Mapping[str, float] | None = None,
     without: Sequence[str] = (),
+    gravity: Sequence[float] | None = None,
     fitted: bool = True,
     window: float = WINDOW,
     progress: Progress | None = None,
@@ -99,6 +101,8 @@ def export(
         replayed: whether the written file is run under the torques or commands of `log`.
         values: other values of parameters, by full name: the edited machine.
         without: effects that are left out, as `payload:tool`.
+        gravity: another one (3,) [m/s²]. Of an edited machine a replay has the band of 95 % that
+            the errors of the fit leave.
         fitted: whether numbers are fitted to the target's own laws, so that the motion is the same.
         window: of a replay [s], from one restart to the next.
         progress: called with (what is being done, share done).
@@ -116,7 +120,7 @@ def export(
             )
     if step is not None and not 0 < step < 1:
         raise IdentError(f"step {step:g} s; give seconds between 0 and 1, as 0.001")
-    machine = machine_of(model, values, without)
+    machine = machine_of(model, values, without, gravity)
     path = Path(out) if out is not None else Path(f"{machine.name}{target.suffix}")
     if like is not None:
         _check_like(target, Path(like), path)
@@ -126,13 +130,21 @@ def export(
         progress or no_progress,
     )  # fmt: skip
     product = target.write(job)
-    notes = [*_substituted(machine), *product.notes]
+    notes = [*_substituted(machine), *product.notes, *_not_vouched(model, values or {}, without)]
     made = Export(target, machine, product.translation, product.files, path.parent, tuple(notes))
     if not replayed:
         return made
     if motion is None:
         raise IdentError("nothing to replay; give a log")
-    return replace(made, replays=_replays(made, model, motion, product, window, progress))
+    replays = _replays(made, motion, product, window, progress)
+    if not (values or without or gravity is not None):
+        return replace(made, replays=replays)
+    errors = covariance_of(model)
+    if errors is None:
+        notes = ["no band of the edited motion: the model has no errors; export a fit", *made.notes]
+        return replace(made, replays=replays, notes=tuple(notes))
+    widths = band(machine, errors, motion, tuple(values or {}), window, progress)
+    return replace(made, replays=replays.with_band("ident", widths))
 
 
 def _check_like(target: Target, like: Path, out: Path) -> None:
@@ -168,8 +180,18 @@ def _substituted(machine: Machine) -> list[str]:
     ]
 
 
+def _not_vouched(
+    model: Fit | Saved | Mechanism, values: Mapping[str, float], without: Sequence[str]
+) -> list[str]:
+    return [
+        f"{edit}: the fit's log determines {', '.join(names)} only together with other parameters, "
+        "so it cannot vouch for this edit; the band leaves that out"
+        for edit, names in inseparable(model, values, without).items()
+    ]
+
+
 def _replays(
-    made: Export, model: object, motion: Motion, product: Product, window: float,
+    made: Export, motion: Motion, product: Product, window: float,
     progress: Progress | None,
 ) -> Replay:  # fmt: skip
     from ident.export.rollout import replayed

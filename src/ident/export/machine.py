@@ -164,6 +164,7 @@ def machine_of(
     model: Fit | Saved | Mechanism,
     values: Mapping[str, float] | None = None,
     without: Sequence[str] = (),
+    gravity: Sequence[float] | None = None,
 ) -> Machine:
     """Return a mechanism, or that of a fit, at the values of all its parameters.
 
@@ -171,6 +172,7 @@ def machine_of(
         model: a fit, one read back, or a mechanism whose effects have values.
         values: other values of parameters, by full name.
         without: effects that are left out, as `payload:tool`.
+        gravity: another one (3,) [m/s²].
 
     Raises:
         MechanismError: for an effect without a value, or a name that is not there.
@@ -188,6 +190,8 @@ def machine_of(
         point = replace(Point.prior(mechanism), pi=mechanism.prior)  # as it is written
     for label in without:
         mechanism = mechanism.without(label)
+    if gravity is not None:
+        mechanism = mechanism.with_gravity(gravity)
     given = {**(values or {})}
     pi = mechanism.bodies.with_values(point.pi, given)
     known = {full for effect in mechanism.effects for full in effect.names}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, reduce
 from itertools import combinations
@@ -502,6 +502,19 @@ class Mechanism(Displayed):
         for place, by in correction.displaced.items():
             mechanism = mechanism.displaced(place, by)
         return mechanism
+
+    def with_gravity(self, gravity: Sequence[float]) -> Mechanism:
+        """The mechanism under another gravity (3,) [m/s²].
+
+        Raises:
+            MechanismError: unless it is three numbers.
+        """
+        g = np.asarray(gravity, dtype=float)
+        if g.shape != (3,) or not np.isfinite(g).all():
+            raise MechanismError(f"gravity {gravity!s}; give three numbers [m/s²], as 0, 0, -1.62")
+        model = self.model.copy()
+        model.gravity.linear = g
+        return self.with_same_kinematics(model=model)
 
     def displaced(self, place: str, by: float) -> Mechanism:
         """The mechanism with a place of the drawing moved.

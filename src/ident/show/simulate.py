@@ -56,14 +56,16 @@ def summary(x: Run) -> str:
 
 
 def _rows(x: Replay) -> list[list[str]]:
-    rows = [["", "rms", "of the way"]]
+    banded = ["in the 95 % band"] * any(run.within for logs in x.runs.values() for run in logs)
+    rows = [["", "rms", "of the way", *banded]]
     for model, logs in x.runs.items():
         for run in logs:
             title = [model] * (len(x.runs) > 1) + [run.name] * (len(logs) > 1)
-            rows += [[" ".join(title), "", ""]] if title else []
+            rows += [[" ".join(title), "", "", *[""] * len(banded)]] if title else []
             for joint, error in run.errors.items():
                 rms = "–" if np.isnan(error.rms) else f"{significant(error.rms)} {error.unit}"
-                rows.append([joint, rms, percent(error.relative)])
+                inside = f"{100 * run.within[joint]:.0f} %" if joint in run.within else ""
+                rows.append([joint, rms, percent(error.relative), *[inside] * len(banded)])
     return rows
 
 
@@ -89,6 +91,10 @@ def plot(x: Replay, experiment: int = 0) -> Chart:
         for i, (name, logs) in enumerate(x.runs.items()):
             run, label = logs[experiment], "simulated" if len(x.runs) == 1 else name
             above.append(Line(run.t, run.simulated[:, j], label, i))
+            if run.band is not None:
+                for side in (-1, 1):
+                    edge = np.where(np.isfinite(run.band[:, j]), run.band[:, j], np.nan)
+                    below.append(Line(run.t, side * edge, "", i, 0.4))
             below.append(Line(run.t, run.simulated[:, j] - run.measured[:, j], "", i, 0.8))
         rows.append((Panel(tuple(above), "t [s]", f"{joint} [{unit}]", height=1.8),))
         rows.append((Panel((Level(), *below), "t [s]", f"difference [{unit}]", height=1.4),))
@@ -115,6 +121,7 @@ def replay_json(x: Replay) -> dict[str, Any]:
             {
                 "log": run.name, "windows": len(run.starts), "joints": run.errors,
                 "failures": list(run.failures),
+                **({"within": run.within} if run.within else {}),
             }
             for run in logs
         ]

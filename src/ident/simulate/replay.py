@@ -8,8 +8,8 @@ shooting; Bock, 1987) show the model and not this growth.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,6 +44,7 @@ class ReplayedLog:
     simulated: np.ndarray  # (n, j), the same; at a restart the end of the window before
     starts: tuple[int, ...]  # samples at which a window begins
     failures: tuple[str, ...] = ()  # why windows could not be integrated to their end
+    band: np.ndarray | None = None  # (n, j) half of the width of the simulated one's 95 % band
 
     @property
     def errors(self) -> dict[str, Error]:
@@ -59,6 +60,21 @@ class ReplayedLog:
         sums = np.stack([error, size, known.sum(axis=0)])
         return Squares(sums, np.zeros(sums.shape)).errors(self.joints, self.units)
 
+    @property
+    def within(self) -> dict[str, float]:
+        """By joint: the share of samples whose measured coordinate lies in the band; empty where
+        there is none. Samples at which a window begins do not count.
+        """
+        if self.band is None:
+            return {}
+        off = np.abs(self.simulated - self.measured)
+        off[list(self.starts)] = np.nan
+        return {
+            joint: float(np.mean(off[known, j] <= self.band[known, j]))
+            for j, joint in enumerate(self.joints)
+            if (known := np.isfinite(off[:, j])).any()
+        }
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Replay(Plotted):
@@ -73,6 +89,11 @@ class Replay(Plotted):
 
     runs: Mapping[str, tuple[ReplayedLog, ...]]
     window: float
+
+    def with_band(self, model: str, widths: Sequence[np.ndarray]) -> Replay:
+        """The same with the half widths (n, j) of a model's 95 % bands, one a log."""
+        logs = (replace(run, band=x) for run, x in zip(self.runs[model], widths, strict=True))
+        return replace(self, runs={**self.runs, model: tuple(logs)})
 
     @property
     def notes(self) -> tuple[str, ...]:
