@@ -217,3 +217,37 @@ def test_the_example_of_a_loop_follows_its_reference(root, tmp_path):
     )
     done = subprocess.run(["./loop"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+def test_drives_follow_late_commands_within_limits(robots, tmp_path):
+    mechanism = ident.load(robots / "servo_arm")
+    kp, kd = {"yaw": 20.0, "shoulder": 30.0, "elbow": 10.0}, 0.7
+    own = {"yaw": "limit=0.8", "shoulder": "delay=0.004", "elbow": "limit=99"}
+    for joint, words in own.items():
+        mechanism = mechanism.without(f"servo:{joint}")
+        mechanism = mechanism.with_drives(f"{joint}:kp={kp[joint]},kd={kd},{words}")
+    late = {n: 0.0 for e in mechanism.effects if e.kind == "command_delay" for n in e.names}
+    values = {n: 0.1 for e in mechanism.effects for n in e.names if "servo" not in n} | late
+    export(mechanism, "c", values=values, out=tmp_path / "servo.h").write()
+    built = library(
+        tmp_path, "servo",
+        ["void drives_command(servo_drives *d,REAL t,const REAL command[],const REAL rate[],"
+         "const REAL feedforward[])",
+         "int drives_torque(const servo_drives *d,REAL t,const REAL q[],const REAL v[],"
+         "REAL tau[])"],
+    )  # fmt: skip
+    state = ctypes.create_string_buffer(8 * 64 * (1 + 3 * 3) + 64)
+    random, dt, tau = np.random.default_rng(0), 1e-3, np.zeros(3)
+    command, torque = caller(built.x_drives_command), caller(built.x_drives_torque)
+    assert not torque(state, 0.0, tau, tau, np.zeros(3))
+    commands = random.normal(scale=0.1, size=(200, 3))
+    for k, ref in enumerate(commands):
+        q, v = random.normal(scale=0.1, size=(2, 3))
+        feedforward = np.full(3, 0.01)
+        command(state, k * dt, ref, None, feedforward)
+        assert torque(state, k * dt, q, v, tau)
+        late = np.array([ref[0], commands[max(k - 4, 0)][1], ref[2]])
+        expected = np.array([*kp.values()]) * (late - q) - kd * v + feedforward
+        expected[0] = np.clip(expected[0], -0.8, 0.8)
+        np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-12)
+    assert not torque(state, 0.13, q, v, tau)  # older than all commands that are held

@@ -7,6 +7,7 @@ motion with dry friction that sticks (`runtime.h`). C99, no heap, no library but
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from importlib.resources import files
 
 import casadi as ca
@@ -15,9 +16,11 @@ import numpy as np
 from ident.errors import IdentError, MechanismError
 from ident.export.c_print import body, constant, used
 from ident.export.equations import DRY, POSITION, Equations
-from ident.export.laws import Vocabulary
+from ident.export.laws import DRIVES, Vocabulary
+from ident.export.machine import Machine
 from ident.export.target import Job, Product, Target, translated
 
+HELD = 64  # range: cycles whose commands are held, for drives that follow late
 SMOOTH = 0.01  # range: [rad/s | m/s] over which dry friction changes its sign, of the inverse
 STEP = 2.5e-4  # range: [s] longest step of the integration
 EFFECTS = {
@@ -25,7 +28,8 @@ EFFECTS = {
     "rotor_inertia": "mass_matrix", "drag": "friction", "spring": "gravity", "cable": "gravity",
     "torque_offset": "gravity", "torque_gain": "gain", "encoder_offset": "offset",
     "payload": "all", "coupling": "friction, mass_matrix", "gravity_tilt": "gravity",
-    "geometry": "all", **dict.fromkeys(DRY, "friction"), **dict.fromkeys(POSITION, "gravity"),
+    "geometry": "all", **dict.fromkeys((*DRIVES, "command_delay"), "drives_torque"),
+    **dict.fromkeys(DRY, "friction"), **dict.fromkeys(POSITION, "gravity"),
 }  # fmt: skip
 CLOSURES = dict.fromkeys(
     ("point", "revolute", "prismatic", "cylindrical", "universal", "planar", "fixed", "distance",
@@ -73,6 +77,7 @@ def header(equations: Equations, name: str, real: str = "double") -> str:
         code = body(f, inputs, outputs, real)
         parts.append(f"static void {name}_{key}_tree({signature})\n{{\n{unused}{code}\n}}\n")
     parts += [_tree(equations, name, real), _public(equations, name, real), _runtime(name, real)]
+    parts += [_drives(machine, independent, name, real)]
     parts.append(f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {name.upper()}_H */\n")
     return "\n".join(parts)
 
@@ -173,6 +178,38 @@ def _public(equations: Equations, name: str, real: str) -> str:
 
 def _runtime(name: str, real: str) -> str:
     return _named(_resource("runtime.h").replace("HALF", constant(0.5, real)), name, real)
+
+
+def _drives(machine: Machine, independent: Sequence[str], name: str, real: str) -> str:
+    """Return the drives' code, nothing for a machine without drives.
+
+    τ = scale · command(t − delay) + follows · rate(t − delay) − stiffness q − damping v
+    """
+    rows = []
+    for joint in independent:
+        at = {kind: machine.values.get(kind, {}).get((joint,)) for kind in DRIVES}
+        late = sum(
+            x["d"] for on, x in machine.values.get("command_delay", {}).items() if joint in on
+        )
+        if servo := at["servo"]:
+            follows = servo["kd"] if servo["follows_velocity"] else 0.0
+            numbers = servo["kp"], follows, servo["kp"], servo["kd"], servo["delay"] + late
+        elif motor := at["motor_current"]:
+            numbers = motor["kt"], 0.0, 0.0, 0.0, 0.0
+        elif motor := at["motor_voltage"]:
+            numbers = motor["gain"], 0.0, 0.0, motor["kb"], motor["delay"] + late
+        else:
+            numbers = 0.0, 0.0, 0.0, 0.0, 0.0
+        drive = next((x for x in at.values() if x), None)
+        limit = drive["limit"] if drive else 0.0
+        rows.append((*numbers, min(limit, 1e30), float(drive is not None)))
+    names = ("scale", "follows", "stiffness", "damping", "delay", "limit", "driven")
+    if not any(row[-1] for row in rows):
+        return ""
+    columns = zip(names, zip(*rows, strict=True), strict=True)
+    lines = [f"#define {name}_HELD {HELD}", f"#define {name}_ZERO {constant(0.0, real)}"]
+    lines += [_array(f"{name}_{key}", x, "int" if key == "driven" else real) for key, x in columns]
+    return "\n".join([*lines, "", _named(_resource("drives.h"), name, real)])
 
 
 def _resource(name: str) -> str:
