@@ -2,7 +2,9 @@
 
 import io
 import os
+import struct
 import time
+import warnings
 import zipfile
 from contextlib import contextmanager
 from pathlib import Path
@@ -104,6 +106,73 @@ def test_an_array_that_claims_more_than_its_file_holds(tmp_path):
         archive.writestr("t.npy", array_file((10**12,), bytes(80)))
     with refused(LogError, "damaged"):
         ident.read_log(tmp_path / "run.npz")
+
+
+def npy(x) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array(stream, np.asarray(x))
+    return stream.getvalue()
+
+
+def test_an_archive_of_very_many_arrays(tmp_path):
+    with zipfile.ZipFile(tmp_path / "run.npz", "w") as archive:
+        for i in range(20_000):
+            archive.writestr(f"a{i}.npy", npy(np.zeros(3)))
+    with refused(LogError, "20,000 arrays"):
+        ident.read_log(tmp_path / "run.npz")
+
+
+def test_two_arrays_of_one_name(tmp_path):
+    columns = (("t", np.arange(30.0)), ("q.yaw", np.zeros(30)), ("q.yaw", np.ones(30)))
+    with zipfile.ZipFile(tmp_path / "run.npz", "w") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # zipfile says it to the writer
+        for name, x in columns:
+            archive.writestr(f"{name}.npy", npy(x))
+    with refused(LogError, "two arrays are named 'q.yaw'"):
+        ident.read_log(tmp_path / "run.npz")
+
+
+def test_an_element_of_very_many_attributes(tmp_path):
+    attributes = " ".join(f'x{i}="1"' for i in range(200_000))
+    text = (ARM / "arm.urdf").read_text().replace("<link ", f"<link {attributes} ", 1)
+    (tmp_path / "arm.urdf").write_text(text)
+    with refused(MechanismError, r"arm.urdf:\d+: <link> has 200,00\d attributes"):
+        ident.load(tmp_path / "arm.urdf")
+
+
+def record(operation: int, content: bytes) -> bytes:
+    return bytes([operation]) + struct.pack("<Q", len(content)) + content
+
+
+def text_of(word: str) -> bytes:
+    return struct.pack("<I", len(word)) + word.encode()
+
+
+def mcap(compression: str, data: bytes, claim: int) -> bytes:
+    """An MCAP file with one topic of joint states and one chunk."""
+    chunk = struct.pack("<QQQI", 0, 1, claim, 0) + text_of(compression)
+    schema = text_of("sensor_msgs/msg/JointState") + text_of("ros2msg") + text_of("")
+    channel = text_of("/joint_states") + text_of("cdr") + text_of("")
+    records = [
+        record(0x01, text_of("ros2") + text_of("")),
+        record(0x03, struct.pack("<H", 1) + schema),
+        record(0x04, struct.pack("<HH", 1, 1) + channel),
+        record(0x06, chunk + struct.pack("<Q", len(data)) + data),
+        record(0x0F, struct.pack("<I", 0)),
+        record(0x02, struct.pack("<QQI", 0, 0, 0)),
+    ]
+    return b"\x89MCAP0\r\n" + b"".join(records) + b"\x89MCAP0\r\n"
+
+
+@pytest.mark.parametrize("claim", [100, 300_000_000])
+def test_a_chunk_of_a_bag_that_unpacks_to_very_much(claim, tmp_path):
+    rosbag = pytest.importorskip("rosbags.rosbag2.storage_mcap")
+    packed = rosbag.zstd.compress(bytes(300_000_000))
+    assert len(packed) < 100_000
+    path = tmp_path / "run.mcap"
+    path.write_bytes(mcap("zstd", packed, claim))
+    with refused(LogError, "unpacks to more than 256 MB"):
+        ident.read_log(path)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".parquet", ".csv"])

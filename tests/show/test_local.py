@@ -6,11 +6,13 @@ import base64
 import logging
 import os
 import socket
+import urllib.request
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 import pytest
 from websockets.exceptions import ConnectionClosedError
+from websockets.sync.client import connect
 
 import ident
 from helpers import ROBOTS
@@ -101,3 +103,30 @@ def test_a_port_that_is_taken_is_refused():
             Place(port)
     with pytest.raises(ident.IdentError, match="valid: 1 to 65535"):
         Place(99999)
+
+
+def test_a_page_may_talk_to_its_own_port_alone(address):
+    with urllib.request.urlopen(address) as answer:
+        policy = answer.headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    port = urlsplit(address).port
+    (targets,) = [part for part in policy.split("; ") if part.startswith("connect-src")]
+    assert targets.split()[1:] == [f"ws://127.0.0.1:{port}", f"ws://localhost:{port}"]
+
+
+@pytest.mark.parametrize(
+    "frame",
+    ["", "{", "[]", "null", '{"do": 3}', '{"do": "fly"}', b"\xff\xfe", "[" * 100_000, '{"do": []}'],
+)
+def test_a_frame_that_no_page_sends_changes_nothing(frame, tmp_path, capfd, caplog):
+    board = Board("arm", tmp_path)
+    with board.serve() as found:
+        place, before = urlsplit(found), dict(board.state)
+        origin = f"http://{place.netloc}"
+        with connect(found.replace("http", "ws"), origin=origin) as socket_of_page:
+            socket_of_page.recv()
+            socket_of_page.send(frame)
+            socket_of_page.send('{"do": "look", "view": "Joint", "joint": ""}')
+            socket_of_page.ping().wait(5)
+        assert board.state == before
+    assert "Traceback" not in capfd.readouterr().err + caplog.text

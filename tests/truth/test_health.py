@@ -703,3 +703,15 @@ def test_a_log_of_which_much_is_left_whatever_every_machine_has():
         assert bool(hints) == found
         assert all(x.where == ("tau.elbow",) for x in hints)
         assert all(x.meaning.startswith("with friction, rotors and offsets") for x in hints)
+
+
+def test_a_fault_is_named_where_nothing_is_unknown():
+    """Not even an effect: all of the model is known, as in the folder of a fit."""
+    p = planted("arm", noise=0.01, seed=6)
+    known = replace(p.mechanism, effects=(), unknown=())
+    values = dict(zip(known.bodies.names, known.prior, strict=True))
+    log, _ = ident.simulate(known, p.log, values=values)
+    turned = changed(log, tau__elbow=-log.columns["tau.elbow"])
+    fit = ident.identify(known, ident.complete(known, turned))
+    assert ("sign", ("tau.elbow",)) in found(health(fit))
+    assert ident.diagnose(fit).health.faults

@@ -153,3 +153,15 @@ def test_a_lone_spectral_line_is_no_motion():
     faster = moved + 0.02 * np.sin(2 * np.pi * 7.0 * t)  # a line of the motion's own
     assert 6.9 < motion_bandwidth(faster, 0.01) < 7.2
     assert motion_bandwidth(moved[:13], 0.01) >= 0.0
+
+
+@pytest.mark.parametrize("missing", [["v.theta"], ["v.x", "v.y", "v.theta"]])
+def test_a_machine_without_torques_has_no_knots_by_torques(missing):
+    mechanism, log = ident.load(ROBOTS / "pendulum"), ident.read_log(ROBOTS / "pendulum/run.csv")
+    columns = {name: x for name, x in log.columns.items() if name not in missing}
+    motion = ident.complete(mechanism, ident.Log.from_arrays("swing", log.t, columns))
+    at = mechanism.joint_index["theta"]
+    inside = motion.experiments[0].usable
+    a = np.interp(motion.experiments[0].t, log.t, log.columns["a.theta"])
+    off = motion.experiments[0].ydd[inside, at] - a[inside]
+    assert np.sqrt(np.mean(off**2)) < 0.01 * np.abs(a).max()

@@ -17,6 +17,7 @@ import numpy as np
 import polars as pl
 
 from ident.errors import LogError, one_of
+from ident.files import check_size, most_bytes
 from ident.log.table import RawTable, check_name
 
 JOINTS = "sensor_msgs/JointState"
@@ -37,6 +38,9 @@ def read_bag(path: Path, topics: Sequence[str] = ()) -> RawTable:
         raise LogError(
             f'{path}: reading ROS bags needs the package rosbags: pip install "ident[ros]"'
         ) from None
+    from ident.formats.bag_sizes import check_expansion
+
+    check_expansion(path)
     try:
         with Reader(path) as bag:
             connections = _chosen(bag.connections, topics, str(path))
@@ -83,6 +87,7 @@ def _messages(bag: Any, connections: list[Any], file: str) -> Groups:
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     number: Counter[str] = Counter()
+    values_read, most = 0, most_bytes() // 8
     arrays: dict[Any, tuple[array[int], array[int], array[float]]]
     arrays = defaultdict(lambda: (array("q"), array("q"), array("d")))
     for count, (connection, received, raw) in enumerate(bag.messages(connections=connections)):
@@ -98,6 +103,9 @@ def _messages(bag: Any, connections: list[Any], file: str) -> Groups:
         stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
         for values in filled.values():
             numbers.extend(map(float, values))
+            values_read += len(values)
+        if values_read > most:
+            check_size(Path(file), 8 * values_read)
     groups = {}
     for (topic, keys, names), (received, stamps, values) in arrays.items():
         columns = tuple(f"{key}.{name}" for key in keys for name in names)

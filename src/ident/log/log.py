@@ -23,6 +23,7 @@ from ident.errors import LogError, one_of
 from ident.lazy import lazy
 from ident.log.storage import write_table
 from ident.log.table import Array, Column, RawTable, check_name, frame_table, renamed
+from ident.text import shortlist
 
 if TYPE_CHECKING:
     import polars as pl
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FEWEST_SAMPLES = 10  # range
+LISTED = 40  # shown: columns of a file in a message
 # range: [s] a log of more than 100 samples with a median step outside is not in seconds: no machine
 # is logged that slowly, and drives compute their torque at 50 kHz at most
 SHORTEST_STEP, LONGEST_STEP = 2e-5, 0.5
@@ -138,7 +140,7 @@ def _no_time(table: RawTable) -> str:
         none = "".join(f"; column {name!r} {table.ignored[name]}" for name in text)
         return (
             "no time column 't', and none that looks like a time; a column t [s] is needed; "
-            f"the file has: {', '.join(table.columns) or 'no column of numbers'}{none}"
+            f"the file has: {shortlist([*table.columns], LISTED) or 'no column of numbers'}{none}"
         )
     step = float(np.median(steps[best])) if best in increasing else 0.0
     scale = (_scales(step) or [1.0])[0] if step > LONGEST_STEP else 1.0

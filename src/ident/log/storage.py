@@ -12,6 +12,7 @@ import re
 import warnings
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +37,7 @@ MISQUOTED = "quotes inside cells that do not enclose the whole cell; remove or d
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 LINE = re.compile(rb"([^\r\n]*)(\r\n|\r|\n|\Z)")
 PLAIN = b"0123456789+-.eE,\n"  # of a file of numbers alone
+MOST_ARRAYS = 5000  # work: of an archive, each of which is opened
 SMALL = 2_000_000  # work: bytes of a file that is read before polars would be imported
 QUOTED = re.compile(rb'"[^"]*"')
 
@@ -251,8 +253,20 @@ def check_claims(archive: np.lib.npyio.NpzFile, path: Path) -> dict[str, tuple[i
     """
     shapes, total, files = {}, 0, archive.zip
     assert files is not None  # while it is open
+    every = files.namelist()
+    members = {*every}
+    if len(every) > MOST_ARRAYS:
+        raise LogError(
+            f"{path}: {len(every):,} arrays; a log has at most {MOST_ARRAYS:,} columns, each a 1-D "
+            "array of all samples"
+        )
+    if twice := [name for name, count in Counter(archive.files).items() if count > 1]:
+        raise LogError(
+            f"{path}: two arrays are named {twice[0]!r}, of which a reader sees the last alone; "
+            "write each under its own name"
+        )
     for name in archive.files:
-        member = name if name in files.namelist() else f"{name}.npy"
+        member = name if name in members else f"{name}.npy"
         size = files.getinfo(member).file_size
         check_size(path, total := total + size)
         if not member.endswith(".npy"):

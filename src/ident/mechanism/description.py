@@ -32,6 +32,7 @@ from ident.text import shortlist
 LARGEST = 50_000_000  # work: bytes of a file
 FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf"}  # by root element
 MOST = 500  # work: joints, those that are fixed among them
+MOST_ATTRIBUTES = 1000  # work: of an element; listing them takes the square of their number
 TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating", "ball")
 SEVERAL = ("floating", "planar", "ball")  # joints of several coordinates
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # as C++ reads it, too
@@ -148,6 +149,9 @@ def parse_xml(data: bytes, where: str) -> etree._Element:
         ) from None
     if root.getroottree().docinfo.internalDTD is not None:
         raise MechanismError(f"{where}: has a document type, which is refused; remove it")
+    for element in root.iter(etree.Element):
+        if (count := len(element.attrib)) > MOST_ATTRIBUTES:
+            refuse(element, where, f"<{element.tag}> has {count:,} attributes; export it again")
     return root
 
 

@@ -179,7 +179,7 @@ def complete(
     complete_torques = all(
         f"tau.{name}" in s.columns for s in measured for name in mechanism.measured
     )
-    if smoothing == AUTO and complete_torques and not white:
+    if smoothing == AUTO and complete_torques and mechanism.measured and not white:
         if progress:
             progress("choosing knots by the torques", 0.0)
         before, band = band, by_torques(mechanism, measured, band, derived, cutoff != "auto")

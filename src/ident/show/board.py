@@ -45,6 +45,7 @@ from ident.show.local import Place, Readers
 from ident.show.residual import compared, errors_of_fit, failure_text, plot_joint, plot_maps
 from ident.text import shortlist
 
+ASKED = ("look", "preview", "add", "refuse", "remove", "back", "undo", "judge", "save")
 POINTS = 1500  # of a line on the page
 VIEWS = ("Joint", "Ladder", "Numbers", "Verdict")
 GROUPS = (
@@ -304,10 +305,12 @@ class Board:
             self._address = self._served.__enter__()
         return str(piece("document", None, self.state["title"], HEIGHT, self._address))
 
-    def _hear(self, text: str) -> None:
-        """Do what a page asks for, in a thread of its own."""
+    def _hear(self, text: str | bytes) -> None:
+        """Do what a page asks for, in a thread of its own; what no page of ours says is ignored."""
+        if (message := _message_of(text)) is None:
+            return
         of_command = self._context.copy().run  # commands to be copied are like this one
-        threading.Thread(target=of_command, args=(self.act, json.loads(text)), daemon=True).start()
+        threading.Thread(target=of_command, args=(self.act, message), daemon=True).start()
 
     def _change_state(self, **changes: Any) -> None:
         """Change the state here and on all pages; what is no JSON raises and changes nothing."""
@@ -440,6 +443,16 @@ def explore(mechanism: Mechanism, log: Motion | Logs, *, progress: Progress | No
     board = Board(mechanism.name, f"{mechanism.name}_explored")
     board.begin(lambda p: Exploration.of(mechanism, motion, p), progress or no_progress)
     return board
+
+
+def _message_of(text: str | bytes) -> dict[str, Any] | None:
+    """Return what a page asks for; None for what is no JSON object with a word to do."""
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    asks = isinstance(message, dict) and message.get("do") in ASKED
+    return message if asks else None
 
 
 def _line(error: Exception) -> str:
