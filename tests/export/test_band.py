@@ -19,9 +19,10 @@ MOON = (0.0, 0.0, -1.62)
 
 @pytest.fixture(scope="module")
 def fitted(robots):
-    """An arm whose bodies are known, but for the forearm, with friction in the elbow."""
+    """An arm whose bodies are known, but for forearm and hand, with friction in the elbow."""
     mechanism = ident.load(robots / "arm").with_calibration("exact")
-    forearm = [name for name in mechanism.unknown if name.startswith("forearm.")]
+    both = ("forearm.", "hand.")
+    forearm = [name for name in mechanism.unknown if name.startswith(both)]
     mechanism = replace(mechanism, unknown=tuple(forearm))
     mechanism = mechanism.with_effect("viscous:elbow").with_effect("coulomb:elbow")
     log = ident.read_log(robots / "arm" / "run.csv")
@@ -52,7 +53,7 @@ def test_the_band_holds_the_motion_under_another_gravity(fitted):
 def test_an_edit_of_what_the_log_cannot_separate_is_named(fitted):
     fit, _ = fitted
     combined = next(b.name for b in fit.base_parameters if " " in b.name)
-    name = next(word for word in combined.split() if word.startswith("forearm."))
+    name = next(word for word in combined.split() if word.startswith(("forearm.", "hand.")))
     assert inseparable(fit, {name: 0.1}, ()) == {name: [name]}
     assert inseparable(fit, {"viscous.elbow.Fv": 0.1}, ["coulomb:elbow"]) == {}
 

@@ -24,6 +24,7 @@ from ident.cli.options import (
 )
 from ident.display import render
 from ident.errors import IdentError
+from ident.files import write_all
 
 if TYPE_CHECKING:
     from ident.fit.files import Saved
@@ -52,6 +53,7 @@ def export(
     good_enough: GoodEnough = None,
     json: Json = False,
     plot: Plot = None,
+    report: Path | None = setting("Page of the replay, with the moving machine.", "FILE.html"),
     out: Path | None = setting("Default: the mechanism's name, in this folder.", "FILE"),
 ) -> None:
     """Write it for a simulator or controller; prove it by replay.
@@ -60,12 +62,15 @@ def export(
     listed with its size; with --replay the file is run in its simulator beside ident's own model.
     """
     from ident.export import export as export_
-    from ident.export.export import SIMULATORS, largest_error
+    from ident.export.export import largest_error
 
     mechanism, saved = _read(model, fit)
     output_file(plot, CHARTS)
     if plot is not None and replay is None:
         raise IdentError(f"--plot {plot}: shows the replay; add --replay LOG")
+    output_file(report, (".html",))
+    if report is not None and replay is None:
+        raise IdentError(f"--report {report}: shows the replay; add --replay LOG")
     if good_enough is not None and replay is None:
         raise IdentError("--good-enough: judges the replay; add --replay LOG")
     settings: dict[str, Any] = {}
@@ -86,12 +91,14 @@ def export(
     if plot is not None and made.replays is not None:
         made.replays.plot().save(plot)
         written.append(plot)
+    if report is not None:
+        written += write_all(report.parent, {report.name: render(made, "report")})
     remarks = [*made.notes, *(made.replays.notes if made.replays else ())]
     conclude(render(made, "json") if json else made, written, remarks)
-    if good_enough is not None and made.replays is not None:
-        simulator = SIMULATORS[made.target.name]
-        if largest_error(made.replays, simulator) > good_enough / 100:
-            sys.exit(3)
+    if good_enough is None or made.replays is None:
+        return
+    if largest_error(made.replays, made.simulator) > good_enough / 100:
+        sys.exit(3)
 
 
 def _vector(text: str | None) -> list[float] | None:

@@ -278,11 +278,10 @@ def compare(
         motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.2))
         comparison = compare_(*saved, motion=motion, progress=part(on_progress, 0.2, end))
         if simulated:
-            from ident.simulate.replay import replay
+            from ident.simulate.replay import WINDOW, replay
 
-            given = {} if window is None else {"window": window}
             show = part(on_progress, end, 1.0)
-            replayed = replay(*saved, motion=motion, progress=show, **given)
+            replayed = replay(*saved, motion=motion, window=window or WINDOW, progress=show)
     written: list[Path] = []
     if plot is not None:
         (replayed or comparison).plot().save(plot)

@@ -25,6 +25,7 @@ from ident.simulate.inverse import point_of
 from ident.simulate.replay import replay
 
 DRAWS = 12  # work: replays of a band; the quantile is Student's for as many
+WINDOWS = 8  # work: of a log, evenly over it, that are replayed for the band
 LEVEL = 0.95  # level: of the band
 
 
@@ -55,7 +56,7 @@ def band(
         progress: called with (what is being done, share done).
 
     Returns:
-        One array (n, joints) a log; 0 at the restarts.
+        One array (n, joints) a log; NaN where nothing was replayed.
 
     Raises:
         IdentError: if no more than one draw can be integrated.
@@ -85,7 +86,7 @@ def band(
                 pi[columns[name]] += dx
         try:
             drawn = Saved("draw", mechanism, point_of(mechanism, values, pi))
-            logs = replay(drawn, motion=motion, window=window).runs["draw"]
+            logs = replay(drawn, motion=motion, window=window, most=WINDOWS).runs["draw"]
         except IdentError:  # forces do not determine the motion of a body of negative inertia
             continue
         runs.append([run.simulated for run in logs])
@@ -96,8 +97,7 @@ def band(
     factor = float(student.ppf((1 + LEVEL) / 2, len(runs) - 1) * np.sqrt(1 + 1 / len(runs)))
     widths = []
     for series in zip(*runs, strict=True):
-        spread = factor * np.stack(series).std(axis=0, ddof=1)
-        widths.append(np.where(np.isfinite(spread), spread, np.inf))
+        widths.append(factor * np.stack(series).std(axis=0, ddof=1))
     return tuple(widths)
 
 

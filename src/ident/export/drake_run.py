@@ -14,7 +14,7 @@ from ident.equations.unknowns import NOTHING
 from ident.errors import IdentError
 from ident.export.machine import Machine
 from ident.motion import Motion, State
-from ident.simulate.replay import ReplayedLog
+from ident.simulate.replay import ReplayedLog, tree_columns
 
 STEP = 1e-3  # numerics: [s] of the method of order 4
 
@@ -92,4 +92,5 @@ def _replayed(
     return ReplayedLog(
         e.name, e.t, tuple(e.logged), tuple(mechanism.joints[i].unit for i in logged),
         np.where(e.usable[:, None], e.y[:, logged], np.nan), result[:, logged], tuple(starts),
+        (), result[:, tree_columns(mechanism)],
     )  # fmt: skip

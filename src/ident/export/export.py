@@ -37,6 +37,7 @@ class Export(Displayed):
         folder: where they belong.
         notes: what a person should know of the numbers.
         replays: models' simulated motion against the measured one, where a log was given.
+        motion: of that log.
     """
 
     target: Target
@@ -46,6 +47,12 @@ class Export(Displayed):
     folder: Path
     notes: tuple[str, ...] = ()
     replays: Replay | None = None
+    motion: Motion | None = None
+
+    @property
+    def simulator(self) -> str:
+        """The simulator in which the target is replayed."""
+        return SIMULATORS[self.target.name]
 
     @property
     def text(self) -> str:
@@ -137,6 +144,7 @@ def export(
     if motion is None:
         raise IdentError("nothing to replay; give a log")
     replays = _replays(made, motion, product, window, progress)
+    made = replace(made, motion=motion)
     if not (values or without or gravity is not None):
         return replace(made, replays=replays)
     errors = covariance_of(model)

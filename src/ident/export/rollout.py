@@ -22,7 +22,7 @@ from ident.equations.unknowns import NOTHING
 from ident.errors import IdentError, MotionError, one_of
 from ident.export.machine import Machine
 from ident.motion import Motion, State
-from ident.simulate.replay import ReplayedLog
+from ident.simulate.replay import ReplayedLog, tree_columns
 
 if TYPE_CHECKING:
     import mujoco
@@ -160,6 +160,7 @@ def _replayed(
     return ReplayedLog(
         e.name, e.t, joints, units, measured, result[:, logged], tuple(starts),
         tuple(dict.fromkeys(failures)),
+        result[:, tree_columns(mechanism)],
     )  # fmt: skip
 
 

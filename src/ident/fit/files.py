@@ -172,6 +172,9 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             "basis": multipliers.basis,
             "spacing": multipliers.spacing,
             "file": "multipliers.csv",
+            "stderr": fit.multiplier_errors.by_values.tolist(),
+            "by_priors": fit.multiplier_errors.by_priors.tolist(),
+            "rest_on": dict(fit.multiplier_errors.resting),
         },
         "error": {
             **_error_sets(fit),

@@ -16,7 +16,7 @@ from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns
 from ident.errors import MotionError
 from ident.finding import Finding, note
-from ident.fit.prediction import identifiable_multipliers, resting_on_priors
+from ident.fit.prediction import identifiable_multipliers, multiplier_errors
 from ident.fit.shapes import initial
 from ident.fit.values import EffectValues, ParameterValues, absorbed_by
 from ident.information.blocks import Error
@@ -171,7 +171,7 @@ def _multipliers(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
             f"({len(determined)} of rank {mechanism.rank}), which is normal for planar loops"
         )
         yield Finding("redundant", text, where=open_)
-    resting = resting_on_priors(problem, estimate)
+    resting = multiplier_errors(problem, estimate).resting
     if resting := {name: on for name, on in resting.items() if name not in open_}:
         on = tuple(dict.fromkeys(name for names in resting.values() for name in names))
         text = (

@@ -209,36 +209,69 @@ def identifiable_multipliers(mechanism: Mechanism, motion: Motion) -> np.ndarray
     return determined
 
 
-def resting_on_priors(problem: Problem, estimate: Estimate) -> dict[str, list[str]]:
-    """Return by multiplier the unknowns whose priors it rests on, most important first.
+@dataclass(frozen=True, eq=False)
+class MultiplierErrors:
+    """What the values behind the m multipliers of a fit leave open of them.
+
+    Attributes:
+        by_values: (m,) rms over time of the standard error that the base parameters' errors make.
+        by_priors: (m,) rms over time of what unknowns that no torque determines make, each at the
+            largest plausible distance from its prior.
+        resting: by multiplier the unknowns whose priors it rests on, most important first.
+    """
+
+    by_values: np.ndarray
+    by_priors: np.ndarray
+    resting: Mapping[str, list[str]]
+
+
+def multiplier_errors(
+    problem: Problem, estimate: Estimate, covariance: np.ndarray | None = None
+) -> MultiplierErrors:
+    """Return the errors of the multipliers; `covariance` (n_ind, n_ind): of the base parameters.
 
     Some inertial directions change λ and never a torque: with A the columns of all rows and
     K⁺ = [J; W_u]⁺, λ = −K⁺ᵀ(A x − b) moves by −K⁺ᵀ(A_D − A_I K) when an unknown x_D that torques
-    do not determine moves and the base parameters stay.
+    do not determine moves and the base parameters stay, and by −K⁺ᵀ A_I when these move.
     """
     mechanism, motion, columns = problem.mechanism, problem.motion, problem.columns
     base = estimate.base
     names, m = mechanism.kinematics.multipliers, len(mechanism.kinematics.multipliers)
-    if not m or not len(base.dependent):
-        return {}
-    point = problem.point_at(estimate.x)
-    moved_by_priors, size = np.zeros((m, len(base.dependent))), np.zeros(m)
+    if not m:
+        return MultiplierErrors(np.zeros(0), np.zeros(0), {})
+    point, root = problem.point_at(estimate.x), _root(covariance)
+    plausible = problem.plausible[base.dependent]
+    largest, size = np.zeros((m, len(plausible))), np.zeros(m)
+    squares, samples = np.zeros((2, m)), 0  # by values, by priors
     for e in motion.experiments:
         at = np.flatnonzero(e.usable)[:: max(1, len(e) // SAMPLES)]
         terms = Scene.of(mechanism, columns, e, point, motion.band.cutoff).terms(at, full=True)
         extract = -e.pinv[at][:, :, :m].transpose(0, 2, 1)
         A, unbalanced = terms.A, terms.A @ columns.prior - terms.b
-        change = extract @ (A[:, :, base.dependent] - A[:, :, base.independent] @ base.K)
-        moved_by_priors = np.maximum(moved_by_priors, np.abs(change).max(axis=0, initial=0.0))
+        by_base = extract @ A[:, :, base.independent]
+        change = (extract @ A[:, :, base.dependent] - by_base @ base.K) * plausible
+        largest = np.maximum(largest, np.abs(change).max(axis=0, initial=0.0))
         loads = np.einsum("nmi,ni->nm", extract, unbalanced)
         size = np.maximum(size, np.abs(loads).max(axis=0, initial=0.0))
-    by = moved_by_priors * problem.plausible[base.dependent]
+        if root is not None:
+            squares[0] += ((by_base @ root) ** 2).sum(axis=(0, 2))
+        squares[1] += (change**2).sum(axis=(0, 2))
+        samples += len(at)
     resting = {}
     for i, name in enumerate(names):
-        order = [j for j in np.argsort(-by[i]) if by[i, j] > MATERIAL * size[i]]
+        order = [j for j in np.argsort(-largest[i]) if largest[i, j] > MATERIAL * size[i]]
         if order:
             resting[name] = [columns.names[base.dependent[j]] for j in order]
-    return resting
+    by_values, by_priors = np.sqrt(squares / max(samples, 1))
+    return MultiplierErrors(by_values, by_priors, resting)
+
+
+def _root(covariance: np.ndarray | None) -> np.ndarray | None:
+    """Return L with L Lᵀ = covariance; None where it is not known."""
+    if covariance is None or not np.isfinite(covariance).all():
+        return None
+    values, V = np.linalg.eigh(covariance)
+    return np.asarray(V * np.sqrt(np.maximum(values, 0.0)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

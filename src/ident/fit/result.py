@@ -24,7 +24,14 @@ from ident.fit.calibration import Budget, budget_of
 from ident.fit.consistency import Binding, PossibleBodies
 from ident.fit.findings import unexcited
 from ident.fit.likelihood import Likelihood
-from ident.fit.prediction import Prediction, Reactions, identifiable_multipliers, predict
+from ident.fit.prediction import (
+    MultiplierErrors,
+    Prediction,
+    Reactions,
+    identifiable_multipliers,
+    multiplier_errors,
+    predict,
+)
 from ident.fit.residual import Charted, Residual, floor_of, residual_of
 from ident.fit.residual_maps import Periods, period_of
 from ident.fit.values import (
@@ -478,6 +485,11 @@ class Fit(Charted):
             a = band.elimination.back_substitute(self.estimate.x)
             series[band.segment] = band.basis.evaluate(a, t[band.segment])
         return [(t, np.where(determined, series, np.nan)) for t, series in values]
+
+    @cached_property
+    def multiplier_errors(self) -> MultiplierErrors:
+        """What errors of the values, and priors that no torque corrects, leave open of λ."""
+        return multiplier_errors(self.problem, self.estimate, self.covariance)
 
     @cached_property
     def unfiltered(self) -> dict[str, Error]:

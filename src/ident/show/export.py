@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from ident.display import render, renders
+from ident.errors import IdentError
 from ident.export import Export, export
 from ident.export.laws import Lost
 from ident.fit.result import Fit
-from ident.show.html import Sheet
-from ident.text import significant
+from ident.show.html import Section, Sheet
+from ident.text import percent, significant
+
+FILM = 400  # shown: moments of the moving machine
 
 
 def _size(x: float, unit: str) -> str:
@@ -66,6 +69,43 @@ def export_json(x: Export) -> dict[str, Any]:
         "notes": list(x.notes),
         **({} if x.replays is None else {"replay": render(x.replays, "json")}),
     }  # fmt: skip
+
+
+@renders(Export, "report")
+def report(x: Export) -> bytes:
+    """Return the page of a replay: the written machine's motion beside the measured one, and the
+    machine with the simulator's as a ghost.
+
+    Raises:
+        IdentError: of an export without a replay.
+    """
+    from ident.show.html import report_page
+    from ident.show.view import Ghosts
+
+    if x.replays is None or x.motion is None:
+        raise IdentError("a page shows a replay, and there is none; give a log to replay")
+    replays, motion = x.replays, x.motion
+    models = tuple(replays.runs)
+    ghosts = {
+        number: Ghosts(
+            slice(0, len(runs[0].t)), [run.coordinates for run in runs], replays.window, models
+        )
+        for number, runs in enumerate(zip(*replays.runs.values(), strict=True))
+    }
+    machine = render(x.machine.mechanism, "view", motion.experiments, (), FILM, ghosts)
+    worst = {
+        name: max((e for run in logs for e in run.errors.values()), key=lambda e: e.relative or 0.0)
+        for name, logs in replays.runs.items()
+    }
+    words = "; ".join(
+        f"{name}: at most {percent(error.relative)} of the way ({significant(error.rms)} "
+        f"{error.unit} rms)"
+        for name, error in worst.items()
+    )
+    title = f"{x.machine.name} in {x.simulator}"
+    head = f"Simulated against measured motion, restarted every {replays.window:g} s. {words}."
+    sections = (render(replays, "section"), Section("What the file holds", sheet(x).blocks()))
+    return report_page(title, head, sections, (render(replays, "plot"),), (machine,))
 
 
 @renders(Fit, "export")

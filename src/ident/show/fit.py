@@ -218,13 +218,22 @@ def body_lines(fit: Fit) -> list[str]:
 
 
 def _multiplier_rows(fit: Fit) -> Rows:
-    rows = [["multiplier", "rms", "largest", "unit"]]
+    errors, kinematics = fit.multiplier_errors, fit.mechanism.kinematics
+    rows = [["multiplier", "rms", "±", "largest", "unit"]]
+    if errors.resting:
+        rows[0] += ["if priors are wrong, ± up to", "which no torque shows"]
     values = np.concatenate([item for _, item in fit.multipliers])
-    kinematics = fit.mechanism.kinematics
-    for name, unit, y in zip(kinematics.multipliers, kinematics.units, values.T, strict=True):
+    names = zip(kinematics.multipliers, kinematics.units, values.T, strict=True)
+    for i, (name, unit, y) in enumerate(names):
         x = y[np.isfinite(y)]
         sizes = [significant(f(x**2) ** 0.5, 4) for f in (np.mean, np.max) if len(x)]
-        rows.append([name, *(sizes or ["–", "–"]), unit])
+        rms, most = sizes or ["–", "–"]
+        error = significant(float(errors.by_values[i]), 2) if len(x) else ""
+        row = [name, rms, error, most, unit]
+        if errors.resting:
+            on = errors.resting.get(name, []) if len(x) else []
+            row += [significant(float(errors.by_priors[i]), 2) if on else "", shortlist(on, 2)]
+        rows.append(row)
     return rows
 
 

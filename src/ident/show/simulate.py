@@ -93,8 +93,7 @@ def plot(x: Replay, experiment: int = 0) -> Chart:
             above.append(Line(run.t, run.simulated[:, j], label, i))
             if run.band is not None:
                 for side in (-1, 1):
-                    edge = np.where(np.isfinite(run.band[:, j]), run.band[:, j], np.nan)
-                    below.append(Line(run.t, side * edge, "", i, 0.4))
+                    below.append(Line(run.t, side * run.band[:, j], "", i, 0.4))
             below.append(Line(run.t, run.simulated[:, j] - run.measured[:, j], "", i, 0.8))
         rows.append((Panel(tuple(above), "t [s]", f"{joint} [{unit}]", height=1.8),))
         rows.append((Panel((Level(), *below), "t [s]", f"difference [{unit}]", height=1.4),))

@@ -82,11 +82,13 @@ class Ghosts:
         samples: of the experiment, a slice of k.
         positions: of the models before and now, (k, nq) each.
         window: [s] from one restart at the measured position to the next.
+        names: of the models, as the picture calls them.
     """
 
     samples: slice
     positions: Sequence[np.ndarray]
     window: float
+    names: Sequence[str] = tuple(GHOSTS)
 
 
 def film_of(
@@ -106,7 +108,7 @@ def film_of(
         moments = np.union1d(frames(t, most // 2), inside[shown])
         at = moments - inside[0]
         inside_stretch = (at >= 0) & (at < len(inside))
-        for name, positions in zip(GHOSTS, ghosts.positions, strict=True):
+        for name, positions in zip(ghosts.names, ghosts.positions, strict=True):
             drawn[name] = np.full((len(moments), positions.shape[1]), np.nan)
             drawn[name][inside_stretch] = positions[at[inside_stretch]]
     q = np.asarray(experiment.q, float)[moments]
@@ -302,9 +304,15 @@ class View:
             "marks": dict(self.marks), "ramp": _ramp(SHADES), "unknown": UNKNOWN,
             "fov": float(ANGLE), "misfit": self.largest_misfit, "up": up, "direction": direction,
             "target": target, "half": half, "depth": depth, "arrays": list(arrays),
-            "ghosts": GHOSTS if self.window else {}, "stretch": self._played,
+            "ghosts": self._ghosts, "stretch": self._played,
         }  # fmt: skip
         return script_json(content)
+
+    @property
+    def _ghosts(self) -> dict[str, tuple[int, int, int]]:
+        """Colours of the models whose ghosts are drawn, by their names."""
+        names = next((film.ghosts for film in self.films if film.ghosts), ())
+        return dict(zip(names, GHOSTS.values(), strict=False))
 
     @property
     def _played(self) -> list[float] | None:

@@ -21,6 +21,7 @@ from ident.errors import FitError, MotionError
 from ident.fit.files import Saved
 from ident.fit.result import Fit
 from ident.information.blocks import Error, Squares
+from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, State
 from ident.simulate.dynamics import Dynamics
 from ident.simulate.events import Integration
@@ -43,7 +44,8 @@ class ReplayedLog:
     measured: np.ndarray  # (n, j), NaN where there is none
     simulated: np.ndarray  # (n, j), the same; at a restart the end of the window before
     starts: tuple[int, ...]  # samples at which a window begins
-    failures: tuple[str, ...] = ()  # why windows could not be integrated to their end
+    failures: tuple[str, ...]  # why windows could not be integrated to their end
+    coordinates: np.ndarray  # (n, nq) simulated ones of the tree
     band: np.ndarray | None = None  # (n, j) half of the width of the simulated one's 95 % band
 
     @property
@@ -67,10 +69,10 @@ class ReplayedLog:
         """
         if self.band is None:
             return {}
-        off = np.abs(self.simulated - self.measured)
+        off = np.abs(self.simulated - self.measured) / self.band
         off[list(self.starts)] = np.nan
         return {
-            joint: float(np.mean(off[known, j] <= self.band[known, j]))
+            joint: float(np.mean(off[known, j] <= 1))
             for j, joint in enumerate(self.joints)
             if (known := np.isfinite(off[:, j])).any()
         }
@@ -110,6 +112,7 @@ def replay(
     *models: Fit | Saved,
     motion: Motion | None = None,
     window: float = WINDOW,
+    most: int | None = None,
     progress: Progress | None = None,
 ) -> Replay:
     """Compare simulated with measured motion, restarted from the measured state every `window` s.
@@ -118,6 +121,7 @@ def replay(
         models: fits, or fit.json files read back.
         motion: the measured motion, with torques; default: that of the first fit.
         window: [s] from one restart to the next.
+        most: windows of a log that are simulated, evenly over it; None: all.
         progress: called with (what is being done, share done).
 
     Raises:
@@ -139,14 +143,15 @@ def replay(
     runs: dict[str, tuple[ReplayedLog, ...]] = {}
     for i, model in enumerate(models):
         label = f"fit {i + 1}" if len(models) > 1 else "fit"
-        logs = (_replayed(model, motion, e, window, progress) for e in motion.experiments)
+        logs = (_replayed(model, motion, e, window, most, progress) for e in motion.experiments)
         runs[model.name if isinstance(model, Saved) else label] = tuple(logs)
     return Replay(runs, window)
 
 
 def _replayed(
-    model: Fit | Saved, motion: Motion, bare: State, window: float, on_progress: Progress | None
-) -> ReplayedLog:
+    model: Fit | Saved, motion: Motion, bare: State, window: float, most: int | None,
+    on_progress: Progress | None,
+) -> ReplayedLog:  # fmt: skip
     scene = Scene.of(model.mechanism, NOTHING, bare, model.point, motion.band.cutoff)
     mechanism, e = scene.mechanism, scene.e
     logged = tuple(mechanism.joint_index[name] for name in e.logged)
@@ -159,20 +164,26 @@ def _replayed(
 
     simulated, starts, failures = np.full(e.y.shape, np.nan), [], []
     length = max(2, round(window * e.rate))
-    for segment in e.segments():
-        for a in range(segment.start, segment.stop - 1, length):
-            if on_progress:
-                on_progress(f"simulating {e.name}", a / len(e))
-            starts.append(a)
-            times = e.t[a : min(a + length, segment.stop - 1) + 1]
-            dynamics = Dynamics(plant, torques, motion.independent, extra, since)
-            integration = Integration(dynamics, TOLERANCE, STEPS / e.rate, knots, e.y[a])
-            try:
-                integration.run((e.q[a], e.v[a], z[a]), times)
-            except MotionError as error:
-                failures.append(str(error))
-                continue
-            simulated[a + 1 : a + len(times)] = [m.y for m, _, _ in integration.samples[1:]]
+    windows = [
+        (a, min(a + length, segment.stop - 1))
+        for segment in e.segments()
+        for a in range(segment.start, segment.stop - 1, length)
+    ]
+    if most is not None and len(windows) > most:
+        windows = [windows[i] for i in np.linspace(0, len(windows) - 1, most).astype(int)]
+    for a, stop in windows:
+        if on_progress:
+            on_progress(f"simulating {e.name}", a / len(e))
+        starts.append(a)
+        times = e.t[a : stop + 1]
+        dynamics = Dynamics(plant, torques, motion.independent, extra, since)
+        integration = Integration(dynamics, TOLERANCE, STEPS / e.rate, knots, e.y[a])
+        try:
+            integration.run((e.q[a], e.v[a], z[a]), times)
+        except MotionError as error:
+            failures.append(str(error))
+            continue
+        simulated[a + 1 : a + len(times)] = [m.y for m, _, _ in integration.samples[1:]]
     return ReplayedLog(
         e.name,
         e.t,
@@ -182,4 +193,11 @@ def _replayed(
         simulated[:, logged],
         tuple(starts),
         tuple(dict.fromkeys(failures)),
+        simulated[:, tree_columns(mechanism)],
     )
+
+
+def tree_columns(mechanism: Mechanism) -> list[int]:
+    """Return where the coordinates q (nq,) of the tree are among those of all joints."""
+    tree = sorted((j.index, j.name) for j in mechanism.joints if j.in_tree)
+    return [mechanism.joint_index[name] for _, name in tree]
