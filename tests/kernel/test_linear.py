@@ -57,3 +57,17 @@ def test_what_is_not_finite_is_said(value):
     for ask in (lambda: linear.svd(M), lambda: linear.pinv(M), lambda: linear.lstsq(M, M)):
         with pytest.raises(FitError, match="not finite"):
             ask()
+
+
+@pytest.mark.parametrize("size", [1, 4])
+def test_inverses_of_stacks_leave_out_what_is_not_determined(size):
+    turn = np.linalg.qr(random.standard_normal((2, 3, size, size)))[0]
+    values = random.uniform(0.1, 1.0, (2, 3, size))
+    whole = (turn * values[..., None, :]) @ turn.swapaxes(-1, -2)
+    assert linear.inverse(whole) == pytest.approx(np.linalg.inv(whole))
+    values[1, 2, 0] = 1e-9  # one direction of one matrix
+    open_one = (turn * values[..., None, :]) @ turn.swapaxes(-1, -2)
+    expected = np.linalg.pinv(open_one, 1e-8, hermitian=True)
+    if size == 1:
+        expected[1, 2] = 0.0
+    assert linear.inverse(open_one) == pytest.approx(expected)

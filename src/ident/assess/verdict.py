@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from ident.assess.errors import NOISY, too_large
 from ident.assess.good_enough import scale_doubts
-from ident.diagnosis.result import Diagnosis, errors_of
 from ident.faults.channel_fits import HALF
 from ident.faults.data_checks import Health
 from ident.faults.fault import UNITS
 from ident.finding import Finding
+from ident.fit import Fit
 from ident.fit.files import Saved
 from ident.fit.findings import DRIVING
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.information.estimate import MATERIAL
+
+if TYPE_CHECKING:  # a fit is judged without what a diagnosis needs
+    from ident.diagnosis.result import Diagnosis
 
 PART = 0.5  # tuned: share beyond noise that stays, from which a name may be another cause's
 BODIES = 0.3  # range: difference of logarithms that the masses of a URDF make
@@ -29,11 +33,16 @@ def errors_with_named(d: Diagnosis) -> Mapping[str, Error]:
     return d.laws[-1].after if d.laws else {}  # its fit has all laws
 
 
+def _errors(fit: Fit) -> Mapping[str, Error]:
+    """Return errors held out, or of the fitted data where the log is too short for that."""
+    return fit.held_out or fit.train
+
+
 def failing_joints(d: Diagnosis) -> list[Failure]:
     """Return the joints in which more than noise is left, the worst first; none if clean."""
     if d.verdict == "nothing":
         return []
-    errors = errors_of(d.fit)
+    errors = _errors(d.fit)
     noisy = [f for f in d.where if errors[f.joint].rms > NOISY * d.floor[f.joint]]
     return noisy or [*d.where[:1]]
 
@@ -71,7 +80,7 @@ def share_unexplained(d: Diagnosis) -> float:
     if joint not in d.loud:
         return 0.0
     floor = d.floor[joint] ** 2
-    squares = (e.rms**2 for e in (errors_of(d.fit)[joint], d.after[joint]))
+    squares = (e.rms**2 for e in (_errors(d.fit)[joint], d.after[joint]))
     before, rest = (max(square - floor, 0.0) for square in squares)
     return rest / max(before, floor)
 
@@ -103,7 +112,7 @@ def joints_at_reversals(d: Diagnosis) -> list[str]:
     if d.reversing:
         return [*d.loud]
     worse = {j for note in d.fit.all_findings if note.code == "reversals" for j in note.where}
-    errors = errors_of(d.fit) if d.verdict == "nothing" else {}
+    errors = _errors(d.fit) if d.verdict == "nothing" else {}
     return [j for j, e in errors.items() if j in worse and e.rms > NOISY * d.floor[j]]
 
 

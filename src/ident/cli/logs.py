@@ -207,7 +207,6 @@ def _show(
     from ident.fit.files import fit_json, write_fit
     from ident.log import read_log
     from ident.show.fit import summary
-    from ident.show.streams import gathered_summary
 
     known = None if reactions is None else fit.compare_multipliers(read_log(reactions))
     written: list[Path] = []
@@ -221,7 +220,12 @@ def _show(
     if json:
         outcome = fit_json(fit)
     else:
-        outcome = gathered_summary(gathered, request) if gathered else summary(fit, request)
+        if gathered:
+            from ident.show.streams import gathered_summary  # slow to import
+
+            outcome = gathered_summary(gathered, request)
+        else:
+            outcome = summary(fit, request)
         outcome = f"{outcome}\n\n{known}" if known else outcome
     remarks = [*(gathered.notes if gathered else fit.warnings)]
     with suppress(IdentError):

@@ -17,8 +17,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from ident.diagnosis.candidates import SURROGATES, Contest, NoiseDraws
 from ident.equations.motion_noise import gain
@@ -112,6 +110,9 @@ def _of_values(contest: Contest, errors: Covariance, random: np.random.Generator
 
 def _coefficients(spline: Spline, random: np.random.Generator) -> Array:
     """c (count, coordinates, DRAWS) with U c of unit noise."""
+    import scipy.sparse as sp  # takes half a second to import
+    from scipy.sparse.linalg import splu
+
     count, d = spline.c.shape
     size = count * d
     row = np.repeat(np.arange(size), WIDTH * d)

@@ -16,6 +16,7 @@ do. Arguments and results are those of `numpy.linalg`, stacks of matrices includ
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -81,13 +82,17 @@ class Triangle:
         triangles = list(triangles)
         if len(triangles) == 1:
             return triangles[0]
-        at = next((i for i, item in enumerate(triangles) if item.is_square), 0)
-        first, others = triangles[at], [*triangles[:at], *triangles[at + 1 :]]
-        if not first.is_square:
-            others, first = triangles, cls.empty(first.k)
+        filled = [item for item in triangles if len(item.R)]
+        if len(filled) < 2:  # of most blocks there are no rows at standstill
+            return replace((filled or triangles)[0], rows=sum(item.rows for item in triangles))
+        at = next((i for i, item in enumerate(triangles) if item.is_square), -1)
+        others = [*triangles[:at], *triangles[at + 1 :]] if at >= 0 else triangles
         stack = np.concatenate([item.stack() for item in others])
         stack = stack[stack.any(axis=1)]  # rows of zeros hold no information
-        merged = first.updated(stack[:, :-1], stack[:, -1]) if len(stack) else first
+        A, b = stack[:, :-1], stack[:, -1]
+        merged = triangles[at].updated(A, b) if at >= 0 and len(b) else triangles[at]
+        if at < 0:
+            merged = cls.of(A, b)
         return replace(merged, rows=sum(item.rows for item in triangles))
 
     @property
@@ -287,13 +292,20 @@ def _check_finite(*arrays: Array) -> None:
 UNDETERMINED = 1e-8  # numerics: of 1: a direction of the left-out block alone is not predicted
 
 
-def inverse(H: Array) -> Array:
-    """Return H⁻¹ (…, u, u) in the directions that are determined, zero in the others."""
+def inverse(H: Array, least: float = UNDETERMINED) -> Array:
+    """Return H⁻¹ (…, u, u) of symmetric H in the directions that are determined, whose eigenvalues
+    are larger than `least`; zero in the others.
+    """
     if H.shape[-1] == 1:
-        good = H > UNDETERMINED
+        good = least < H
         return np.asarray(good / np.where(good, H, 1.0))
+    with suppress(np.linalg.LinAlgError):  # all are determined: a tenth of the time
+        np.linalg.cholesky(H - least * np.eye(H.shape[-1]))
+        return np.asarray(np.linalg.inv(H))
+    if H.ndim > 3:
+        return np.stack([inverse(matrices, least) for matrices in H])
     values, vectors = np.linalg.eigh(H)
-    good = values > UNDETERMINED
+    good = values > least
     scaled = vectors * (good / np.where(good, values, 1.0))[..., None, :]
     return np.asarray(scaled @ vectors.swapaxes(-1, -2))
 

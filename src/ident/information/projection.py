@@ -25,6 +25,7 @@ from ident.information.linear import Array, Index
 
 RANK = 1e-8  # numerics: of unit columns' largest singular value: below, it is rounding
 VISIBLE = 1e-4  # numerics: share of a column that must be new; squares of less are rounding
+ALONE = 1e-10  # numerics: of 1: less is left of a direction that one block alone determines
 EXACT = 1e-6  # numerics: of the squares that a weight expects: what is below is explained
 
 
@@ -161,7 +162,7 @@ class Projection:
     def _downdated(self) -> tuple[Array, Array]:
         """QᵀQ (parts, blocks, rank, rank), and by block M = (I − G)⁻¹, G = QᵀQ of all parts."""
         G = self.by_part(self._Q, self._Q)
-        return G, linear.pinv(np.eye(self.rank) - G.sum(axis=0), rcond=1e-10, hermitian=True)
+        return G, linear.inverse(np.eye(self.rank) - G.sum(axis=0), ALONE)
 
     @cached_property
     def _inside(self) -> Array:

@@ -139,7 +139,8 @@ class Online:
             others, and should show the machine moving as it will.
         forget: time constant [s] after which an equation counts e times less; None: all count
             alike.
-        latency: how long samples may wait for others [s]: rows are made faster together.
+        latency: how long samples may wait for others [s]: rows are made faster together. Those of
+            a tree, whose results are seen in snapshots alone, wait 0.5 s or for the next snapshot.
         warmup: how many seconds are looked at where `like` is not given.
         cutoff, smoothing: as `complete` takes them, where `like` is not given.
 
@@ -177,6 +178,7 @@ class Online:
         self.left_out: list[tuple[int, str]] = []  # (row, why) of samples of the last `update`
         self.findings: list[Since] = []  # new ones
         self._early: list[np.ndarray] | None = []  # samples not yet looked at for errors
+        self._early_count = 0  # samples of these
         self._bias: np.ndarray | None = None  # of the unknowns, by errors that are named
         self._reference = like if isinstance(like, Fit) else None  # until errors were looked for
         if like is not None:
@@ -283,11 +285,12 @@ class Online:
         """Look for errors of the data in further samples (n, columns); `over`: no more come."""
         self.findings, mechanism = [], stream.mechanism
         if self._early is not None:  # once, what `identify` says of the first samples
-            self._early.append(X)
-            early = np.concatenate(self._early)[: CHECKED[1]]
-            full = len(early) == CHECKED[1] or (len(early) and np.ptp(early[:, 0]) >= CHECKED[0])
-            if len(early) and (ended or full):
-                self._early = None
+            self._early += [X] if len(X) else []
+            self._early_count += len(X)
+            long = self._early_count and self.t - self._early[0][0, 0] >= CHECKED[0]
+            full = self._early_count >= CHECKED[1] or long
+            if self._early_count and (ended or full):
+                early, self._early = np.concatenate(self._early)[: CHECKED[1]], None
                 with suppress(IdentError):  # too few: the stream says what it lacks
                     log = log_of(mechanism.name, stream.columns_of_samples, early)
                     motion = complete(mechanism, log)
@@ -364,7 +367,8 @@ class Online:
         point = working_point(self.mechanism, motion, fit.point if fit else None)
         mechanism = _with_known_shapes(self.mechanism, point)
         columns, first = Columns.of(mechanism), motion.experiments[0]
-        stream = Stream(mechanism, columns, motion, point, self._latency)
+        tree = not mechanism.closures  # without forces to be seen after each call
+        stream = Stream(mechanism, columns, motion, point, self._latency, on_demand=tree)
         supports = row_supports(mechanism, columns, first)
         self._accumulator = Accumulator(supports, self._T, stream.period)
         self._determined = identifiable_multipliers(mechanism, motion)

@@ -57,6 +57,14 @@ class SampleParser:
         self._ahead: np.ndarray | None = None  # the sample that waits
         ranges = [(usual or {}).get(name, (0.0, np.inf)) for name in self.columns]
         self._centre, self._range = np.array(ranges).reshape(-1, 2).T
+        # by column of one sample: where it stands in it, and [log]'s scale and offset
+        sources = [self._mapping.get(name) for name in self.columns]
+        self._keys = tuple(
+            source.column if source else name
+            for name, source in zip(self.columns, sources, strict=True)
+        )
+        self._scale = np.array([source.scale if source else 1.0 for source in sources])
+        self._offset = np.array([source.offset if source else 0.0 for source in sources])
         self._absurd = 0  # samples in a row that are no measurements
         # (row, why) of samples of the last call; of one that waited since before, row −1
         self.left_out: list[tuple[int, str]] = []
@@ -66,6 +74,8 @@ class SampleParser:
 
         Refuses one sample that would be left out, and other columns than before.
         """
+        if (X := self._usual(sample)) is not None:
+            return X
         given = self._renamed(sample)
         names = self.columns or tuple(dict.fromkeys(("t", *given)))
         if lacking := [name for name in (("t",) if self._any else names) if name not in given]:
@@ -109,6 +119,24 @@ class SampleParser:
         if count == 1 and self.left_out and self.left_out[-1][0] == 0:
             raise LogError(self.left_out[-1][1])
         return X
+
+    def _usual(self, sample: Sample) -> np.ndarray | None:
+        """Return one sample (1, columns) in which nothing is to be looked at; None for others."""
+        if self._any or self._ahead is not None or isinstance(sample, Log):
+            return None
+        try:
+            x = np.array([sample[key] for key in self._keys], dtype=float)
+        except (KeyError, TypeError, ValueError):
+            return None
+        if x.ndim != 1 or not (np.abs(x) < LARGEST).all():
+            return None
+        x = self._scale * x + self._offset
+        t, far = float(x[0]), np.abs(x - self._centre) > self._range
+        in_order = self.last < t and not (self.last > -np.inf and t - self.last > self._gap)
+        if far.any() or not in_order:
+            return None
+        self.last, self._absurd, self.left_out = t, 0, []
+        return x[None]
 
     def _ordered(self, t: np.ndarray, row: np.ndarray) -> np.ndarray:
         """(n,) samples whose times increase."""
@@ -185,13 +213,15 @@ class DataWatch:
         self._like = Motion((), like.independent, like.band, 0.0)
         self._samples: list[np.ndarray] = []
         self._states: list[State] = []
+        self._count = 0  # samples of these states
         self.known: dict[tuple[str, tuple[str, ...]], Since] = {}  # all so far
 
     def add(self, X: np.ndarray, states: list[State], ended: bool = False) -> list[Since]:
         """Add samples (n, columns) and states; return what is new. `over`: no more come."""
         self._samples += [X] if len(X) else []
         self._states += [e for e in states if len(e)]
-        if sum(map(len, self._states)) < FEWEST:
+        self._count += sum(map(len, states))
+        if self._count < FEWEST or not (states or ended):
             return []
         start, end = float(self._states[0].t[0]), float(self._states[-1].t[-1])
         if (end - start < SECONDS and not ended) or len(self.known) >= REPORTED:
@@ -199,7 +229,7 @@ class DataWatch:
         t, yd, ydd = (
             np.concatenate([getattr(e, name) for e in self._states]) for name in ("t", "yd", "ydd")
         )
-        still, self._states = self._states[-1].still, []
+        still, self._states, self._count = self._states[-1].still, [], 0
         X = np.concatenate(self._samples)
         inside, after = (X[:, 0] >= start) & (X[:, 0] <= end), X[:, 0] > end
         self._samples = [X[after]] if after.any() else []

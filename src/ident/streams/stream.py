@@ -77,6 +77,7 @@ class Stream:
         point: Point | None = None,  # where what is not linear is evaluated
         latency: float = LATENCY,  # how long samples may wait for others [s]
         sticking: float = STICKING,  # share of a row of samples that do not inform it
+        on_demand: bool = False,  # whether rows are seen after `flush` alone: then all may wait
     ) -> None:
         check_causal(mechanism)
         if not like.logs:
@@ -107,10 +108,11 @@ class Stream:
         if self.recipe.noisy:
             smooth = max(smooth, int(np.ceil(LAG * self.recipe.knots * e.rate)))
         self._around = smooth + self._margin  # samples beside one that its state depends on
-        self._block = max(1, round(latency * e.rate))
+        block = max(1, round(latency * e.rate))
+        self._block = max(block, round(LATENCY * e.rate)) if on_demand else block
         self.columns_of_samples = self._parser.columns  # `t` first
         self.period = self._decimator.factor * self._dt  # between two rows [s]
-        late = self._around + self._decimator.half + self._decimator.factor + self._block - 2
+        late = self._around + self._decimator.half + self._decimator.factor + block - 2
         self.lag = late * self._dt  # of the newest row behind the newest sample, at most [s]
         usable = np.flatnonzero(e.usable)
         usable = usable[:: max(1, len(usable) // PLACES)]
@@ -120,6 +122,7 @@ class Stream:
         self.windows: list[SampleWindow] = []  # samples of which the last call made rows
         self.left_out: list[tuple[int, str]] = []  # (row, why) of samples of the last call
         self.last = self._X = np.empty((0, len(self._parser.columns)))
+        self._new, self._waiting = list[np.ndarray](), 0  # samples that are not in _X yet
         self._begin = np.nan  # time of the first sample of all [s]
         self._cut()
 
@@ -144,12 +147,14 @@ class Stream:
         for _, why in self.left_out:
             self._lose(1, why)
         self.samples, self.last, self.windows = self.samples + len(X), X, []
-        self._X = np.concatenate([self._X, X])
-        return self.flush() if len(self._X) - self._old >= self._block else []
+        self._new.append(X)
+        self._waiting += len(X)
+        return self.flush() if self._waiting >= self._block else []
 
     def flush(self, last: bool = False) -> list[Rows]:
         """Return the rows of samples that wait; `last`: of all, so that others begin a new run."""
         self.windows, made = [], []
+        self._X, self._new, self._waiting = np.concatenate([self._X, *self._new]), [], 0
         while self._old < len(self._X) or (last and len(self._X)):
             stop = min(len(self._X), self._old + SAMPLES)
             since = max(self._old - 1, 0)

@@ -19,7 +19,7 @@ from moving import view_of
 
 import ident
 from ident.show.bodies import BODIES, ENDS
-from ident.show.view import ANGLE, LONGEST, SHADES, _ramp
+from ident.show.view import ANGLE, LONGEST, MAP, SHADES, _ramp
 
 STRICT = 6.0  # [deg] of hue, within which an arrow is blue and a blue body is not
 
@@ -260,3 +260,11 @@ def test_the_command_serves_until_it_is_interrupted(root, robots):
     assert run.returncode == 0
     assert rest == ""
     assert err == ""
+
+
+def test_the_colours_are_those_of_matplotlib():
+    colormaps = pytest.importorskip("matplotlib").colormaps
+    for shades in (9, SHADES):
+        expected = 255 * colormaps["plasma"](np.linspace(0.0, 1.0, shades))[:, :3]
+        assert np.array(_ramp(shades)) == pytest.approx(expected, abs=0.51)
+    assert len(set(MAP)) == SHADES
