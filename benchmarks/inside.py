@@ -1,10 +1,11 @@
 """The inside of the package in figures: size, structure, work done twice, time, memory.
 
-    python benchmarks/inside.py [ROW ...]       all rows, or some: see ROWS
+    python benchmarks/inside.py [ROW ...]                    all rows, or some: see ROWS
+    python benchmarks/inside.py --against SRC [ROW ...]      beside another checkout's src
 
 Every row is measured in a process of its own, with BLAS on one thread. `IDENT_SOURCE` names another
-checkout's `src` to be measured in place of this one, so that two versions are compared in one run.
-Times are of the processor.
+checkout's `src` to be measured in place of this one; `--against` measures both in turn, and gives
+the ratio of the first figures: this one's to the other's. Times are of the processor.
 """
 
 from __future__ import annotations
@@ -31,22 +32,46 @@ SHOWN = {"show", "cli", "chart", "page", "view", "demo", "explore"}
 
 
 def main() -> None:
-    wanted = sys.argv[1:] or list(ROWS)
-    if wanted[0] == "--one":
+    wanted = sys.argv[1:]
+    if wanted[:1] == ["--one"]:
         print(ROWS[wanted[1]]())
         return
+    sources = [SOURCE]
+    if wanted[:1] == ["--against"]:
+        sources, wanted = [Path(wanted[1]), SOURCE], wanted[2:]
+    ratio = len(sources) > 1
+    print("| what | before | now | ratio |\n|---|---|---|---|" if ratio else HEAD)
+    for name in wanted or ROWS:
+        words = [figure(name, source) for source in sources]
+        if ratio:
+            words.append(ratio_of(*words))
+        print(f"| {name} | {' | '.join(words)} |", flush=True)
+
+
+HEAD = "| what | figure |\n|---|---|"
+
+
+def figure(name: str, source: Path) -> str:
+    """The figure of a row, of the package in some `src`, in a process of its own."""
     environment = {
         **os.environ,
-        "PYTHONPATH": str(SOURCE),
+        "IDENT_SOURCE": str(source),
+        "PYTHONPATH": str(source),
         "OPENBLAS_NUM_THREADS": "1",
         "OMP_NUM_THREADS": "1",
     }
-    print("| what | figure |\n|---|---|")
-    for name in wanted:
-        command = [sys.executable, __file__, "--one", name]
-        run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        words = run.stdout.strip() or "failed: " + run.stderr.strip().splitlines()[-1]
-        print(f"| {name} | {words} |", flush=True)
+    command = [sys.executable, __file__, "--one", name]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    return run.stdout.strip() or "failed: " + run.stderr.strip().splitlines()[-1]
+
+
+def ratio_of(before: str, now: str) -> str:
+    """The ratio of the first figures of two cells, those after a semicolon or comma as well."""
+    numbers = [
+        [*map(float, re.findall(r"(?:^|[;,] )(?:[a-z ]*)([0-9.]+)", x))] for x in (before, now)
+    ]
+    pairs = zip(*numbers, strict=False)
+    return ", ".join(f"{b / a:.2f}" for a, b in pairs if a)
 
 
 # --- structure ---------------------------------------------------------------------------------

@@ -3,8 +3,8 @@
     python benchmarks/scale.py [--only NAME …] [--print]
 
 Every table is made by its own module in this run: `figaroh_core`, `banded`, `whole_way`, `online`,
-`stream`, `faults`. It replaces the table between its marks in README.md; `--print` changes no
-file. All of them take about half an hour.
+`growth`, `stream`, `faults`. It replaces the table between its marks in README.md; `--print`
+changes no file. All of them take about half an hour.
 """
 
 import os
@@ -29,6 +29,7 @@ MODULES = {
     "whole_way": "From CSV to fit, and what is not arithmetic",
     "online": "Online, a sample at a time",
     "hours": "A long run of monitor, beside a batch",
+    "growth": "Growth with joints, closures and candidates",
     "stream": "Growth from a thousand to ten million samples",
     "faults": "Faults that begin while a machine runs",
 }

@@ -26,31 +26,47 @@ REPORTS = (
 )  # fmt: skip
 
 
+def open_page(browser, path, scheme="light", width=1280, unfold=True):
+    """A page, with all its charts drawn or only the first ones, and what its console complained of
+    or fetched.
+    """
+    context = browser.new_context(
+        viewport={"width": width, "height": 900}, color_scheme=scheme, offline=True
+    )
+    page, wrong = context.new_page(), []
+    page.add_init_script(WRITTEN)
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else 0)
+    page.on("request", lambda r: None if r.url.startswith(("file:", "data:", "blob:"))
+            else wrong.append(r.url))  # fmt: skip
+    page.goto(path.as_uri())
+    for button in page.get_by_role("button", name="Unfold all").all() if unfold else ():
+        button.click()
+    page.wait_for_function(DRAWN)
+    return page, wrong
+
+
 @pytest.fixture
 def opened(browser):
-    """`opened(path, scheme)`: the page, and what its console complained of or fetched."""
+    """`opened(path, …)`: see `open_page`; what is opened is closed again."""
     contexts = []
 
-    def open_(path, scheme="light", width=1280):
-        context = browser.new_context(
-            viewport={"width": width, "height": 900}, color_scheme=scheme, offline=True
-        )
-        contexts.append(context)
-        page, wrong = context.new_page(), []
-        page.add_init_script(WRITTEN)
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else 0)
-        page.on("request", lambda r: None if r.url.startswith(("file:", "data:", "blob:"))
-                else wrong.append(r.url))  # fmt: skip
-        page.goto(path.as_uri())
-        for button in page.get_by_role("button", name="Unfold all").all():
-            button.click()
-        page.wait_for_function(DRAWN)
+    def open_(*arguments, **options):
+        page, wrong = open_page(browser, *arguments, **options)
+        contexts.append(page.context)
         return page, wrong
 
     yield open_
     for context in contexts:
         context.close()
+
+
+@pytest.fixture(scope="module")
+def unfolded(browser, diagnosed):
+    """The report of a diagnosis, for tests that only look at it: drawing it all takes seconds."""
+    page, wrong = open_page(browser, diagnosed[1])
+    yield page, wrong
+    page.context.close()
 
 
 @pytest.fixture(scope="module")
@@ -138,8 +154,8 @@ def drawn(figure):
     return int((np.ptp(rgb, axis=-1) > 40).sum()) > 20
 
 
-def test_the_pictures_are_there_and_nothing_complains(opened, diagnosed):
-    page, wrong = opened(diagnosed[1])
+def test_the_pictures_are_there_and_nothing_complains(unfolded):
+    page, wrong = unfolded
     figures = page.locator("figure.chart:visible")
     assert figures.count() >= 5
     for i in range(figures.count()):
@@ -245,7 +261,7 @@ def test_commands_are_broken_between_words(opened, tmp_path):
 def test_light_and_dark_and_print(opened, diagnosed):
     papers = []
     for scheme in ("light", "dark"):
-        page, _ = opened(diagnosed[1], scheme)
+        page, _ = opened(diagnosed[1], scheme, unfold=False)
         papers.append(page.evaluate("getComputedStyle(document.body).backgroundColor"))
     assert papers[0] == "rgb(255, 255, 255)"
     assert papers[1] != papers[0]
@@ -303,15 +319,18 @@ def test_the_rest_of_a_report_is_folded(browser, diagnosed, width):
     page.close()
 
 
-def test_what_a_screen_reader_finds(opened, diagnosed):
-    page, _ = opened(diagnosed[1])
+def test_what_a_screen_reader_finds(unfolded):
+    page, _ = unfolded
     assert page.get_by_role("main").count() == 1
     assert page.get_by_role("heading", level=2).count() == page.locator("main > details").count()
-    for figure in page.locator("figure.chart").all():
-        assert re.search(r"\w+ \w+", figure.get_attribute("aria-label") or "")
-    for each in page.locator("table").all():
-        assert each.locator("caption").count() == 1
-        assert each.locator("th[scope=col]").count() > 0
+    labels = "[...document.querySelectorAll('figure.chart')].map((e) => e.ariaLabel ?? '')"
+    for label in page.evaluate(labels):
+        assert re.search(r"\w+ \w+", label)
+    tables = """[...document.querySelectorAll("table")].map((e) =>
+        [e.querySelectorAll("caption").length, e.querySelectorAll("th[scope=col]").length])"""
+    for captions, heads in page.evaluate(tables):
+        assert captions == 1
+        assert heads > 0
     assert page.evaluate("document.documentElement.lang") == "en"
     unnamed = "() => [...document.querySelectorAll('button')].filter(b => !b.textContent.trim())"
     assert page.evaluate(f"({unnamed})().filter(b => !b.closest('.canvas')).length") == 0
@@ -408,7 +427,7 @@ PROBE = """async () => {
 
 
 def test_a_report_connects_to_nothing_whatever_runs_in_it(diagnosed, opened):
-    page, wrong = opened(diagnosed[1])
+    page, wrong = opened(diagnosed[1], unfold=False)
     assert not wrong
     refused = page.evaluate(PROBE)
     assert "answered" not in refused

@@ -40,3 +40,30 @@ def test_cores_agree_with_the_lines_that_a_user_would_write(tmp_path):
     # normal equations square the condition, 2,400 in a second of this motion: they count 58
     # independent columns where there are 57, and fit some of the noise with the other
     assert np.abs(core - plain).max() < 1e-4 * np.abs(core).max()
+
+
+def test_growth_with_joints_closures_and_candidates(benchmarks):
+    module = benchmarks("growth")
+    rows = [*module.joints(400, (2,)), *module.closures(400, (1, 2))]
+    assert [row["count"] for row in rows] == [2, 1, 2]
+    assert all(row["identify"] > 0 and row["rank"] > 0 for row in rows)
+    (row,) = module.candidates(500, (10,))
+    assert row["ranking"] > 0
+
+
+def test_samples_one_by_one(benchmarks, monkeypatch):
+    module = benchmarks("online")
+    monkeypatch.setattr(module, "MACHINES", {"arm of 7 joints": module.arm})
+    rows = module.table(400)
+    assert [row["rows made"] for row in rows][-1] == "at once"
+    assert all(row["mean"] > 0 for row in rows)
+
+
+def test_two_versions_are_compared_row_by_row(benchmarks):
+    module = benchmarks("inside")
+    assert module.figure("modules", module.SOURCE) == module.count()
+    before, now = (
+        "4.0 s (missing: coupling); nothing hidden 3.0 s",
+        "2 s (missing); nothing hidden 6 s",
+    )
+    assert module.ratio_of(before, now) == "0.50, 2.00"

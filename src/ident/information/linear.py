@@ -82,7 +82,7 @@ class Triangle:
         triangles = list(triangles)
         if len(triangles) == 1:
             return triangles[0]
-        filled = [item for item in triangles if len(item.R)]
+        filled = [item for item in triangles if len(item.R) or item.rho]
         if len(filled) < 2:  # of most blocks there are no rows at standstill
             return replace((filled or triangles)[0], rows=sum(item.rows for item in triangles))
         at = next((i for i, item in enumerate(triangles) if item.is_square), -1)
