@@ -294,11 +294,20 @@ class Contest:
     def columns_at(self, effect: Effect, shapes: Sequence[Shape]) -> list[list[np.ndarray]]:
         """Return the columns (m, u) of an effect in the rows of each part, by shape."""
         C, felt = self.table.effect_columns(effect, shapes)
-        dense = np.zeros((*self.table.b.shape, C.shape[2]))
-        dense[:, felt] = C
-        parts = [dense[self.use[:, p.coordinate], p.coordinate] for p in self.regression.parts]
+        place = {u: i for i, u in enumerate(felt.tolist())}
+        parts = [
+            C[rows, place[p.coordinate]]
+            if p.coordinate in place
+            else np.zeros((len(rows), C.shape[2]))
+            for p, rows in zip(self.regression.parts, self._rows, strict=True)
+        ]
         split = (np.split(part, len(shapes), axis=1) for part in parts)
         return [list(of_shape) for of_shape in zip(*split, strict=True)]
+
+    @cached_property
+    def _rows(self) -> list[Index]:
+        """The rows that decide in each part, as numbers of the table's."""
+        return [np.flatnonzero(self.use[:, part.coordinate]) for part in self.regression.parts]
 
     def passed(self, joint: str, waves: float) -> float:
         """Share of the samples at which the filter passes so many waves a radian (a metre)."""
@@ -312,19 +321,13 @@ class Contest:
             return True
         return effect.possible(replace(self.table.pooled(effect), shape=dict(shape)))
 
-    def with_slopes(
-        self, effect: Effect, shape: Shape, C: list[np.ndarray], theta: np.ndarray,
-        steps: Mapping[str, float],
-    ) -> list[np.ndarray]:  # fmt: skip
-        """C(s), then ∂(C θ)/∂s of shape parameters by central differences with these steps."""
+    def columns_around(
+        self, effect: Effect, shape: Shape, steps: Mapping[str, float]
+    ) -> ColumnsAround:
+        """Return the columns at a shape and a step to either side along each shape parameter."""
         shifted = [{**shape, n: shape[n] + sign * h} for n, h in steps.items() for sign in (1, -1)]
-        ends = iter(self.columns_at(effect, shifted) if shifted else ())
-        for h, up, down in zip(steps.values(), ends, ends, strict=True):
-            C = [
-                np.column_stack([c, (a - b) @ theta / (2 * h)])
-                for c, a, b in zip(C, up, down, strict=True)
-            ]
-        return C
+        C, *ends = self.columns_at(effect, [shape, *shifted])
+        return ColumnsAround(C, [*zip(steps.values(), ends[::2], ends[1::2], strict=True)])
 
     def with_model(self, regression: PartialRegression) -> Contest:
         """The contest with another model."""
@@ -347,6 +350,24 @@ class Contest:
                 tau[:, u] = self.table.b[:, u]
         tau = np.where(self.use, tau, 0.0)
         return np.asarray((tau**2).sum(axis=0) * self.regression.weight**2)
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnsAround:
+    """Columns of an effect at a shape and beside it, (m, u) in each part."""
+
+    C: list[np.ndarray]  # at the shape
+    beside: list[tuple[float, list[np.ndarray], list[np.ndarray]]]  # step, columns above and below
+
+    def with_slopes(self, theta: np.ndarray) -> list[np.ndarray]:
+        """C(s), then ∂(C θ)/∂s of the shape parameters by central differences."""
+        both = self.C
+        for h, up, down in self.beside:
+            both = [
+                np.column_stack([c, (a - b) @ theta / (2 * h)])
+                for c, a, b in zip(both, up, down, strict=True)
+            ]
+        return both
 
 
 def _pulses_that_help(

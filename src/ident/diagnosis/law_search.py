@@ -19,7 +19,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.diagnosis.candidates import SURROGATES, Contest, OnProgress, Shape, swinging_freely
+from ident.diagnosis.candidates import (
+    SURROGATES,
+    ColumnsAround,
+    Contest,
+    OnProgress,
+    Shape,
+    swinging_freely,
+)
 from ident.diagnosis.grammar import terms
 from ident.effects import Effect
 from ident.effects.formula import Formula, Term
@@ -43,33 +50,40 @@ def refined(contest: Contest, effect: Effect, shape: Shape) -> tuple[Shape, list
     """
     free, regression = [e.name for e in effect.searched if not e.discrete], contest.regression
     bounds, shape = contest.table.bounds(effect), dict(shape)
-    u, C = len(effect.unknowns), contest.columns(effect, shape)
-    S, g = normal_equations(regression, C)
+
+    def around(shape: Shape, beside: bool = True) -> tuple[ColumnsAround, Array, Array]:
+        """Columns at a shape and `beside` it, in one call, and their normal equations."""
+        steps = _steps(shape, free, bounds) if beside else {}
+        columns = contest.columns_around(effect, shape, steps)
+        return columns, *normal_equations(regression, columns.C)
+
+    u = len(effect.unknowns)
+    columns, S, g = around(shape)
     now = fall(S, g)
     low, high = (np.array([bounds[name][i] for name in free]) for i in (0, 1))
     for _ in range(STEPS if free else 0):
-        both = contest.with_slopes(effect, shape, C, solved(S, g), _steps(shape, free, bounds))
+        both = columns.with_slopes(solved(S, g))
         step = solved(*normal_equations(regression, both))[u:]
         before, at = now, np.array([shape[name] for name in free])
         for half in range(4):
             most = LONGEST_STEP * (high - low)
             new = np.clip(at + 0.5**half * np.clip(step, -most, most), low, high)
             trial_shape = {**shape, **dict(zip(free, map(float, new), strict=True))}
-            trial = contest.columns(effect, trial_shape)
-            S_new, g_new = normal_equations(regression, trial)
+            trial, S_new, g_new = around(trial_shape, beside=not half)  # mostly the whole step is
             if fall(S_new, g_new) > now:
-                shape, C, S, g, now = trial_shape, trial, S_new, g_new, fall(S_new, g_new)
+                shape, S, g, now = trial_shape, S_new, g_new, fall(S_new, g_new)
+                columns = around(shape)[0] if half else trial
                 break
-        felt = (r[:, 0] for r, c in zip(regression.residual, C, strict=True) if c.any())
+        felt = (r[:, 0] for r, c in zip(regression.residual, columns.C, strict=True) if c.any())
         if now - before < RISE * max(sum(float(r @ r) for r in felt) - now, 0.0):
             break
     if free:
-        both = contest.with_slopes(effect, shape, C, solved(S, g), _steps(shape, free, bounds))
+        both = columns.with_slopes(solved(S, g))
         refit = regression.refit_with(both)
         end = np.array([shape[name] for name in free]) + refit.theta[u:]
         if (low <= end).all() and (end <= high).all():  # else the slopes are no change of shape
             return shape, both, refit
-    return shape, C, regression.refit_with(C)
+    return shape, columns.C, regression.refit_with(columns.C)
 
 
 def _steps(
