@@ -21,8 +21,8 @@ print("LOADED", *loaded)
 SCIENTIFIC = ["numpy", "scipy", "polars", "pinocchio", "casadi", "matplotlib", "bokeh"]
 SLOW = [
     "scipy.optimize", "scipy.special", "scipy.interpolate", "scipy.stats", "scipy.signal",
-    "scipy.ndimage", "scipy.sparse", "polars", "matplotlib", "bokeh", "jinja2", "joblib",
-    "numpy.f2py", "ident.diagnosis.null", "ident.streams.gather",
+    "scipy.ndimage", "polars", "matplotlib", "bokeh", "jinja2", "joblib", "ident.diagnosis.null",
+    "ident.streams.gather",
 ]  # fmt: skip
 
 

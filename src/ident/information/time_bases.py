@@ -82,17 +82,17 @@ class Basis:
                 f"times from {np.min(t)} to {np.max(t)} s; valid: {self.t0} to {self.t_end} s"
             )
         first = np.clip(np.floor(position).astype(np.intp), 0, intervals - 1)
-        u = (position - first)[:, None]
+        u = position - first
         # de Boor's recursion on unit knots: b_r^p = ((p-r+u) b_{r-1}^{p-1} + (1-u+r) b_r^{p-1}) / p
-        values = np.ones((len(u), 1))
+        values = np.ones((1, len(u)))  # a function's values at all times stand together
         for p in range(1, self.degree - order + 1):
-            r, edge = np.arange(p), np.zeros((len(u), p + 1))
-            edge[:, 1:] += (p - 1 - r + u) * values
-            edge[:, :-1] += (1 - u + r) * values
+            r, edge = np.arange(p)[:, None], np.zeros((p + 1, len(u)))
+            edge[1:] += (p - 1 - r + u) * values
+            edge[:-1] += (1 - u + r) * values
             values = edge / p
         for _ in range(order):  # d/dt b_r^p = (b_{r-1}^{p-1} − b_r^{p-1}) / spacing
-            values = np.diff(values, axis=1, prepend=0.0, append=0.0) / -self.spacing
-        return first, values
+            values = np.diff(values, axis=0, prepend=0.0, append=0.0) / -self.spacing
+        return first, values.T
 
     def evaluate(self, a: ArrayLike, t: ArrayLike) -> Array:
         """lambda(t) = B(t) a, (n, m), of coefficients a (count, m) at times t (n,) [s] (eq. 6)."""

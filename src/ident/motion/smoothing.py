@@ -37,6 +37,7 @@ from ident.motion.spline import (
     Smooth,
     Smoothed,
     Spline,
+    Windows,
     basis_over,
     fitted,
     interpolate,
@@ -96,7 +97,8 @@ def _criterion(basis: Basis, channels: Sequence[Channel]) -> float:
     n, m, names = sum(len(channel.x) for channel in channels), basis.count, (channels[0].joint,)
     if n - m <= 1:
         return np.inf
-    off = residuals(fitted(basis, channels, names), channels, names)
+    known = Windows(basis)
+    off = residuals(fitted(basis, channels, names, known), channels, names, known)
     squares = sum(float(x @ x) / c.sigma**2 for x, c in zip(off, channels, strict=True))
     return n * float(np.log(squares + 1e-300)) + 2 * m * n / (n - m - 1)
 

@@ -247,13 +247,35 @@ def basis_over(start: float, stop: float, spacing: float, origin: float | None =
     return Basis.with_count(start, stop, intervals + DEGREE, DEGREE)
 
 
+class Windows:
+    """The functions of a basis at times of several channels, most of which share their times."""
+
+    def __init__(self, basis: Basis) -> None:
+        self.basis = basis
+        # order of the derivative, times (n,) [s], and the functions there
+        self._known: list[tuple[int, np.ndarray, tuple[NDArray[np.intp], np.ndarray]]] = []
+
+    def at(self, t: np.ndarray, order: int) -> tuple[NDArray[np.intp], np.ndarray]:
+        """As `Basis.window`, of times (n,) [s] that may be beyond the ends: there, theirs."""
+        for known_order, times, window in self._known:
+            if known_order == order and (times is t or np.array_equal(times, t)):
+                return window
+        window = self.basis.window(np.clip(t, self.basis.t0, self.basis.t_end), order)
+        self._known.append((order, t, window))
+        return window
+
+
 def evaluated(
-    basis: Basis, c: np.ndarray, t: np.ndarray, orders: Sequence[int] = range(3)
+    basis: Basis,
+    c: np.ndarray,
+    t: np.ndarray,
+    orders: Sequence[int] = range(3),
+    windows: Windows | None = None,
 ) -> np.ndarray:
     """u, u̇, ü (3, n, d) of coefficients c (count, d) at times t (n,); beyond the ends, theirs."""
-    t, values = np.clip(t, basis.t0, basis.t_end), np.zeros((len(orders), len(t), c.shape[1]))
+    windows, values = windows or Windows(basis), np.zeros((len(orders), len(t), c.shape[1]))
     for u, order in zip(values, orders, strict=True):
-        first, B = basis.window(t, order)
+        first, B = windows.at(t, order)
         for r in range(WIDTH):
             u += B[:, r, None] * c[first + r]
     return values
@@ -292,15 +314,17 @@ def interpolate(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.stack([spline(at, nu) for nu in range(3)])
 
 
-def fitted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) -> Spline:
+def fitted(
+    basis: Basis, channels: Sequence[Channel], names: Sequence[str], shared: Windows | None = None
+) -> Spline:
     """The spline of the joints `names`, each from its own channels.
 
     A channel without noise beside a noisy one weighs no more than rounding allows.
     """
-    parts = []
+    parts, known = list[Spline](), shared or Windows(basis)
     for name in names:
         of_joint = [channel for channel in channels if channel.joint == name]
-        windows = [basis.window(np.clip(c.t, basis.t0, basis.t_end), c.order) for c in of_joint]
+        windows = [known.at(c.t, c.order) for c in of_joint]
         largest = [float(np.abs(B).max(initial=1e-300)) for _, B in windows]
         most = HEAVIEST * min(size / c.sigma for size, c in zip(largest, of_joint, strict=True))
         rows = []
@@ -313,14 +337,13 @@ def fitted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) -> S
 
 
 def residuals(
-    spline: Spline, channels: Sequence[Channel], names: Sequence[str]
+    spline: Spline, channels: Sequence[Channel], names: Sequence[str], shared: Windows | None = None
 ) -> list[np.ndarray]:
     """Measured minus smoothed (n_k,) of each channel."""
     at = {name: spline.c[:, [i]] for i, name in enumerate(names)}
-    return [
-        channel.x - evaluated(spline.basis, at[channel.joint], channel.t, (channel.order,))[0, :, 0]
-        for channel in channels
-    ]
+    known = shared or Windows(spline.basis)
+    smooth = (evaluated(spline.basis, at[c.joint], c.t, (c.order,), known) for c in channels)
+    return [c.x - x[0, :, 0] for c, x in zip(channels, smooth, strict=True)]
 
 
 def weighted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) -> list[Channel]:
@@ -330,13 +353,14 @@ def weighted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) ->
     positions are missed by more than their noise, rates and accelerations weigh less until they
     are not. The channels' samples are those in the one run of the basis.
     """
-    result = []
+    result, known = [], Windows(basis)
     for name in names:
         of_joint = before = [channel for channel in channels if channel.joint == name]
         n = sum(len(channel.x) for channel in of_joint)
         spare = np.sqrt(n / max(n - basis.count, 1))  # as if coefficients cost nothing
         for _ in range(DOUBLINGS + 1):
-            off = residuals(fitted(basis, of_joint, (name,)), of_joint, (name,))
+            spline = fitted(basis, of_joint, (name,), known)
+            off = residuals(spline, of_joint, (name,), known)
             rms = [spare * float(np.sqrt(np.mean(x**2))) for x in off]
             late = [c.order == 0 and r > LOUD * c.sigma for c, r in zip(of_joint, rms, strict=True)]
             if not any(late) or len(of_joint) == 1:
