@@ -182,9 +182,10 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=SAMPLES)
     parser.add_argument("--only", nargs="+", choices=AXES, default=[*AXES])
     given = parser.parse_args()
-    for row in table(given.samples, tuple(given.only)):
-        words = (f"{k} {x:.4g}" if isinstance(x, float) else f"{k} {x}" for k, x in row.items())
-        print(", ".join(words), flush=True)
+    for name in given.only:
+        for row in AXES[name](given.samples):
+            words = (f"{k} {x:.4g}" if isinstance(x, float) else f"{k} {x}" for k, x in row.items())
+            print(", ".join(words), flush=True)
 
 
 if __name__ == "__main__":
