@@ -122,15 +122,6 @@ LYING = """() => {
     return found
   })
 }"""
-# every figure comes into view, where it is drawn
-SEEN = """async () => {
-  const frame = () => new Promise((done) => requestAnimationFrame(done))
-  for (const figure of document.querySelectorAll("figure")) {
-    if (!figure.checkVisibility()) continue
-    figure.scrollIntoView({block: "center", behavior: "instant"})
-    await frame(); await frame()
-  }
-}"""
 DRAWN = "() => !window.Bokeh || Bokeh.documents.length && Bokeh.documents.every((x) => x.is_idle)"
 
 
@@ -139,7 +130,8 @@ def assert_legible(page, width):
 
     The page had `WRITTEN` from its start.
     """
-    page.evaluate(SEEN)
+    for figure in page.locator("figure:visible").all():
+        figure.scroll_into_view_if_needed()
     page.wait_for_function(DRAWN)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     for wrong in (CUT, LYING):

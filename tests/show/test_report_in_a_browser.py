@@ -26,47 +26,33 @@ REPORTS = (
 )  # fmt: skip
 
 
-def open_page(browser, path, scheme="light", width=1280, unfold=True):
-    """A page, with all its charts drawn or only the first ones, and what its console complained of
-    or fetched.
-    """
-    context = browser.new_context(
-        viewport={"width": width, "height": 900}, color_scheme=scheme, offline=True
-    )
-    page, wrong = context.new_page(), []
-    page.add_init_script(WRITTEN)
-    page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else 0)
-    page.on("request", lambda r: None if r.url.startswith(("file:", "data:", "blob:"))
-            else wrong.append(r.url))  # fmt: skip
-    page.goto(path.as_uri())
-    for button in page.get_by_role("button", name="Unfold all").all() if unfold else ():
-        button.click()
-    page.wait_for_function(DRAWN)
-    return page, wrong
-
-
 @pytest.fixture
 def opened(browser):
-    """`opened(path, …)`: see `open_page`; what is opened is closed again."""
+    """`opened(path, scheme, width, unfold)`: the page, with all its charts drawn or, not unfolded,
+    the first ones, and what its console complained of or fetched.
+    """
     contexts = []
 
-    def open_(*arguments, **options):
-        page, wrong = open_page(browser, *arguments, **options)
-        contexts.append(page.context)
+    def open_(path, scheme="light", width=1280, unfold=True):
+        context = browser.new_context(
+            viewport={"width": width, "height": 900}, color_scheme=scheme, offline=True
+        )
+        contexts.append(context)
+        page, wrong = context.new_page(), []
+        page.add_init_script(WRITTEN)
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda m: wrong.append(m.text) if m.type in ("error", "warning") else 0)
+        page.on("request", lambda r: None if r.url.startswith(("file:", "data:", "blob:"))
+                else wrong.append(r.url))  # fmt: skip
+        page.goto(path.as_uri())
+        for button in page.get_by_role("button", name="Unfold all").all() if unfold else ():
+            button.click()
+        page.wait_for_function(DRAWN)
         return page, wrong
 
     yield open_
     for context in contexts:
         context.close()
-
-
-@pytest.fixture(scope="module")
-def unfolded(browser, diagnosed):
-    """The report of a diagnosis, for tests that only look at it: drawing it all takes seconds."""
-    page, wrong = open_page(browser, diagnosed[1])
-    yield page, wrong
-    page.context.close()
 
 
 @pytest.fixture(scope="module")
@@ -154,13 +140,26 @@ def drawn(figure):
     return int((np.ptp(rgb, axis=-1) > 40).sum()) > 20
 
 
-def test_the_pictures_are_there_and_nothing_complains(unfolded):
-    page, wrong = unfolded
+def test_the_pictures_are_there_nothing_complains_and_a_screen_reader_finds_all(opened, diagnosed):
+    page, wrong = opened(diagnosed[1])
     figures = page.locator("figure.chart:visible")
     assert figures.count() >= 5
     for i in range(figures.count()):
         assert drawn(figures.nth(i))
     assert not wrong
+    assert page.get_by_role("main").count() == 1
+    assert page.get_by_role("heading", level=2).count() == page.locator("main > details").count()
+    labels = "[...document.querySelectorAll('figure.chart')].map((e) => e.ariaLabel ?? '')"
+    for label in page.evaluate(labels):
+        assert re.search(r"\w+ \w+", label)
+    tables = """[...document.querySelectorAll("table")].map((e) =>
+        [e.querySelectorAll("caption").length, e.querySelectorAll("th[scope=col]").length])"""
+    for captions, heads in page.evaluate(tables):
+        assert captions == 1
+        assert heads > 0
+    assert page.evaluate("document.documentElement.lang") == "en"
+    unnamed = "() => [...document.querySelectorAll('button')].filter(b => !b.textContent.trim())"
+    assert page.evaluate(f"({unnamed})().filter(b => !b.closest('.canvas')).length") == 0
 
 
 @pytest.mark.parametrize("width", [1400, 400])
@@ -317,23 +316,6 @@ def test_the_rest_of_a_report_is_folded(browser, diagnosed, width):
     page.locator("figure.chart:visible").first.scroll_into_view_if_needed()
     page.locator("figure.chart[data-drawn] canvas").first.wait_for()
     page.close()
-
-
-def test_what_a_screen_reader_finds(unfolded):
-    page, _ = unfolded
-    assert page.get_by_role("main").count() == 1
-    assert page.get_by_role("heading", level=2).count() == page.locator("main > details").count()
-    labels = "[...document.querySelectorAll('figure.chart')].map((e) => e.ariaLabel ?? '')"
-    for label in page.evaluate(labels):
-        assert re.search(r"\w+ \w+", label)
-    tables = """[...document.querySelectorAll("table")].map((e) =>
-        [e.querySelectorAll("caption").length, e.querySelectorAll("th[scope=col]").length])"""
-    for captions, heads in page.evaluate(tables):
-        assert captions == 1
-        assert heads > 0
-    assert page.evaluate("document.documentElement.lang") == "en"
-    unnamed = "() => [...document.querySelectorAll('button')].filter(b => !b.textContent.trim())"
-    assert page.evaluate(f"({unnamed})().filter(b => !b.closest('.canvas')).length") == 0
 
 
 def test_a_hundred_thousand_samples_keep_every_peak(opened, tmp_path):
