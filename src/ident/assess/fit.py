@@ -167,7 +167,7 @@ def rubs(fit: Fit) -> bool:
     if any(effect.kind in FRICTION or effect.jumps for effect in fit.mechanism.effects):
         return False
     return any(
-        depends.signal in {f"{kind}.{failure.joint}" for kind in RUBS}
-        for failure in fit.residual.where[:2]
-        for depends in failure.depends_on[:2]
+        depends.signal in {f"{kind}.{joint}" for kind in RUBS}
+        for joint in fit.residual.worst[:2]
+        for depends in fit.residual.failure(joint).depends_on[:2]
     )

@@ -206,10 +206,15 @@ class Residual(Displayed):
         return _rms([np.sum(series, axis=0) for series in parts])
 
     @cached_property
+    def worst(self) -> tuple[str, ...]:
+        """Joints with a torque or an error, the largest share of the misfit first."""
+        joints = [name for name in self.joints if not self.errors[name].unmeasured]
+        return tuple(sorted(joints, key=lambda name: -self.shares[self.joints.index(name)]))
+
+    @cached_property
     def where(self) -> tuple[Failure, ...]:
         """Where the model fails: one entry a joint, the largest share first."""
-        joints = (name for name in self.joints if not self.errors[name].unmeasured)
-        return tuple(sorted(map(self.failure, joints), key=lambda failure: -failure.share))
+        return tuple(map(self.failure, self.worst))
 
     def failure(self, joint: str) -> Failure:
         """Return how the model fails in one joint."""
