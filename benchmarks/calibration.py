@@ -104,16 +104,18 @@ def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def waves(name: str, random: np.random.Generator) -> ident.Log:
+def waves(
+    name: str, random: np.random.Generator, rate: float = RATE, seconds: float = SECONDS
+) -> ident.Log:
     """A periodic motion about where the shipped log begins, within its range."""
     shipped = ident.read_log(ROBOTS / name / "run.csv")
     robot = ident.load(ROBOTS / name)
     joints = [j for j in robot.driven if f"q.{j}" in shipped.columns]
-    t = np.arange(0, SECONDS, 1 / RATE)
+    t = np.arange(0, seconds, 1 / rate)
     columns = {}
     for joint in joints:
         x = shipped.columns[f"q.{joint}"]
-        f = (1 + np.arange(WAVES)) / SECONDS
+        f = (1 + np.arange(WAVES)) / seconds
         phase = 2 * np.pi * (f[:, None] * t + random.random((WAVES, 1)))
         size = random.standard_normal((WAVES, 1)) / np.sqrt(1 + np.arange(WAVES))[:, None]
         w = 2 * np.pi * f[:, None]

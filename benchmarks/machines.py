@@ -7,10 +7,14 @@ shared data, and clones of the public repositories that the converters in `machi
 machine runs in a process of its own, with BLAS on one thread. Errors are of the torque below the
 cut-off of the published ones, or else of the fit, ‖τ − τ̂‖/‖τ‖ of each joint in % on the
 validation logs, or held out in time without any, in motion; in brackets with rows of standstill, at
-which dry friction is open, and of the whole vector of torques. `by hand`: the defaults' errors with
-the one of some training cut-offs that serves the joints best, judged in the same band; `possible
-bodies`: with --consistent. The picture has a panel a machine: published errors, those of the
-defaults, those of the grown model.
+which dry friction is open, and of the whole vector of torques. `possible bodies`: with
+--consistent. With --by-hand the defaults' errors with the one of some training cut-offs that serves
+the joints best, judged in the same band. `grown` never saw the validation logs. Of its ladder:
+`last / best`, by joint, the error of the last rung there over that of the best rung; `test / held
+out`, the geometric mean over joints of the error there over the held-out one, and the joint with
+the largest ratio; `weak`, effects none of whose values is three standard errors of
+noise from zero, or whose torque is below 1 % of each joint's. The picture has a panel a machine:
+published errors, those of the defaults, those of the grown model.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +46,7 @@ NAMES = (
 )  # fmt: skip
 COLUMNS = (
     "machine", "published", "viscous + Coulomb", "by hand", "possible bodies", "grown", "effects",
-    "time", "memory",
+    "last / best", "test / held out", "weak", "time", "memory",
 )  # fmt: skip
 BY_HAND = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 4.0)  # times the cut-off of the defaults
 
@@ -53,10 +58,11 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help=f"of {', '.join(NAMES)}; default: all")
     parser.add_argument("--data", action="append", type=Path, default=[], metavar="DIR")
     parser.add_argument("--picture", type=Path, metavar="FILE")
+    parser.add_argument("--by-hand", action="store_true")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
-        print(json.dumps(measured(options.names[0], options.one)))
+        print(json.dumps(measured(options.names[0], options.one, options.by_hand)))
         return
     places = [*options.data, SHARED]
     print(f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}")
@@ -68,11 +74,13 @@ def main() -> None:
             print(f"| {name} | no {module.SOURCE} in {', '.join(map(str, places))} |", flush=True)
             continue
         command = [sys.executable, __file__, "--one", str(source), name]
+        command += ["--by-hand"] if options.by_hand else []
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         if run.returncode:
             print(f"| {name} | failed: {run.stderr.strip().splitlines()[-1]} |", flush=True)
             continue
+        sys.stderr.write(run.stderr)  # errors of all rungs
         row = json.loads(run.stdout.splitlines()[-1])
         cells = (name, module.PUBLISHED, *(str(row[key]) for key in COLUMNS[2:]))
         print(f"| {' | '.join(cells)} |", flush=True)
@@ -104,7 +112,7 @@ def drawn(bars: dict[str, dict[str, list[float]]], path: Path) -> None:
     figure.savefig(path, dpi=70)
 
 
-def measured(name: str, source: Path) -> dict[str, Any]:
+def measured(name: str, source: Path, by_hand: bool) -> dict[str, Any]:
     """The row of one machine."""
     with tempfile.TemporaryDirectory() as folder:
         module = importlib.import_module(f"machines.{name}")
@@ -122,10 +130,11 @@ def measured(name: str, source: Path) -> dict[str, Any]:
         plain = bare.with_effect("viscous").with_effect("coulomb")
         defaults = ident.identify(plain, motion, validate=judged)
         possible = ident.identify(plain, motion, validate=judged, consistent=True)
-        history = ident.grow(bare, motion, validate=judged)
+        history = ident.grow(bare, motion)
         spent = time.process_time() - begin
-        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6  # without those by hand
-        fits = [defaults] if judged is None or band is None else [
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6  # without what follows
+        rungs = models(history, motion, judged)
+        fits = [defaults] if judged is None or band is None or not by_hand else [
             ident.identify(plain, ident.complete(bare, list(machine.train), cutoff=k * band),
                            validate=judged)
             for k in BY_HAND
@@ -134,17 +143,74 @@ def measured(name: str, source: Path) -> dict[str, Any]:
     chosen = "" if best is defaults else f"{best.motion.band.cutoff:.3g} Hz: "
     return {
         "viscous + Coulomb": errors(defaults),
-        "by hand": "–" if judged is None else chosen + errors(best).split(" (")[0],
+        "by hand": chosen + errors(best).split(" (")[0] if chosen else "–",
         "possible bodies": errors(possible).split(" (")[0],
-        "grown": errors(history.fit),
+        "grown": errors(rungs[-1]),
+        **ladder(rungs, judged is not None),
+        "weak": ", ".join(weak(history)) or "–",
         "bars": {
             title: [100 * e.relative for e in by_joint(fit)]
-            for title, fit in (("defaults", defaults), ("grown", history.fit))
+            for title, fit in (("defaults", defaults), ("grown", rungs[-1]))
         },
-        "effects": ", ".join(effect.label for effect in history.added),
+        "effects": f"{len(history.added)}: {', '.join(e.label for e in history.added)}",
         "time": f"{spent:.0f} s",
         "memory": f"{memory:.2f} GB",
     }
+
+
+def models(history: Any, motion: Any, judged: Any) -> list[Any]:
+    """Fits of all rungs, those that `grow` announced as well, with errors on the validation logs;
+    only the last without any.
+    """
+    model, fits = history.steps[0].fit.mechanism, []
+    for step in history.steps:
+        for effect in step.removed:
+            model = model.without(effect.label)
+        for effect in step.added:
+            model = model + effect
+        if step is history.steps[-1]:
+            model = step.fit.mechanism
+        if step is history.steps[-1] or judged is not None:
+            start = step.fit.point if step.fit else None
+            fits.append(
+                ident.identify(
+                    model, motion, validate=judged, start=start, estimator="least-squares"
+                )
+            )
+    return fits
+
+
+def ladder(fits: Sequence[Any], judged: bool) -> dict[str, str]:
+    """What rungs say of a log that was never seen."""
+    if not judged:
+        return {"last / best": "–", "test / held out": "–"}
+    joints = list(fits[-1].held_out)
+    rungs = np.array([[e.relative for e in by_joint(fit)] for fit in fits])
+    last = rungs[-1] / rungs.min(axis=0)
+    held_out = np.array([fits[-1].held_out[joint].relative for joint in joints])
+    optimism = rungs[-1] / held_out
+    for fit, errors in zip(fits, rungs, strict=True):
+        print(len(fit.mechanism.effects), *(f"{100 * e:.3g}" for e in errors), file=sys.stderr)
+    print("held out", *(f"{100 * e:.3g}" for e in held_out), file=sys.stderr)
+    worst = int(optimism.argmax())
+    return {
+        "last / best": " ".join(f"{x:.2f}" for x in last),
+        "test / held out": f"{np.exp(np.log(optimism).mean()):.2f}, "
+        f"{joints[worst]} {optimism[worst]:.2f}",
+    }
+
+
+def weak(history: Any) -> list[str]:
+    """Labels of added effects that no value or no torque carries."""
+    fit, labels = history.fit, {effect.label for effect in history.added}
+    parts, found = fit.residual.parts, []
+    for e in fit.logged_effects:
+        sizes = [abs(v.value) / v.stderr for v in e.parameters if v.stderr]
+        torque = parts.get(e.effect.label, parts["measured"])
+        share = np.max(torque / np.maximum(parts["measured"], 1e-300))
+        if e.effect.label in labels and (max(sizes, default=0.0) < 3 or share < 0.01):
+            found.append(f"{e.effect.label} ({max(sizes, default=0.0):.1f} s.e., {share:.1%})")
+    return found
 
 
 def by_joint(fit: Any) -> list[Any]:

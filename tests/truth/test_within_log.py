@@ -1,5 +1,7 @@
 """An effect that sets in within a log is found, with its place, its size and its time."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,18 @@ def test_friction_that_rises_within_a_log(steady):
     assert change.time == pytest.approx(CHANGED, abs=0.3)
     assert change.values[0] == pytest.approx(0.8, abs=3 * change.stderr[0])
     assert d.best is None  # no effect that acts all the time
+
+
+def test_a_push_for_a_while(steady):
+    """It is over after a second: no coloured noise, and not `from then on`."""
+    mechanism, _, log = steady
+    pushed = (log.t >= CHANGED) & (log.t < CHANGED + 0.9)
+    columns = {**log.columns, "tau.elbow": log.columns["tau.elbow"] + 2.0 * pushed}
+    d = diagnosed(mechanism, log.t, columns)
+    meanings = [finding.meaning for finding in d.health.findings if finding.code == CODE]
+    assert meanings
+    assert "a push on elbow" in meanings[0]
+    assert float(re.search(r"t = ([0-9.]+) to", meanings[0])[1]) == pytest.approx(CHANGED, abs=0.3)
 
 
 def test_nothing_changes_in_a_steady_log(steady):

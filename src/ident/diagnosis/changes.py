@@ -1,16 +1,17 @@
 """What changes within a log: a cause that acts from some time on, and no sooner.
 
-    b = A x + [t ≥ t₀] C θ        C: columns of any effect at any place; t₀: a boundary of blocks
+    b = A x + w(t − t₀) C θ       C: columns of any effect at any place; t₀: a boundary of blocks
 
-Both stretches have the model's parameters and the later one θ besides: a load that is taken up, a
-friction that rises, channels that are exchanged. All causes at all times are judged at once, by
-left-out errors held against the most that any of them explains of random residuals, and must
-explain more than any effect that acts all the time.
+All stretches have the model's parameters and what comes later θ besides, w = [t ≥ t₀]: a load that
+is taken up, a friction that rises, channels that are exchanged. A constant torque may also grow
+from t₀ on, w = (t − t₀)₊, as that of a sensor that warms, or last for some blocks, as a push does.
+All causes at all times are judged at once, by left-out errors held against the most that any of
+them explains of random residuals, and must explain more than any effect that acts all the time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -21,13 +22,25 @@ from ident.diagnosis.null import judging, null_shares
 from ident.diagnosis.selection import MAIN_CAUSE, Ranking
 from ident.finding import Finding
 from ident.information.chance import CERTAIN, PARSIMONY, exceeding, paired
-from ident.information.hypotheses import Array, PartialRegression
+from ident.information.hypotheses import Array, Gains, PartialRegression
 
 CODE = "changed within the log"
 FEWEST_BLOCKS = 3  # work: of each stretch
 TIMES = 8  # work: in each of two blocks, at which the change is sought in the end
 COMPARED = 8  # work: causes whose times are sought
 SHOWN = 3  # shown: values of a change
+PUSHES = (1, 2, 4)  # work: blocks that a push lasts
+Gate = Callable[[np.ndarray], np.ndarray]
+
+
+def _on(since: np.ndarray) -> np.ndarray:
+    """Return w of times (n,) since a change [s]: it lasts."""
+    return (since >= 0).astype(float)
+
+
+def _growing(since: np.ndarray) -> np.ndarray:
+    """Return w of times (n,) since a change [s]: it grows."""
+    return np.maximum(since, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +52,13 @@ class Cause:
     names: tuple[str, ...]  # of its numbers, with their units
     units: tuple[str, ...]
     columns: list[np.ndarray]  # by part (m, u)
+    gate: Gate = _on  # how much of it acts, by the time since the change
+    lasts: float = np.inf  # for so long [s]
+
+    def gated(self, since: list[np.ndarray]) -> list[np.ndarray]:
+        """Return its columns by part (m, u) at times since the change, by part (m,)."""
+        pairs = zip(self.columns, since, strict=True)
+        return [columns * self.gate(t)[:, None] for columns, t in pairs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +93,13 @@ class Change:
             f"{name} {value:+.3g} ± {error:.1g} {unit}".removesuffix(" 1")
             for name, value, error, unit in large
         )
-        text = f"from t = {self.time:.2f} s of {self.log} on: {self.cause.words} ({values})"
-        remedy = f"split the log at {self.time:.2f} s and identify its parts by themselves"
+        begin, end = self.time, self.time + self.cause.lasts
+        if end < np.inf:
+            text = f"from t = {begin:.2f} to {end:.2f} s of {self.log}: {self.cause.words}"
+            text, remedy = f"{text} ({values})", f"leave out {begin:.2f} to {end:.2f} s"
+        else:
+            text = f"from t = {begin:.2f} s of {self.log} on: {self.cause.words} ({values})"
+            remedy = f"split the log at {begin:.2f} s and identify its parts by themselves"
         return Finding(CODE, text, remedy, (self.log, *self.cause.joints), self.gain)
 
 
@@ -84,27 +109,31 @@ def change_within(first: Ranking) -> Change | None:
     """
     contest, boundaries = first.contest, [*_boundaries(first.contest)]
     causes = [*_effects(contest), *_exchanges(contest)]
+    causes += [cause for offset in causes for cause in _of_offset(contest, offset)]
     if not (boundaries and causes):
         return None
     if contest.regression.residual[0].shape[1] <= 1:
         contest = judging(contest)
     # all causes from all times
     where = [(cause, number, time) for cause in causes for number, time in boundaries]
-    masks = [_later(contest, number, time) for number, time in boundaries]
-    gated = [
-        np.concatenate([c.columns[i] * mask[i][:, None] for c in causes for mask in masks], axis=1)
-        for i in range(len(contest.regression.parts))
-    ]
+    times = [_since(contest, number, time) for number, time in boundaries]
+    by_cause = [cause.gated(since) for cause in causes for since in times]
+    gated = [np.concatenate(columns, axis=1) for columns in zip(*by_cause, strict=True)]
     regression, new = contest.regression.added(gated)
-    widths = [len(cause.names) for cause in causes for _ in masks]
-    measured = regression.gains(np.split(new, np.cumsum(widths)[:-1]))
+    widths = [len(cause.names) for cause in causes for _ in times]
+    groups = np.split(new, np.cumsum(widths)[:-1])
+    measured = regression.gains(groups)
     gains = regression.explained(measured.by)
-    null = null_shares(regression, measured).max(axis=0)
     best = int(gains.argmax())
-    nulls = (x for x in (null[:SURROGATES], null[SURROGATES:]) if len(x))
-    p = max(exceeding(float(gains[best]), x) for x in nulls)
     share = float(regression.explained_by_coordinate(measured.by[best]).max())
-    if not p < contest.decision.alpha or share < MAIN_CAUSE:
+    if share < MAIN_CAUSE:
+        return None
+    p = _chance(float(gains[best]), regression, measured)
+    if not p < contest.decision.alpha:
+        # a spectrum that holds the change itself makes much of it: that of what it leaves
+        rest = judging(contest.with_model(regression.extended(groups[best]).bare)).regression
+        p = _chance(float(gains[best]), rest, rest.gains(groups))
+    if not p < contest.decision.alpha:
         return None
     # the times of the best ones, and the simplest of those that do as well
     tried = dict[int, Change]()
@@ -123,6 +152,12 @@ def change_within(first: Ranking) -> Change | None:
     ):
         return None
     return change
+
+
+def _chance(gain: float, regression: PartialRegression, measured: Gains) -> float:
+    """Return the chance that some cause explains more than a gain of random residuals."""
+    null = null_shares(regression, measured).max(axis=0)
+    return max(exceeding(gain, x) for x in (null[:SURROGATES], null[SURROGATES:]) if len(x))
 
 
 def _effects(contest: Contest) -> Iterator[Cause]:
@@ -170,11 +205,33 @@ def _boundaries(contest: Contest) -> Iterator[tuple[int, float]]:
             yield number, float(t[np.argmax(blocks >= block)])
 
 
-def _later(contest: Contest, number: int, time: float) -> list[np.ndarray]:
-    """Return by part which rows are of an experiment and not before a time."""
+def _of_offset(contest: Contest, offset: Cause) -> Iterator[Cause]:
+    """Yield a constant torque that grows, as that of a sensor that warms, or lasts for a while."""
+    kind, _, place = offset.words.partition(":")
+    if kind != "torque_offset":
+        return
+    unit = offset.units[0]
+    yield replace(
+        offset, words=f"tau.{place} drifts", names=("rate",), units=(f"{unit}/s",), gate=_growing
+    )
     table = contest.table
-    later = (table.experiment == number) & (table.t >= time)
-    return [later[contest.use[:, part.coordinate]] for part in contest.regression.parts]
+    block = float(np.median(np.diff([t for _, t in _boundaries(contest)]) if table.t.size else 0.0))
+    for count in PUSHES:
+        lasts = count * block
+
+        def pushed(since: np.ndarray, lasts: float = lasts) -> np.ndarray:
+            return ((since >= 0) & (since < lasts)).astype(float)
+
+        yield replace(
+            offset, words=f"a push on {place}", names=("torque",), gate=pushed, lasts=lasts
+        )
+
+
+def _since(contest: Contest, number: int, time: float) -> list[np.ndarray]:
+    """Return by part the rows' times since a time of an experiment [s], −∞ of other ones."""
+    table = contest.table
+    since = np.where(table.experiment == number, table.t - time, -np.inf)
+    return [since[contest.use[:, part.coordinate]] for part in contest.regression.parts]
 
 
 def _with_time(
@@ -187,9 +244,7 @@ def _with_time(
     bare: PartialRegression = contest.regression.bare
     trials = []
     for t in time + step * np.linspace(-1, 1, 2 * TIMES + 1):
-        later = _later(contest, number, float(t))
-        gated = [c * mask[:, None] for c, mask in zip(cause.columns, later, strict=True)]
-        refit = bare.refit_with(gated)
+        refit = bare.refit_with(cause.gated(_since(contest, number, float(t))))
         trials.append((float(refit.loss.sum()), float(t), refit))
     loss, t, refit = min(trials, key=lambda trial: trial[0])
     noise, u = np.sqrt(loss / max(float(bare.rows.sum()), 1.0)), int(refit.by.argmax())

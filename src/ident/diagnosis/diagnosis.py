@@ -15,6 +15,7 @@ from ident.diagnosis.candidates import Contest, Decision, OnProgress, candidates
 from ident.diagnosis.changes import change_within
 from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import found_curves
+from ident.diagnosis.halves import determined_by_motion
 from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import with_noise
 from ident.diagnosis.result import (
@@ -162,8 +163,8 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
     """The diagnosis of a fit from the set of effects that explains most."""
     contest, last = selection.first.contest, selection.last.regression
     fit = contest.fit
-    excesses = zip(fit.motion.independent, excess(selection.contest), strict=True)
-    loud = tuple(name for name, amount in excesses if amount)
+    loud = _loud(selection.contest)
+    beyond_white = bool(_loud(selection.contest, white=True))
     # a wrong channel must explain more than the effects that were found
     squares = last.losses / last.weight**2
     checks = DataChecks(
@@ -173,8 +174,10 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
     if not data.faults:  # a joint swings freely by the fitted terms, which wrong channels spoil
         freely = (e for e in fit.findings if e.code == "swings freely")
         data = Health((*data.findings, *freely))
-    if loud and not data.faults and (change := change_within(selection.first)) is not None:
+    change = change_within(selection.first) if beyond_white and not data.faults else None
+    if change is not None:  # no noise, whatever its colour
         data = Health((change.finding(), *data.findings))
+        loud = loud or _loud(selection.contest, white=True)
     laws: tuple[Law, ...] = ()
     unsearched: tuple[str, ...] = ()
     if not data.faults:
@@ -199,6 +202,9 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
         data = Health((*data.findings, *_clock(fit, candidates[0])))
     residual = residual_of(fit)
     verdict = _verdict(selection, best, bool(loud), bool(laws), residual.periods)
+    if verdict in ("nothing", "undecided") and beyond_white:
+        # halves of the log say whether the motion determines what is left
+        verdict = "unexplained" if determined_by_motion(selection.contest) else verdict
     curves = found_curves(selection, [law.found for law in laws], verdict)
     on_progress("where it fails", 0.8)
     diagnosis = Diagnosis(
@@ -339,15 +345,27 @@ def health(fit: Fit) -> Health:
     return fit.health
 
 
-def excess(contest: Contest) -> np.ndarray:
-    """(d,) rms left beyond the sensors' noise [N m | N], 0 where it is noise or immaterial."""
+def excess(contest: Contest, white: bool = False) -> np.ndarray:
+    """(d,) rms left beyond the sensors' noise [N m | N], which may be `white`; 0 where it is noise
+    or immaterial.
+    """
     regression, draws = contest.regression, contest.draws
     assert draws is not None
+    if not white:
+        more = contest.fit.noise_over_white
+        times = np.array([more.get(joint, 1.0) for joint in contest.fit.motion.independent])
+        draws = replace(draws, floor=times * draws.floor, ceiling=times * draws.ceiling)
     size = np.sqrt(np.maximum(regression.rows, 1)) * regression.weight
     rms, torque = np.sqrt(regression.losses.sum(axis=0)) / size, np.sqrt(contest.torque) / size
     excess_rms = np.sqrt(np.maximum(rms**2 - draws.floor**2, 0.0))
     significant = (rms > LOUD * draws.ceiling) & (excess_rms > contest.decision.material * torque)
     return np.where(significant, excess_rms, 0.0)
+
+
+def _loud(contest: Contest, white: bool = False) -> tuple[str, ...]:
+    """Return the joints with an excess; see there."""
+    joints = contest.fit.motion.independent
+    return tuple(j for j, x in zip(joints, excess(contest, white), strict=True) if x)
 
 
 def _verdict(

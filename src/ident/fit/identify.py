@@ -22,6 +22,7 @@ from ident.fit.findings import basis_bias, findings_of, predicts_better
 from ident.fit.likelihood import Likelihood, weighed
 from ident.fit.prediction import Prediction
 from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
+from ident.fit.residual_maps import periods_of
 from ident.fit.result import Fit
 from ident.fit.shapes import beyond_bounds, working_point
 from ident.fit.values import ParameterValues
@@ -120,6 +121,13 @@ def estimate_of(problem: Problem) -> Estimate:
     return estimate
 
 
+def periods_in(problem: Problem) -> dict[int, float]:
+    """Return the periods [s] of a problem's logs that repeat their motion, by number."""
+    index = problem.mechanism.joint_index
+    joints = np.array([index[name] for name in problem.motion.independent])
+    return periods_of(problem.motion, joints)
+
+
 def fit_of(
     problem: Problem,
     estimate: Estimate,
@@ -139,7 +147,10 @@ def fit_of(
         problem, estimate, free, outside, binding = nearest
         findings += binding.findings
     else:
-        outside = held_out(problem.fitting, problem.information, estimate, problem.prior)
+        outside = held_out(
+            problem.fitting, problem.information, estimate, problem.prior,
+            periods=periods_in(problem),
+        )  # fmt: skip
         if limits != Consistency():
             text = "bounds and total_mass of [parameters] hold in a consistent fit only"
             findings.append(Finding("limits ignored", text, "--consistent"))

@@ -90,6 +90,7 @@ class Failure(Displayed):
     repeats: float | None  #: correlation of the residual between periods, if the log has any
     threshold: float  #: R² that a signal needed last, 0.03 or more where noise explains more
     white: bool  #: no memory, no signal above the threshold, nothing that repeats with the motion
+    of_motion: bool  #: whether it depends on a signal, or repeats with the motion
 
     @property
     def json(self) -> dict[str, Any]:
@@ -255,6 +256,7 @@ class Residual(Displayed):
             threshold=threshold,
             repeats=again.rho[joint] if again else None,
             white=nothing or (memory.noise and not steps and not repeats),
+            of_motion=bool(steps) or repeats,
         )
         return self._failures[joint]
 

@@ -1,0 +1,100 @@
+"""Noise of measured torques that is not white, from the residual above the motion.
+
+Above the band of the motion the residual r = b − A x of a right model is noise. Its power there,
+
+    S(f) = s + a / (1 + (f/f_c)²)        white, and what a first-order low-pass makes of white noise
+
+is fitted by Whittle's likelihood Σ n (ln S + P/S) (Whittle, Arkiv för Matematik 2, 1953) to powers
+P of n frequencies each, and what it has below, f_c no lower than a part of the band, is noise there
+too. What the rows' filter passes of S, and not of white noise alone, is the rms that noise makes.
+
+Of a model that lacks what the motion determines, S is no noise: ask whether the residual depends on
+the motion first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from ident.equations.filter import Decimator
+from ident.equations.rows import corrected, residual
+from ident.equations.terms import Samples
+from ident.equations.unknowns import Point
+from ident.mechanism.mechanism import Mechanism
+from ident.motion.state import State
+
+FEWEST_IN_BIN = 9  # work: frequencies of a bin, of which a line is less than half
+WIDER = 0.3  # work: by which bins grow, of the frequencies before them
+CORNERS = 16  # work: values of f_c
+LOWEST = 0.25  # range: of the motion's band, that f_c is above: what is slower is not seen
+FEWEST = 32  # work: frequencies above the motion, from which a spectrum can be told
+ROUNDS = 8  # work: of weights of the likelihood
+
+
+def coloured_noise(
+    mechanism: Mechanism, experiments: Sequence[State], point: Point,
+    cutoff: float | None, band: float,
+) -> np.ndarray:  # fmt: skip
+    """Return the rms (d,) of r that noise makes in the filtered rows, of the spectrum that r has
+    above the `band` [Hz] of the motion [N m | N]; 0 where there is too little above it.
+    """
+    squares = []
+    for e in experiments:
+        r = residual(corrected(Samples(mechanism, e, slice(None), point), cutoff))
+        taps = Decimator.of(cutoff, e.rate).taps
+        longest = max(e.segments(), key=lambda run: run.stop - run.start, default=slice(0, 0))
+        squares.append([_passed(x, e.rate, taps, band) for x in r[longest].T])
+    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+
+
+def _passed(r: np.ndarray, rate: float, taps: np.ndarray | None, band: float) -> float:
+    """Return the variance of noise in a series r (n,) that a filter passes."""
+    n = len(r)
+    if n < FEWEST:
+        return 0.0
+    f = np.fft.rfftfreq(n, 1 / rate)
+    above = (f > band) & (f < rate / 2)
+    if above.sum() < FEWEST or (taps is not None and len(taps) > n):
+        return 0.0
+    window = np.hanning(n)
+    P = np.abs(np.fft.rfft((r - r.mean()) * window)) ** 2 / (window @ window)  # variance a sample
+    # the median is not moved by lines, which no noise has
+    edges = [0]
+    while edges[-1] + FEWEST_IN_BIN <= above.sum():
+        edges.append(edges[-1] + max(FEWEST_IN_BIN, int(WIDER * edges[-1])))
+    edges[-1] = int(above.sum())
+    bins = [slice(*pair) for pair in pairwise(edges)]
+    count = np.array([one.stop - one.start for one in bins])
+    power = np.array([np.median(P[above][one]) / np.log(2) for one in bins])
+    centre = np.array([f[above][one].mean() for one in bins])
+    s, a, corner = _spectrum(centre, power, count, band)
+    gain = 1.0 if taps is None else np.abs(np.fft.rfft(taps, n)) ** 2
+    S = s + a / (1 + (f / corner) ** 2)
+    return float(np.mean(S * gain))
+
+
+def _spectrum(f: np.ndarray, P: np.ndarray, n: np.ndarray, band: float) -> tuple[float, ...]:
+    """Return s, a and f_c of the spectrum of powers P (bins,), of n frequencies each about f."""
+    best = (np.inf, 0.0, 0.0, 1.0)
+    for corner in np.geomspace(LOWEST * band, f[-1], CORNERS):
+        shape = np.column_stack([np.ones(len(f)), 1 / (1 + (f / corner) ** 2)])
+        S = np.maximum(P, 1e-300)
+        for _ in range(ROUNDS):
+            root = np.sqrt(n) / S
+            x = _nonnegative(shape * root[:, None], P * root)
+            S = np.maximum(shape @ x, 1e-300)
+        loss = float((n * (np.log(S) + P / S)).sum())
+        best = min(best, (loss, float(x[0]), float(x[1]), float(corner)))
+    return best[1:]
+
+
+def _nonnegative(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the least-squares solution x (2,) of A x = b with x ≥ 0."""
+    x = np.linalg.lstsq(A, b, rcond=None)[0]
+    if (x >= 0).all():
+        return np.asarray(x)
+    alone = np.diag(np.maximum(A.T @ b, 0.0) / np.maximum((A**2).sum(axis=0), 1e-300))
+    return np.asarray(min(alone, key=lambda y: float(((A @ y - b) ** 2).sum())))
