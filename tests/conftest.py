@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-# the workers of pytest share the cores: where no number is given, `jobs` is this process alone
-os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")
+# the workers of pytest share the cores: where no number is given, `jobs` is this process alone, and
+# threads of linear algebra that wait for each other take four times as long
+for name in ("LOKY_MAX_CPU_COUNT", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
