@@ -295,6 +295,8 @@ class Part:
     def at(self, places: Index) -> Array:
         """Columns (m, u) at some places among these; zero where a place is −1."""
         if not self.more and (places >= 0).all():
+            if len(places) and (np.diff(places) == 1).all():  # neighbours are not copied
+                return self.X[:, places[0] : places[-1] + 1]
             return self.X[:, places]
         columns, first = np.zeros((len(self.X), len(places))), 0
         for X in (self.X, *self.more):
