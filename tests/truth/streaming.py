@@ -50,4 +50,5 @@ def raw_rows(scene: Scene, part: slice, farthest: np.ndarray | None = None) -> R
     informed = informing(s, farthest)
     moving = informed & in_motion(s, farthest)
     sample = np.arange(part.start, part.stop)
-    return Rows(scene.e.t[part], sample, found.A, found.b, found.tau, informed, moving)
+    rest = np.zeros(informed.shape)
+    return Rows(scene.e.t[part], sample, found.A, found.b, found.tau, informed, moving, rest)

@@ -33,7 +33,7 @@ def pieces(rng, count, x, rho=0.0, change=None, spread=1.0):
         b[n // 2 :] += A[n // 2 :] @ change
     t = np.arange(n) * 0.5 / ROWS
     whole = np.ones((n, D), dtype=bool)
-    return Rows(t, np.arange(n), A, b, b, whole, whole)
+    return Rows(t, np.arange(n), A, b, b, whole, whole, np.zeros(whole.shape))
 
 
 def intervals(piece, x):

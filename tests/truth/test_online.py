@@ -441,7 +441,7 @@ def test_intervals_stay_few_and_hold_everything():
     start = 0
     while start < len(t):
         part = slice(start, start + int(rng.integers(1, 200)))
-        some = (x[part] for x in (A, b, b, told, told))
+        some = (x[part] for x in (A, b, b, told, told, 0.0 * told))
         store.absorb(Rows(t[part], np.arange(len(t))[part], *some))
         start = part.stop
         assert len(store.information(3).times) <= 1.5 * INTERVALS + 1

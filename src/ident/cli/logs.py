@@ -139,7 +139,9 @@ def identify(
     output_folder(out, [*FIT_FILES, "logs.csv"], used)
     long = sum(map(likely_rows, logs)) > MOST_IN_MEMORY
     gathered: Gathered | None = None
-    if stream or long or many(logs, jobs, scheduler):
+    if model.poses and stream:
+        raise IdentError("--poses: rows have no order to be read in portions in; omit --stream")
+    if (stream or long or many(logs, jobs, scheduler)) and not model.poses:
         from ident.streams.gather import gather
 
         if refine:
@@ -362,7 +364,7 @@ def diagnose(
     outcome: Diagnosis | Verdicts
     shown: object
     with progress() as on_progress:
-        if many(logs, jobs, scheduler):
+        if many(logs, jobs, scheduler) and not model.poses:
             from ident.files import write_all
             from ident.streams.many_logs import Verdict, diagnose_each, table_of
 
@@ -522,7 +524,8 @@ def explore(
     from ident.show.local import Place, wait
 
     mechanism = model.load(logs)
-    given, place = read_logs(mechanism, logs), Place(port)  # a log that cannot be read has no page
+    # a log that cannot be read has no page
+    given, place = read_logs(mechanism, logs, model.poses or None), Place(port)
     result(f"{mechanism.name}: {place.address}")  # before what takes a second to import
     from ident.show.board import Board
     from ident.show.exploration import Exploration

@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -77,7 +78,8 @@ def monitor(
         if watch is not None and len(like) == 1:
             alone = f"alarms rest on {like[0].name} alone: other motions than this one will raise "
             notes([f"{alone}more false alarms than stated; give several logs (--like A --like B)"])
-    online = Online(mechanism, like=fit, forget=forget, **model.treatment)
+    treatment = replace(model, poses=False).treatment  # what is followed moves
+    online = Online(mechanism, like=fit, forget=forget, **treatment)
     history = None
     with contextlib.ExitStack() as ends:
         if page or out is not None:

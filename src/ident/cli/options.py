@@ -97,6 +97,10 @@ Cutoff = Annotated[str, option("Cut-off of the zero-phase filter: a number, auto
 Smoothing = Annotated[
     str, option("Distance of the motion's knots, auto, or none for channels as they are.", "S")
 ]
+Poses = Annotated[
+    bool,
+    option("Each row is a machine at rest, in any order. Default: as rows look.", None, "--poses"),
+]
 Basis = Annotated[
     str | None, option("Time basis of the multipliers: free, linear, cubic or quintic.", "NAME")
 ]
@@ -223,6 +227,7 @@ class MotionOptions(MechanismOptions):
 
     cutoff: Cutoff = "auto"
     smoothing: Smoothing = "auto"
+    poses: Poses = False
     absolute: Absolute = False
 
     def load(self, logs: Paths = None, like: Paths = None) -> Mechanism:
@@ -240,7 +245,8 @@ class MotionOptions(MechanismOptions):
             valid = "is no frequency; valid: a number of Hz, auto or none"
             cutoff = value(self.cutoff, "--cutoff", valid)
         given = {"cutoff": cutoff, "smoothing": self.smoothing.lower()}
-        return {name: None if x == "none" else x for name, x in given.items()}
+        named_none = {name: None if x == "none" else x for name, x in given.items()}
+        return {**named_none, **({"poses": True} if self.poses else {})}
 
     def filtered_at(self, cutoff: float | str | None) -> Self:
         """Return the options with another cut-off [Hz], None for no filter."""
@@ -273,7 +279,9 @@ class MotionOptions(MechanismOptions):
         from ident.motion import complete
 
         paths = [log for log in logs if isinstance(log, Path)]
-        read = [log for log in logs if not isinstance(log, Path)] + read_logs(mechanism, paths)
+        poses = True if self.poses else None
+        read = [log for log in logs if not isinstance(log, Path)]
+        read += read_logs(mechanism, paths, poses)
         with naming_unused(mechanism):
             return complete(
                 mechanism, read, torques=torques, progress=on_progress, **self.treatment
@@ -363,13 +371,13 @@ def with_effect(mechanism: Mechanism, text: str, *, allow_code: bool) -> Mechani
     return mechanism + read_user_effect(file, name, allow_code=allow_code)(joints)
 
 
-def read_logs(mechanism: Mechanism, paths: Sequence[Path]) -> list[Log]:
-    """Return some logs, those in folders among them."""
+def read_logs(mechanism: Mechanism, paths: Sequence[Path], poses: bool | None = None) -> list[Log]:
+    """Return some logs, those in folders among them; `poses` as in `ident.complete`."""
     from ident.log.read import expanded
     from ident.motion.motion import log_of
 
     with naming_unused(mechanism):
-        return [log_of(mechanism, path) for path in expanded(paths)]
+        return [log_of(mechanism, path, poses) for path in expanded(paths)]
 
 
 @contextmanager

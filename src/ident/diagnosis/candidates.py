@@ -136,9 +136,10 @@ def swinging_freely(fit: Fit) -> set[str]:
 
 def deciding(table: Table, r: np.ndarray) -> np.ndarray:
     """(N, d) rows that decide: those in motion away from reversals, and all in motion of a
-    coordinate whose residual r (N, d) is at its reversals for the most part.
+    coordinate whose residual r (N, d) is at its reversals for the most part; and those at rest.
     """
-    return _rows_with_most(r, away_from_reversals(table), table.moving)
+    in_motion = _rows_with_most(r, away_from_reversals(table), table.moving)
+    return in_motion | (table.informed & (table.rest > 0))
 
 
 def _rows_with_most(r: np.ndarray, calm: np.ndarray, rows: np.ndarray) -> np.ndarray:

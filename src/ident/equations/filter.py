@@ -34,8 +34,10 @@ class Decimator:
     @classmethod
     @lru_cache(64)
     def of(cls, cutoff: float | None, rate: float) -> Decimator:
-        """A Kaiser-windowed low-pass of −6 dB at `cutoff` [Hz] for samples at `rate` [Hz]."""
-        if cutoff is None:
+        """A Kaiser-windowed low-pass of −6 dB at `cutoff` [Hz] for samples at `rate` [Hz]; none of
+        poses, whose rate is 0.
+        """
+        if cutoff is None or not rate:
             return cls(None, 1)
         # Kaiser: length = (A − 8) / (2.285 Δω), transition from cutoff/2 to 3/2 cutoff
         half = int(np.ceil((RIPPLE - 8) / (2.285 * 2 * np.pi * cutoff / rate) / 2))

@@ -17,7 +17,7 @@ Rows at another point differ in the columns of effects and in nothing else: the 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby, pairwise
 from operator import itemgetter
@@ -55,6 +55,7 @@ class Problem:
     information: Information  #: rows of the d independent coordinates, in which errors count
     bands: Sequence[EliminatedRun] = ()  #: of multipliers in a time basis, the paper's stack
     runs: Sequence[EliminatedRun] = ()  #: where the motion's noise counts, rows whitened by it
+    sigma: np.ndarray | None = None  #: (d,) noise of coordinates, where rows at rest count too
 
     @classmethod
     def of(
@@ -110,12 +111,31 @@ class Problem:
     def fitting(self) -> Information:
         """The rows from which parameters are estimated: reduced ones, or those of stacks."""
         stacks = [*self.bands, *self.runs]
-        return stacks_information(stacks, self.motion) if stacks else self.information
+        return (
+            self.with_held(stacks_information(stacks, self.motion)) if stacks else self.information
+        )
+
+    def with_held(self, stacks: Information) -> Information:
+        """Add the rows at rest, divided by their noise, to information of one coordinate."""
+        if self.sigma is None:
+            return stacks
+        blocks, numbers = [*stacks], dict[int, int]()
+        for block in self.information:
+            if block.held is None or not block.resting:
+                continue
+            numbers[block.log] = numbers.get(block.log, max(b.block for b in blocks)) + 1
+            rows = block.held.scaled(1 / self.sigma[block.coordinate])
+            rows, none = rows.embedded(block.support, stacks.k), Triangle.empty(stacks.k)
+            key, every = (block.log, numbers[block.log], 0), np.arange(stacks.k)
+            torque = rows.rhs_norm() ** 2, 0.0
+            block = Block(*key, rows, none, none, every, torque, block.span)
+            blocks.append(replace(block, held=rows, stretches=1.0, resting=True))
+        return Information.of(blocks, stacks.k, 1)
 
     @property
     def stacked(self) -> bool:
         """Whether parameters are estimated from rows of all coordinates together."""
-        return self.fitting is not self.information
+        return bool(self.bands or self.runs)
 
     @cached_property
     def torque(self) -> np.ndarray:
@@ -137,8 +157,8 @@ class Problem:
         """
         if self.stacked and not free:  # the paper's: all rows weigh alike, misfit of the basis too
             return estimate(self.fitting.totals, self.prior, np.ones(1), self.plausible, **fixed)
-        totals = self.information.totals
-        return estimate(totals, self.prior, self.torque, self.plausible, **fixed)
+        totals, weights = self.information.totals, None if "sigma" in fixed else self.sigma
+        return estimate(totals, self.prior, self.torque, self.plausible, weights=weights, **fixed)
 
 
 def information_of(
@@ -152,10 +172,10 @@ def information_of(
     blocks, cutoff = list[Block](), motion.band.cutoff
     for number, e in enumerate(motion.experiments):
         supports = row_supports(mechanism, columns, e)
-        edges = block_edges(cutoff, e.t[0], e.t[-1], len(e))
+        edges = block_edges(cutoff, e.t[0], e.t[-1], len(e), e.poses)
         scene = Scene.of(mechanism, columns, e, point, cutoff)
         for block in triangles(number, rows(scene, cutoff), edges, supports):
-            blocks.append(block)
+            blocks.append(block if e.rest is None else block.with_rest(e.rest[block.coordinate]))
             done = number + (block.span[1] - e.t[0]) / (e.t[-1] - e.t[0])
             on_progress(f"equations of {e.name}", float(done / len(motion.experiments)))
     if not blocks:
@@ -174,10 +194,15 @@ def too_short(motion: Motion) -> FitError:
     )
 
 
-def block_edges(cutoff: float | None, first: float, last: float, samples: int) -> np.ndarray:
-    """Return the times [s] that part a log of so many samples from t = first to last in blocks."""
+def block_edges(
+    cutoff: float | None, first: float, last: float, samples: int, poses: bool = False
+) -> np.ndarray:
+    """Return the times [s] that part a log of so many samples from t = first to last in blocks; of
+    poses each is one.
+    """
     rate = cutoff * 4 if cutoff else (samples - 1) / (last - first)
     count = int(np.clip((last - first) * rate / LENGTH, FEWEST, MOST))
+    count = min(samples, MOST) if poses else count
     return np.linspace(first, last, count + 1)[1:-1]
 
 
@@ -205,15 +230,23 @@ def blocks_of(log: int, block: int, rows: Rows, supports: Sequence[np.ndarray]) 
         columns = np.empty((len(support) + 1, len(rows)))
         np.take(by_coordinate[u], support, axis=0, out=columns[:-1], mode="clip")
         columns[-1] = rows.b[:, u]
+        at_rest = rows.rest[:, u] > 0
         still, open_rows = (
             Triangle.of_columns(columns[:, mask]) if mask.any() else Triangle.empty(len(support))
-            for mask in (informs & ~moves, ~informs)
+            for mask in (informs & ~moves & ~at_rest, ~informs)
         )
+        held, resting = None, False
+        if at_rest.any():
+            resting = bool(informs[at_rest].all())  # they are weighed already
+            weight = np.ones(1) if resting else rows.rest[at_rest, u]
+            held = Triangle.of_columns(columns[:, at_rest] * weight)
         informing_rows = Triangle.empty(len(support))
         if informs.any():
             informing_rows = Triangle.of_columns(columns if informs.all() else columns[:, informs])
         torque = float(tau[moves] @ tau[moves]), float(tau[~moves] @ tau[~moves])
-        blocks.append(Block(log, block, u, informing_rows, open_rows, still, support, torque, span))
+        made = Block(log, block, u, informing_rows, open_rows, still, support, torque, span)
+        count = float((rows.rest[:, u] ** 2).sum())
+        blocks.append(replace(made, held=held, stretches=count, resting=resting))
     return blocks
 
 

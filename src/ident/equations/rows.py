@@ -46,6 +46,7 @@ from ident.information.time_bases import Basis, Chunk
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import row_spans, supports
 from ident.motion.closures import integrate
+from ident.motion.signals import runs
 from ident.motion.state import State
 
 WIDER = 3.0  # numerics: times the rows' cut-off: passes all that the rows' filter passes
@@ -74,7 +75,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         mechanism = mechanism.corrected(what)
     known = e.known(mechanism)
     for margin, what in corrections:
-        for name, d in what.delay.items():
+        for name, d in what.delay.items() if not e.poses else ():
             tau, channel = e.tau.copy(), mechanism.driven.index(name)
             tau[:, channel] = late(e.t, e.tau[:, channel], -d)  # read at t + d, without the ends
             inside = (e.t >= e.t[0] + margin) & (e.t <= e.t[-1] - margin)
@@ -141,7 +142,7 @@ def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
 def _rates(e: State, dq: np.ndarray | float, cutoff: float | None) -> np.ndarray:
     """δy, δẏ, δÿ (3, n) of a correction, without what is far above the rows' cut-off."""
     n = len(e)
-    if np.ndim(dq) == 0 or n < 2:  # of one sample no rate is known
+    if np.ndim(dq) == 0 or n < 2 or e.poses:  # of one sample no rate is known
         return np.stack([np.broadcast_to(dq, n), np.zeros(n), np.zeros(n)])
     wide = WIDER * cutoff if cutoff and WIDER * cutoff < 0.5 * e.rate else None
     decimator, x = Decimator.of(wide, e.rate), np.asarray(dq, dtype=float)
@@ -250,6 +251,7 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
                 )
 
 
+SHORTEST_REST = 0.1  # range: s; a joint that turns round is slow for less
 IMMOBILE = 1e-9  # numerics: of a joint's largest transmission: below, it does not move
 
 
@@ -264,6 +266,8 @@ class Rows:
     tau: np.ndarray  # (n, d), the measured torques Zᵀτ alone
     informed: np.ndarray  # (n, d), false where dry friction at standstill leaves the torque open
     moving: np.ndarray  # (n, d), false where a joint stands still, whether it has friction or not
+    # (n, d) weight of a row at rest with open friction, so that a stretch counts as one; else 0
+    rest: np.ndarray
 
     def __len__(self) -> int:
         return len(self.t)
@@ -271,6 +275,23 @@ class Rows:
     def __getitem__(self, which: slice | np.ndarray) -> Rows:
         """Some of the rows."""
         return Rows(**{name: x[which] for name, x in vars(self).items()})
+
+    def scale_of(self, weight: np.ndarray | None, every: int = 1) -> np.ndarray:
+        """Return (n, d) by which rows at rest are multiplied, 1 elsewhere; see `resting`."""
+        if weight is None:
+            return np.ones(self.rest.shape)
+        scale = np.sqrt(every) * self.rest * weight
+        return np.where(scale > 0, scale, 1.0)
+
+    def resting(self, weight: np.ndarray | None, every: int = 1) -> Rows:
+        """Return the rows with those at rest among those that inform, weighed by `weight` (d,) over
+        one in motion; None leaves them out. These are one of `every` rows.
+        """
+        if weight is None or not (self.rest * weight).any():
+            return self
+        scale = self.scale_of(weight, every)
+        A, b = self.A * scale[:, :, None], self.b * scale
+        return replace(self, A=A, b=b, informed=self.informed | (self.rest * weight > 0))
 
     @classmethod
     def concatenated(cls, parts: Sequence[Rows]) -> Rows:
@@ -306,6 +327,27 @@ def of_joints(s: Samples, good: np.ndarray, farthest: np.ndarray | None) -> np.n
     return informing(
         s, farthest, [(name, good[:, j]) for name, j in joints if not good[:, j].all()]
     )
+
+
+def stretches_at_rest(samples: Samples, farthest: np.ndarray | None) -> np.ndarray:
+    """(n, d) 1/√samples of the stretch at rest that a sample is in, 0 elsewhere.
+
+    What friction takes up lasts as long as a stretch does, so all of it weighs as much as one row;
+    of poses each is a stretch. Where a torque is exactly 0, a brake holds the joint.
+    """
+    e = samples.e
+    if e.poses:
+        return np.ones((len(e), e.leverage.shape[2]))
+    s = samples.reduced(slice(None))
+    opened = ~informing(s, farthest) & e.usable[:, None]
+    opened &= s.measured(s.mechanism.driven) != 0
+    weights = np.zeros(opened.shape)
+    least = SHORTEST_REST * e.rate
+    for u in range(opened.shape[1]):
+        for run in runs(opened[:, u]):
+            if run.stop - run.start >= least:
+                weights[run, u] = 1 / np.sqrt(run.stop - run.start)
+    return weights
 
 
 def in_motion(s: Samples, farthest: np.ndarray | None) -> np.ndarray:
@@ -348,13 +390,14 @@ def rows(
     sharp = [s[(s >= before) & ~np.isin(s, smooth)] - before for s in supports]
     thin = [np.intersect1d(s, smooth) for s in supports]
     fresh: list[list[np.ndarray]] | None = [] if stored is None and keep else None
+    at_rest = stretches_at_rest(scene.samples, farthest)
 
     def make(part: slice) -> list[np.ndarray]:
         """Effects' columns by row, b, τ, informed, moving, and Γ by row, of all samples."""
         s = scene.samples.reduced(part)
         terms = scene.effects(s, thinned=step > 1)
         effects = [terms.A[:, u, support] for u, support in enumerate(sharp)]
-        informed = informing(s, farthest)
+        informed = informing(s, farthest) & (not e.poses)
         gamma = gamma_of(s) if stored is None and step == 1 else []
         return [*effects, terms.b, terms.tau, informed, in_motion(s, farthest), *gamma]
 
@@ -391,10 +434,12 @@ def rows(
                     A[:, u, thin[u] - before] = smoothed[u]
             b, tau, opened, standing = series[d : d + 4]
             informed, moving = opened < sticking, standing < STANDING
+            rest = np.where(opened > 1 - STANDING, at_rest[sample] * np.sqrt(decimator.factor), 0.0)
             A, b = with_bodies(scene.columns, scene.point, gamma, A, b, spans)
             for u in scene.mechanism.unmeasured_rows:
                 A[:, u], b[:, u], tau[:, u], informed[:, u] = 0.0, 0.0, 0.0, False
-            yield Rows(e.t[sample], sample, A, b, tau, informed, moving & informed)
+                rest[:, u] = 0.0
+            yield Rows(e.t[sample], sample, A, b, tau, informed, moving & informed, rest)
     if fresh:
         e.store.put(
             key, model, [np.hstack([x.T for x in pieces]) for pieces in zip(*fresh, strict=True)]

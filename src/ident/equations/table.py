@@ -39,6 +39,7 @@ class Table(Rows):
     motion: Motion
     point: Point
     scenes: tuple[Scene, ...]  #: one an experiment
+    scale: np.ndarray  #: (N, d) by which rows are weighed: 1, but at rest
     every: int = 1  #: of so many samples one is evaluated for columns
 
     @classmethod
@@ -48,15 +49,18 @@ class Table(Rows):
         scenes = tuple(Scene.of(mechanism, columns, e, point, cutoff) for e in motion.experiments)
         expected = sum(len(s.e) // Decimator.of(cutoff, s.e.rate).factor for s in scenes)
         every = max(1, -(-expected // TABLE))
-        parts, number = [], []
+        parts, number, scales = [], [], []
         for i, scene in enumerate(scenes):
             for piece in rows(scene, cutoff):
-                parts.append(piece[::every])
+                piece = piece[::every]
+                scales.append(piece.scale_of(scene.e.rest, every))
+                parts.append(piece.resting(scene.e.rest, every))
                 number.append(np.full(len(parts[-1]), i))
         r = Rows.concatenated(parts)
         return cls(
-            r.t, r.sample, r.A, r.b, r.tau, r.informed, r.moving, np.concatenate(number),
-            mechanism, columns, motion, point, scenes,
+            r.t, r.sample, r.A, r.b, r.tau, r.informed, r.moving, r.rest,
+            np.concatenate(number),
+            mechanism, columns, motion, point, scenes, np.concatenate(scales),
         )  # fmt: skip
 
     @cached_property
@@ -109,7 +113,7 @@ class Table(Rows):
         if effect.corrects:
             names = [shape_parameter.name for shape_parameter in effect.searched]
             S = [self.sensitivity(effect, shape, name) for shape in shapes for name in names]
-            return np.stack(S, axis=-1), np.arange(d)
+            return np.stack(S, axis=-1), np.arange(d)  # weighed already
         own_rows = effect.local and not self.mechanism.closures
         joints = [self.mechanism.joint(name).index for name in effect.joints] if own_rows else ()
         felt, u = np.array(joints) if own_rows else np.arange(d), len(effect.unknowns)
@@ -127,7 +131,7 @@ class Table(Rows):
                         s.add_effect(columns, effect, np.eye(u), shape)
                 pieces.append(self.filtered(number, out))
             series.append(np.concatenate(pieces, axis=2))
-        return np.concatenate(series), felt
+        return np.concatenate(series) * self.scale[:, felt, None], felt
 
     def sensitivity(
         self, effect: Effect, shape: Mapping[str, float], name: str, step: float | None = None
@@ -157,7 +161,7 @@ class Table(Rows):
             if len(S) != len(t):
                 S = cubic(bare.e.t, S, t)
             series.append(self.filtered(number, S[self.samples[number].part]))
-        return np.concatenate(series)
+        return np.concatenate(series) * self.scale
 
     @cached_property
     def thin(self) -> tuple[Samples, ...]:

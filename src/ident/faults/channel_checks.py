@@ -70,7 +70,9 @@ class LoggedChannel:
 
     @cached_property
     def moving(self) -> Array:
-        """(n,) whether the joint moves, well above standstill."""
+        """(n,) whether the joint moves, well above standstill; from one pose to another."""
+        if self.log.poses:
+            return np.full(len(self.x), np.ptp(self.log.columns[f"q.{self.joint.name}"]) > NIL)
         at = self.mechanism.joint_index[self.joint.name]
         speed = np.abs(np.interp(self.t, self.state.t, self.state.yd[:, at]))
         least = 0.1 * float(np.sqrt(np.mean(speed**2)))
@@ -267,6 +269,8 @@ CHECKS = {
     "v": (frozen, steps),
 }  # fmt: skip
 
+OF_POSES = {"tau": (constant, zero)}  # no check of what follows from the pose before
+
 # --- all channels -------------------------------------------------------------------------------
 
 
@@ -296,7 +300,8 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             channel = LoggedChannel(
                 name, kind, mechanism.joint(joint), t, x, log, state, mechanism, motion
             )
-            for check in CHECKS.get(kind, ()) if len(x) > SHORTEST else ():
+            checks = OF_POSES if log.poses else CHECKS
+            for check in checks.get(kind, ()) if len(x) > SHORTEST else ():
                 if (judgement := check(channel)) is not None:
                     number, threshold, meaning, remedy = judgement
                     judgements = same.setdefault((check.__name__, meaning), [])

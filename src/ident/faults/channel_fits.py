@@ -112,7 +112,8 @@ class ChannelEquations:
                 else:
                     np.matmul(stack[i:j].T, stack[i:j], out=gram[n, u])
                 rows[n, u] = use[rows_in_use, u][i:j].sum()
-        lags = steps / table.scenes[0].e.rate
+        rate = _rate(table)
+        lags = steps / rate if rate else 0.0 * steps
         limits = limits_of_machines(estimate, table, effects, k)
         return cls(driven, drive_of_coordinate, list(gram), k, places, rows, lags, near, limits)
 
@@ -291,11 +292,16 @@ def columns_of(
     return np.column_stack([table.A[:, u, free], *extra])
 
 
+def _rate(table: Table) -> float:
+    """Return the rate of the first log of a motion [Hz]; 0 where all are poses."""
+    return next((s.e.rate for s in table.scenes if not s.e.poses), 0.0)
+
+
 def _steps(table: Table) -> tuple[Array, int]:
     """Shifts of the torques [samples], the first 0, and how many can be a delay; others are far."""
-    e = table.scenes[0].e
+    e = next((s.e for s in table.scenes if not s.e.poses), table.scenes[0].e)
     most = min(LONGEST * e.rate, 0.05 * len(e))
-    some = {max(1, round(i * most / NODES)) for i in range(1, NODES + 1)}
+    some = {max(1, round(i * most / NODES)) for i in range(1, NODES + 1)} if e.rate else set()
     near = [0, *sorted(-k for k in some), *sorted(some)]
     return np.array([*near, *(len(e) * k // FAR for k in range(1, FAR))]), len(near)
 
@@ -306,7 +312,9 @@ def _torques_of_drives(table: Table, drive_of_coordinate: tuple[int, ...], steps
     for number, scene in enumerate(table.scenes):
         tau, n = scene.e.tau, len(scene.e)
         shifted = np.arange(n)[:, None] + steps[1:]
-        far = np.abs(steps[1:]) > LONGEST * scene.e.rate + 1
+        far = np.abs(steps[1:]) > LONGEST * _rate(table) + 1
+        if scene.e.poses:  # none of them is late
+            shifted = np.where(far, shifted, np.arange(n)[:, None])
         shifted = np.where(far, shifted % n, np.clip(shifted, 0, n - 1))
         every = table.filtered(number, tau)
         shifted_torques = (

@@ -199,7 +199,9 @@ class DataChecks(FaultSearch):
         states, cutoff = problem.motion.experiments, problem.motion.band.cutoff
         floor = noise_floor(problem.mechanism, states, problem.point_at(x), cutoff)
         beyond = np.array(rms) / np.maximum(floor, 1e-150)  # over what noise of the sensors makes
-        bad = (errors > LEAVES) | ((errors > DOUBT) & (beyond > BEYOND))
+        bad = errors > LEAVES
+        if not problem.motion.poses:  # of which friction at rest makes most, not noise of sensors
+            bad |= (errors > DOUBT) & (beyond > BEYOND)
         if not bad.any():
             return
         where = tuple(f"tau.{name}" for name, x in zip(names, bad, strict=True) if x)
@@ -273,7 +275,8 @@ class DataChecks(FaultSearch):
             yield self._turned(turned)
         logs = np.log(list(gains.values()))
         one = len(gains) > 1 and np.ptp(logs) < SAME and correlation > SAME_SHAPE
-        least = OTHER if one else BEYOND
+        # of poses every torque is gravity's, of whatever size: only a unit is told from masses
+        least = OTHER if one and not self.problem.motion.poses else BEYOND
         far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}
         several = 2 * len(far) >= len(self.use.T) and len({x > 1 for x in far.values()}) == 1
         if several and len(far) > 1 and (fall := self._scaled_alike(gains)):

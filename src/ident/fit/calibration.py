@@ -248,9 +248,9 @@ def _augmented(
         if at.any():
             rows = Rows(
                 table.t[at], table.sample[at], A[at], b[at], table.tau[at],
-                table.informed[at], table.moving[at],
+                table.informed[at], table.moving[at], table.rest[at],
             )  # fmt: skip
-            edges = block_edges(cutoff, e.t[0], e.t[-1], len(e))
+            edges = block_edges(cutoff, e.t[0], e.t[-1], len(e), e.poses)
             blocks += triangles(number, [rows], edges, supports)
     return Information.of(blocks, A.shape[2], b.shape[1])
 
@@ -276,13 +276,18 @@ def _marginal(
         rms = [t.residual_norm(start) / np.sqrt(max(t.rows, 1)) for t in totals]
         sigma = np.maximum(rms, floor)
     sigma = np.where(sigma > 0, sigma, 1.0)
+    held, poses = (
+        [sum(b.held_rows for b in information if b.coordinate == u) for u in range(len(sigma))],
+        table.motion.poses,
+    )
+    at_rest = np.array([not poses and t.rows == n for t, n in zip(totals, held, strict=True)])
     one = np.ones(1)
     for _ in range(PASSES):
         total = Triangle.merge([total_of(information, sigma), prior])
         z = estimate([total], np.zeros(n + c), one, sigma=one)
         rms = [t.residual_norm(z.x) / np.sqrt(max(t.rows, 1)) for t in totals]
         new = np.maximum(rms, floor)
-        new = np.where(new > 0, new, sigma)
+        new = np.where((new > 0) & ~at_rest, new, sigma)
         if np.abs(np.log(new / sigma)).max() < SETTLED:
             break
         sigma = new

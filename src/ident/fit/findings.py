@@ -93,7 +93,9 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
             yield Finding("short log", text, remedy, (), rows / rank, SHORT)
     yield from map(note, (*problem.mechanism.notes, *problem.motion.notes))
     off = problem.mechanism.unmeasured_rows
-    blocks = [block for block in problem.information if block.coordinate not in off]
+    poses = {i for i, e in enumerate(problem.motion.experiments) if e.poses}
+    every = (block for block in problem.information if block.log not in poses)
+    blocks = [block for block in every if block.coordinate not in off]
     if rest := sum(block.rest.rows for block in blocks):
         share = rest / sum(block.rows for block in blocks)
         text = (

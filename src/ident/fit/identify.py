@@ -11,6 +11,7 @@ import numpy as np
 
 from ident.display import Progress, no_progress, part
 from ident.equations.problem import Problem, information_of
+from ident.equations.rest import unweighed, with_rest
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
 from ident.faults.channel_checks import copies
@@ -78,9 +79,10 @@ def identify(
     shapes, equations, likely, rest, last = (
         part(progress, *ends) for ends in pairwise((0.0, 0.3, 0.5, 0.8, 0.95, 1.0))
     )
+    motion = unweighed(motion)
     point = working_point(mechanism, motion, start, shapes)
     problem = Problem.of(mechanism, motion, point, equations)
-    estimate = estimate_of(problem)
+    problem, estimate = with_rest(problem, estimate_of(problem))
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, likely)
     fit = fit_of(problem, estimate, consistent, findings, likelihood, rest)
     if validate is None:

@@ -286,5 +286,5 @@ class Linearization:
         """Return the runs without their motion, and the estimate from them."""
         problem, one = self.problem, np.ones(1)
         runs = tuple(part.eliminated(sigma) for part in self.parts)
-        information = stacks_information(runs, problem.motion)
+        information = problem.with_held(stacks_information(runs, problem.motion))
         return runs, estimate(information.totals, problem.prior, one, sigma=one, fixed=first.fixed)

@@ -101,7 +101,7 @@ class Prediction(TorqueParts):
                                                     for name, acts in acting.items())]  # fmt: skip
             direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
             joints = np.stack([e.y[part], e.yd[part], e.ydd[part], direction], axis=1)
-            return [np.hstack(rows), joints, informing(u, farthest), self.moving[part]]
+            return [np.hstack(rows), joints, informing(u, farthest) | e.poses, self.moving[part]]
 
         acting = {name: np.flatnonzero(x.any(axis=0)) for name, x in self.parts.items()}
         d, J = self.measured.shape[1], e.y.shape[1]

@@ -114,6 +114,9 @@ class Block:
     support: Index  # columns that can appear
     torque: tuple[float, float]  # sums of squares, measured in motion and at standstill
     span: tuple[float, float]  # first and last t [s]
+    held: Triangle | None = None  # of rows at rest, weighed so that a stretch counts as one
+    stretches: float = 0.0  # how many rows they count as
+    resting: bool = False  # whether `triangle` has them too
 
     @property
     def key(self) -> Key:
@@ -123,20 +126,39 @@ class Block:
     @property
     def rows(self) -> int:
         """Number of rows, those at standstill included."""
-        return self.triangle.rows + self.rest.rows
+        return self.triangle.rows - self.held_rows + self.rest.rows
+
+    @property
+    def held_rows(self) -> int:
+        """How many rows of `triangle` are at rest with open friction."""
+        return self.held.rows if self.held and self.resting else 0
 
     def __add__(self, other: Block) -> Block:
         """Return the block of both, which must have the same key."""
         span = min(self.span[0], other.span[0]), max(self.span[1], other.span[1])
         informing, rest, still = map(add, self.triangles, other.triangles)
         torque = self.torque[0] + other.torque[0], self.torque[1] + other.torque[1]
-        return Block(*self.key, informing, rest, still, self.support, torque, span)
+        held = (
+            Triangle.merge([x.held for x in (self, other) if x.held]) if self.held else other.held
+        )
+        return Block(
+            *self.key, informing, rest, still, self.support, torque, span,
+            held, self.stretches + other.stretches, self.resting,
+        )  # fmt: skip
 
     def scaled(self, w: float) -> Block:
         """Multiply every equation by `w`."""
         informing, rest, still = (triangle.scaled(w) for triangle in self.triangles)
         torque = w**2 * self.torque[0], w**2 * self.torque[1]
-        return Block(*self.key, informing, rest, still, self.support, torque, self.span)
+        changed = replace(self, triangle=informing, rest=rest, still=still, torque=torque)
+        return replace(changed, held=self.held and self.held.scaled(w))
+
+    def with_rest(self, w: float) -> Block:
+        """Count the rows at rest among those that inform, each with the weight `w`."""
+        if self.held is None or self.resting or not w:
+            return self
+        held = self.held.scaled(w)
+        return replace(self, triangle=self.triangle + held, held=held, resting=True)
 
     @property
     def triangles(self) -> tuple[Triangle, Triangle, Triangle]:
@@ -191,6 +213,12 @@ class Information:
         return list(dict.fromkeys((b.log, b.block) for b in self if b.triangle.rows))
 
     @property
+    def neighbours(self) -> list[tuple[int, int]]:
+        """`times`, those of poses at rest alone with a log of their own: they follow no others."""
+        moving = {(b.log, b.block) for b in self if b.triangle.rows > b.held_rows}
+        return [time if time in moving else (~i, 0) for i, time in enumerate(self.times)]
+
+    @property
     def rows(self) -> int:
         """Number of rows, those at standstill included."""
         return sum(block.rows for block in self)
@@ -203,6 +231,21 @@ class Information:
     def totals(self) -> tuple[Triangle, ...]:
         """Triangle of each coordinate's rows that inform, over all blocks, on all k columns."""
         return self._totals("triangle")
+
+    def with_rest(self, weight: Array) -> Information:
+        """Count rows at rest among those that inform, with a `weight` (d,) over one in motion."""
+        blocks = {key: b.with_rest(float(weight[b.coordinate])) for key, b in self.blocks.items()}
+        return replace(self, blocks=blocks)
+
+    @cached_property
+    def held(self) -> tuple[tuple[Triangle, float], ...]:
+        """The rows at rest of each coordinate on all k columns, and how many they count as."""
+        totals = [(Triangle.empty(self.k), 0.0)] * self.d
+        for u, blocks in self.by_coordinate.items():
+            if triangles := [block.held for block in blocks if block.held]:
+                merged = Triangle.merge(triangles).embedded(blocks[0].support, self.k)
+                totals[u] = merged, sum(block.stretches for block in blocks)
+        return tuple(totals)
 
     @cached_property
     def at_rest(self) -> tuple[Triangle, ...]:
@@ -245,6 +288,8 @@ class Information:
                 _squares([block.triangles[i] for block in blocks], x[blocks[0].support])
                 for i in range(3)
             )
+            held = [block.held for block in blocks if block.held and block.resting]
+            informing -= _squares(held, x[blocks[0].support])
             idle = sum(block.rest.rows + block.still.rows for block in blocks)
             torque, torque_idle = np.sum([block.torque for block in blocks], axis=0)
             rows = sum(block.rows for block in blocks)

@@ -76,12 +76,22 @@ def covariance(information: Information, estimate: Estimate, with_prior: bool = 
         return np.full((size, size), np.nan)
     blocks = LeftOut.of(information, estimate, with_prior)
     deltas, shares = blocks.deltas
-    total, nu = long_run(times, deltas, shares)
+    total, nu = long_run(information.neighbours, deltas, shares)
     wider = np.sqrt(nu / (nu - 2))
     result = total * np.outer(wider, wider)
     # what only one block determines has no spread between blocks; white residuals are the least
-    least = blocks.white_variance
-    return np.asarray(result + np.diag(np.maximum(least - np.diag(result), 0.0)))
+    least = blocks.white_covariance
+    if any(block.resting for block in information) and information.neighbours != information.times:
+        return _at_least(result, least)
+    return np.asarray(result + np.diag(np.maximum(np.diag(least - result), 0.0)))
+
+
+def _at_least(covariance: Array, least: Array) -> Array:
+    """Return a covariance (n, n) that is in no direction less than `least`."""
+    L = np.linalg.cholesky(least + np.finfo(float).eps * np.diag(np.diag(least)))
+    values, V = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, covariance).T))
+    wide = L @ V
+    return np.asarray((wide * np.maximum(values, 1.0)) @ wide.T)
 
 
 def prior_covariance(estimate: Estimate, plausible: Array) -> Array:

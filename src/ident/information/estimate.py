@@ -163,6 +163,7 @@ def estimate(
     plausible: Array | None = None,
     sigma: Array | None = None,
     fixed: np.ndarray | None = None,
+    weights: Array | None = None,
 ) -> Estimate:
     """Solve weighted least squares over coordinates.
 
@@ -178,7 +179,8 @@ def estimate(
         plausible: (k,) how far an unknown can be from its prior; what the data know worse than that
             is held at the prior. None: everything with columns of its own is estimated.
         sigma: (d,) fixed weights; else they are iterated.
-        held: (k,) unknowns to be held at their prior from the start.
+        fixed: (k,) unknowns to be held at their prior from the start.
+        weights: (d,) as `sigma`, where what the data know too badly is still to be held.
 
     Raises:
         FitError: if there are no rows.
@@ -191,13 +193,15 @@ def estimate(
         base, solution = _solve(total, prior, start)
         return Estimate(solution, base, sigma, total, start)
     largest = float(torque.max(initial=0.0)) or 1.0
-    weights, floor = np.full(len(totals), largest), np.zeros(len(totals))
+    given, floor = weights, np.zeros(len(totals))
+    weights = np.full(len(totals), largest) if given is None else given
     # the columns that depend on others do not depend on the weights: they are sought once
     first = _solve(weighted_total(totals, weights), prior, np.zeros(len(prior), dtype=bool))[0]
     fixed, rows = start, RowsOnBase.of(totals, first, prior)
     for step in range(ITERATIONS):
         trial = rows.solved(weights, fixed)
         noise = float((_residuals(totals, trial.x) / weights).max())
+        noise = noise if given is None else max(noise, 1.0)
         while plausible is not None and len(trial.independent):
             # hold, one by one, what the data know worse than is plausible
             own_range = plausible[trial.independent]
@@ -214,6 +218,8 @@ def estimate(
             fixed = fixed.copy()
             fixed[trial.independent[newest]] = True
             trial = rows.solved(weights, fixed, trial)
+        if given is not None:
+            break
         if step == 0:
             fixed = np.zeros(len(prior), dtype=bool)  # decided anew with weights that are right
             before = np.minimum(term_sizes(totals, prior), 10 * largest)

@@ -84,8 +84,15 @@ class LeftOut:
         white, first = np.zeros((n, n)), 0
         for u, _, _, residual in pieces:
             rows_of_u = Q[first : first + len(residual)]
-            white += residual @ residual / max(counts[u], 1) * (rows_of_u.T @ rows_of_u)
+            variance = residual @ residual / max(counts[u], 1)
+            white += variance * (rows_of_u.T @ rows_of_u)
             first += len(residual)
+            for at_u in information.by_coordinate[u]:  # a few rows at rest may be met exactly
+                if at_u.held is not None and at_u.resting and variance < 1.0:
+                    inside = place[at_u.support] >= 0
+                    at_rest = at_u.held.R[:, inside] / estimate.sigma[u]
+                    at_rest = at_rest @ T[place[at_u.support][inside]]
+                    white += (1.0 - variance) * (at_rest.T @ at_rest)
         return cls(times, T, G, h, white)
 
     @cached_property
@@ -118,9 +125,9 @@ class LeftOut:
         return deltas, np.maximum(shares, 0.0)
 
     @property
-    def white_variance(self) -> Array:
-        """(n,) variances of the base parameters if residuals were white."""
-        return np.einsum("ij,jk,ik->i", self.T, self.white, self.T)
+    def white_covariance(self) -> Array:
+        """Covariance (n, n) of the base parameters if residuals were white."""
+        return np.asarray(self.T @ self.white @ self.T.T)
 
     def without(self, groups: Sequence[Sequence[tuple[int, int]]]) -> tuple[Array, Array]:
         """Return the changes (groups, n) of the base parameters when each group of blocks (log,

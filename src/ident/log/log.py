@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from ident.display import Displayed
 from ident.errors import LogError, one_of
 from ident.lazy import lazy
+from ident.log.poses import FEWEST_POSES, are_poses
 from ident.log.storage import write_table
 from ident.log.table import Array, Column, RawTable, check_name, frame_table, renamed
 from ident.text import shortlist
@@ -62,18 +63,11 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
     """Return a table of finite values and a strictly increasing `t`, whose column is `source`; of
     repeated stamps the first stays.
     """
-    notes = []
-    for name, x in table.columns.items():
-        if np.isinf(x).any():
-            row = int(np.isinf(x).argmax())
-            raise LogError(
-                f"{table.file}: column {name!r}, {table.where(row)}: {x[row]} is no measurement; "
-                "leave the cell empty (NaN) where there is no value"
-            )
-        if np.isnan(x).all():
-            notes.append(f"column {name!r} is empty")
+    notes = _empty_columns(table)
     if "t" not in table.columns:
-        raise NoTime(f"{table.file}: {_no_time(table)}", table.columns)
+        poses = any(name.startswith("q.") for name in table.columns)
+        also = "; if each row is a pose at which it rests: --poses, in Python poses=True" * poses
+        raise NoTime(f"{table.file}: {_no_time(table)}{also}", table.columns)
     t = table.columns["t"]
     empty = np.flatnonzero(np.isnan(t))
     if empty.size:
@@ -109,6 +103,30 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
     if t.size > 100 and not SHORTEST_STEP < np.median(np.diff(t)) <= LONGEST_STEP:
         raise LogError(f"{table.file}: {_wrong_unit(t, source or Column('t'))}")
     return table
+
+
+def without_clock(table: RawTable) -> RawTable:
+    """Return a table of poses, whose `t` is their number."""
+    notes, count = _empty_columns(table), len(next(iter(table.columns.values()), ()))
+    if count < FEWEST_POSES:
+        raise LogError(f"{table.file}: {_count(count, 'pose')}; at least {FEWEST_POSES} are needed")
+    columns = {**table.columns, "t": np.arange(count, dtype=float)}
+    return replace(table, columns=columns, repairs=(*table.repairs, *notes))
+
+
+def _empty_columns(table: RawTable) -> list[str]:
+    """Return notes on columns without a value; refuse infinite ones."""
+    notes = []
+    for name, x in table.columns.items():
+        if np.isinf(x).any():
+            row = int(np.isinf(x).argmax())
+            raise LogError(
+                f"{table.file}: column {name!r}, {table.where(row)}: {x[row]} is no measurement; "
+                "leave the cell empty (NaN) where there is no value"
+            )
+        if np.isnan(x).all():
+            notes.append(f"column {name!r} is empty")
+    return notes
 
 
 def _wrong_unit(t: Array, source: Column) -> str:
@@ -242,6 +260,7 @@ class Log(Displayed):
         t: (n_samples,) [s], strictly increasing, finite.
         repairs: what was changed, how often, where first, in words.
         sha256: of the file's bytes; "" if made in memory.
+        poses: whether each row is an average over a machine at rest; `t` is its number then.
     """
 
     name: str
@@ -249,6 +268,7 @@ class Log(Displayed):
     t: Array
     repairs: tuple[str, ...] = ()
     sha256: str = ""
+    poses: bool = False
 
     def __post_init__(self) -> None:
         t = _read_only(self.t, self.name, "t")
@@ -279,11 +299,15 @@ class Log(Displayed):
         for key in columns:
             check_name(name, key)
         arrays = {key: _read_only(x, name, key) for key, x in {"t": t, **columns}.items()}
-        return cls.from_table(name, RawTable(name, arrays))
+        return cls.from_table(name, RawTable(name, arrays), poses=False)
 
     @classmethod
     def from_frame(
-        cls, frame: Any, name: str = "frame", columns: Mapping[str, Column] | None = None
+        cls,
+        frame: Any,
+        name: str = "frame",
+        columns: Mapping[str, Column] | None = None,
+        poses: bool | None = None,
     ) -> Log:
         """A log from a polars or pandas data frame, checked and repaired as a file is.
 
@@ -291,14 +315,14 @@ class Log(Displayed):
             frame: a row a sample, columns named as a file's. A pandas index that is named `t`, or
                 holds times, is `t`.
             name: what messages and tables call it.
-            columns: ident's names to the frame's columns, as `read_log` takes them.
+            columns: ident's names to the frame's columns; poses: both as `read_log` takes them.
 
         Raises:
             LogError: where `read_log` would, and for anything but a data frame.
         """
         mapping = columns or {}
         table = frame_table(name, frame, {source.column for source in mapping.values()})
-        return cls.from_table(name, table, mapping)
+        return cls.from_table(name, table, mapping, poses=poses)
 
     @classmethod
     def from_table(
@@ -307,6 +331,7 @@ class Log(Displayed):
         table: RawTable,
         columns: Mapping[str, Column] | None = None,
         sha256: str = "",
+        poses: bool | None = None,
     ) -> Log:
         """Check and repair columns under the file's own names.
 
@@ -315,14 +340,22 @@ class Log(Displayed):
             table: of a file or of memory.
             columns: ident's names to the file's columns.
             sha256: of the file's bytes.
+            poses: whether its rows are poses, without order; None decides it by the rows.
 
         Raises:
             LogError: where `read_log` would.
         """
         mapping = columns or {}
-        table = with_clock(renamed(table, mapping), mapping.get("t"))
+        table = renamed(table, mapping)
+        if poses is None:
+            poses = are_poses(table.columns, timed="t" in table.columns)
+        table = without_clock(table) if poses else with_clock(table, mapping.get("t"))
         values = {key: x for key, x in table.columns.items() if key != "t"}
-        return cls(name, values, table.columns["t"], table.repairs, sha256)
+        return cls(name, values, table.columns["t"], table.repairs, sha256, poses)
+
+    def as_poses(self) -> Log:
+        """The same rows as poses, each an average over a machine at rest."""
+        return replace(self, t=np.arange(len(self.t), dtype=float), poses=True)
 
     def polars(self) -> pl.DataFrame:
         """`t` and all columns (n_samples,) as a polars data frame; null where a cell is empty."""
@@ -379,17 +412,20 @@ class Log(Displayed):
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write to `path`, a .csv, .parquet or .npz, whole or not at all; read again it is this.
 
-        Column `t` comes first, then the others as stored. Raises LogError for another suffix and
-        where the file cannot be written.
+        Column `t` comes first, unless rows are poses, then the others as stored. Raises LogError
+        for another suffix and where the file cannot be written.
         """
-        write_table(Path(path), {"t": self.t, **self.columns})
+        time = {} if self.poses else {"t": self.t}
+        write_table(Path(path), {**time, **self.columns})
 
     def __contains__(self, name: object) -> bool:
         return name in self.columns
 
     def __reduce__(self) -> tuple[type[Log], tuple[object, ...]]:
         # a mappingproxy cannot be pickled, and unpickled arrays are writable
-        return Log, (self.name, dict(self.columns), self.t, self.repairs, self.sha256)
+        return Log, (
+            self.name, dict(self.columns), self.t, self.repairs, self.sha256, self.poses,
+        )  # fmt: skip
 
 
 def _read_only(x: ArrayLike, log: str, column: str) -> Array:

@@ -66,7 +66,7 @@ class Pieces:
                 f"{self.path}: column {other[0]!r} holds numbers in some rows and text in others "
                 f"(from {table.where(0)} on); leave cells empty where there is no value"
             )
-        return Log.from_table(self.name, table, self.mapping, self.sha256)
+        return Log.from_table(self.name, table, self.mapping, self.sha256, poses=False)
 
 
 def open_log(path: str | os.PathLike[str], columns: Mapping[str, Column] | None = None) -> Pieces:

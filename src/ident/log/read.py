@@ -34,6 +34,7 @@ def read_log(
     columns: Mapping[str, Column] | None = None,
     *,
     topic: str | None = None,
+    poses: bool | None = None,
 ) -> Log:
     """Read one recorded experiment from a .csv, .parquet or .npz file, or from a ROS 2 bag.
 
@@ -58,7 +59,7 @@ def read_log(
     file = log_file(path, topic)
     with file_errors(file.path):
         table, sha256 = file.table(), file.sha256()
-    return Log.from_table(file.name, table, columns, sha256)
+    return Log.from_table(file.name, table, columns, sha256, poses)
 
 
 @dataclass(frozen=True)

@@ -32,13 +32,15 @@ class Cause:
 
 
 def causes_of(mechanism: Mechanism, logged: Sequence[str], rate: float) -> Iterator[Cause]:
-    """Yield the causes of a mechanism, for logs of a rate [Hz] with the positions `logged`;
-    without those that an effect of the mechanism has already.
+    """Yield the causes of a mechanism, for logs of a rate [Hz], 0 of poses, with the positions
+    `logged`; without those that an effect of the mechanism has already.
     """
     for kind, place, effect, size, unit in _every(mechanism, logged):
         keys = (place, place.rpartition(".")[0], place.partition(".")[2])
         amount, source = mechanism.calibration.amount(kind, *filter(None, keys), unit=unit)
         scale = amount.number
+        if kind in ("lateness", "clock") and not rate:  # poses have no time
+            continue
         if amount.unit == "sample":
             scale, source = scale / rate, f"{source}; samples of {1e3 / rate:.3g} ms"
         elif amount.unit == "1":

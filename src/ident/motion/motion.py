@@ -14,9 +14,11 @@ from ident.errors import LogError, MotionError, one_of
 from ident.information.chance import BEYOND, LEAVES
 from ident.log import Log, read_log
 from ident.log.log import NoTime, entry_for
+from ident.log.poses import are_poses
 from ident.log.read import distinct
 from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
+from ident.motion.at_rest import measure_poses, rest_of
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
 from ident.motion.knots import by_torques, doubtful, without_time_errors
 from ident.motion.recipe import (
@@ -78,8 +80,14 @@ class Motion(Displayed):
 
     @property
     def duration(self) -> float:
-        """Mean duration of the logs [s]; of an excerpt, of whole logs."""
-        return self.samples / float(np.mean([e.rate for e in self.experiments])) / len(self.names)
+        """Mean duration of the logs [s]; of an excerpt, of whole logs; of poses, 0."""
+        rate = float(np.mean([e.rate for e in self.experiments]))
+        return self.samples / rate / len(self.names) if rate else 0.0
+
+    @property
+    def poses(self) -> bool:
+        """Whether all samples are poses at rest."""
+        return all(e.poses for e in self.experiments)
 
     @property
     def rows(self) -> list[list[str]]:
@@ -87,8 +95,9 @@ class Motion(Displayed):
         rows = [["log", "samples", "duration", "rate", "left out"]]
         for e in self.experiments:
             out = int(len(e) - e.usable.sum())
-            time = f"{e.t[-1] - e.t[0]:.4g} s"
-            rows.append([e.name, str(len(e)), time, f"{e.rate:.4g} Hz", str(out) if out else "–"])
+            time, rate = f"{e.t[-1] - e.t[0]:.4g} s", f"{e.rate:.4g} Hz"
+            time, rate = ("poses", "at rest") if e.poses else (time, rate)
+            rows.append([e.name, str(len(e)), time, rate, str(out) if out else "–"])
         return rows
 
     def view(self) -> Any:
@@ -111,6 +120,7 @@ def complete(
     cutoff: float | str | None = "auto",
     torques: bool = True,
     smoothing: float | str | None = AUTO,
+    poses: bool | None = None,
     progress: Progress | None = None,
 ) -> Motion:
     """All positions, velocities and accelerations, completed through the closures.
@@ -124,6 +134,8 @@ def complete(
         smoothing: spacing of the knots [s] of the splines that noisy channels are smoothed by;
             "auto" chooses it from the data; None takes all channels as logged.
         torques: whether every driven joint must have its `tau.` column; else missing ones are zero.
+        poses: whether each row of the logs is an average over a mechanism at rest, in any order;
+            None decides it for each log by its rows.
         progress: called with (what is being done, share done).
 
     Returns:
@@ -139,24 +151,36 @@ def complete(
     given: list[Any] = [*cast(Any, logs)] if several and not is_frame(logs) else [logs]
     if not given:
         raise MotionError(f"{mechanism.name}: no log given")
-    read = [without_repeats(log_of(mechanism, item)) for item in given]
+    read = [log_of(mechanism, item, poses) for item in given]
+    read = [log if log.poses else without_repeats(log) for log in read]
     different = zip(read, distinct(log.name for log in read), strict=True)
     read = [log if log.name == name else replace(log, name=name) for log, name in different]
-    measured = [measure(mechanism, log) for log in read]
+    measured = [(measure_poses if log.poses else measure)(mechanism, log) for log in read]
+    moving = [signals for signals in measured if not signals.log.poses]
     notes = [note for signals in measured for note in signals.notes]
     for signals in measured:
         notes += _missing_torques(mechanism, signals, torques)
     names = _determining(mechanism, measured)
-    smoothing = checked_spacing(smoothing, measured)
-    cutoff = cutoff if cutoff in (None, AUTO) else checked_cutoff(cutoff, measured)
-    band = band_of(mechanism, measured, names, cutoff)
+    band = Band(0.0, 0.0, None)
+    if moving:
+        smoothing = checked_spacing(smoothing, moving)
+        cutoff = cutoff if cutoff in (None, AUTO) else checked_cutoff(cutoff, moving)
+        band = band_of(mechanism, moving, names, cutoff)
 
     def derived_with(band: Band) -> list[Derived]:
-        return [derive(signals, names, band, smoothing) for signals in measured]
+        return [
+            rest_of(signals, names)
+            if signals.log.poses
+            else derive(signals, names, band, smoothing)
+            for signals in measured
+        ]
 
     derived = derived_with(band)
     free = names if mechanism.degrees_of_freedom > 1 else ()  # of one, motion looks the same
-    shifted = [without_time_errors(*both, free) for both in zip(measured, derived, strict=True)]
+    shifted = [
+        None if signals.log.poses else without_time_errors(signals, item, free)
+        for signals, item in zip(measured, derived, strict=True)
+    ]
     for i, corrected_time in enumerate(shifted):
         if corrected_time is not None:
             measured[i], rms = corrected_time
@@ -179,10 +203,12 @@ def complete(
     complete_torques = all(
         f"tau.{name}" in s.columns for s in measured for name in mechanism.measured
     )
-    if smoothing == AUTO and complete_torques and mechanism.measured and not white:
+    measures = bool(moving and mechanism.measured)
+    if measures and smoothing == AUTO and complete_torques and not white:
         if progress:
             progress("choosing knots by the torques", 0.0)
-        before, band = band, by_torques(mechanism, measured, band, derived, cutoff != "auto")
+        in_motion = [x for x, y in zip(derived, measured, strict=True) if not y.log.poses]
+        before, band = band, by_torques(mechanism, moving, band, in_motion, cutoff != "auto")
         if band != before:
             derived = derived_with(band)
             if np.isfinite(band.knots[1]):
@@ -204,8 +230,11 @@ def complete(
         notes += left_out(experiment, experiments[i])
         error = np.abs(mechanism.kinematics.closure_rows(experiment.q).value).max(initial=0.0)
         worst = max(worst, float(error))
+    alone = np.ones(experiments[0].leverage.shape[2]) if not moving else None
     states = tuple(
-        replace(e, still=standstill(mechanism, signals, e, names))
+        replace(e, still=still_speeds(e), rest=alone)
+        if e.poses
+        else replace(e, still=standstill(mechanism, signals, e, names))
         for signals, e in zip(measured, experiments, strict=True)
     )
     if missing := unforced_base(mechanism, states):
@@ -251,16 +280,21 @@ def prescribed(
     return Motion((e,), e.independent, Band(0.0, 0.0, None), 0.0, mechanism=mechanism)
 
 
-def log_of(mechanism: Mechanism, given: Given) -> Log:
-    """Return a log with its columns as a mechanism maps them; the error of one without a time has
-    all entries of [log] that its columns suggest.
+def log_of(mechanism: Mechanism, given: Given, poses: bool | None = None) -> Log:
+    """Return a log with its columns as a mechanism maps them, its rows `poses` or not (None: as
+    they look); the error of one without a time has all entries of [log] that its columns suggest.
     """
     if isinstance(given, Log):
-        return given
+        columns = dict(given.columns)
+        for name, source in mechanism.sources.items():
+            if name not in columns and source.column in columns:
+                columns[name] = source.scale * columns[source.column] + source.offset
+        look = poses is None and not given.poses and are_poses(columns, timed=True)
+        return given.as_poses() if (poses or look) and not given.poses else given
     try:
         if isinstance(given, str | os.PathLike):
-            return read_log(given, mechanism.sources)
-        return Log.from_frame(given, columns=mechanism.sources)
+            return read_log(given, mechanism.sources, poses=poses)
+        return Log.from_frame(given, columns=mechanism.sources, poses=poses)
     except NoTime as error:
         entries = _entries(mechanism, error.columns)
         raise LogError(f"{error}{entries and f' and {entries}'}") from None
@@ -383,8 +417,10 @@ def state_of(
     base = State(
         name=log, t=signals.t, tau=tau, usable=usable, logged=names, independent=names,
         extra={k: x for k, x in columns.items() if not k.startswith(("q.", "v.", "a."))},
-        noise={k: noise_level(signals.even(k)[0]) for k in noisy if k in columns},
+        noise={} if signals.log.poses
+        else {k: noise_level(signals.even(k)[0]) for k in noisy if k in columns},
         smooth=derived.smooth, channels=tuple(derived.table), ends=derived.ends,
+        poses=signals.log.poses,
     )  # fmt: skip
     notes: list[str] = []
     experiment = base.at(mechanism, derived.known, names, start="follow")

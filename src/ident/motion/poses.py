@@ -26,7 +26,9 @@ XYZ = ("x", "y", "z")
 Columns = dict[str, np.ndarray]
 
 
-def scalar_columns(mechanism: Mechanism, log: str, t: np.ndarray, columns: Columns) -> None:
+def scalar_columns(
+    mechanism: Mechanism, log: str, t: np.ndarray, columns: Columns, *, ordered: bool = True
+) -> None:
     """Replace the columns of poses in a log by those of scalar joints.
 
     Args:
@@ -34,6 +36,7 @@ def scalar_columns(mechanism: Mechanism, log: str, t: np.ndarray, columns: Colum
         log: its name, for messages.
         t: (n,) [s].
         columns: changed in place; each (n,), NaN in an empty cell.
+        ordered: whether rows follow each other in time, so that a pose cannot jump.
 
     Raises:
         MotionError: for quaternions of another length than 1, that jump, or whose angles come near
@@ -56,7 +59,7 @@ def scalar_columns(mechanism: Mechanism, log: str, t: np.ndarray, columns: Colum
                         columns[f"{prefix}q{axis}"] = columns.pop(f"{prefix}{axis}")
             quaternion = _taken(columns, prefix, ("qx", "qy", "qz", "qw"), log)
             if quaternion is not None:
-                R = _rotations(quaternion, t, f"{log}: {prefix}qx … {prefix}qw")
+                R = _rotations(quaternion, t, f"{log}: {prefix}qx … {prefix}qw", ordered)
                 _add_angles(mechanism, chain, R, t, columns, log)
         for prefix in (*prefixes, f"v.{chain.name}."):
             linear = _taken(columns, prefix, ("vx", "vy", "vz"), log)
@@ -91,7 +94,7 @@ def _taken(columns: Columns, prefix: str, words: tuple[str, ...], log: str) -> n
     return np.stack([columns.pop(f"{prefix}{word}") for word in words], axis=1).astype(float)
 
 
-def _rotations(quaternion: np.ndarray, t: np.ndarray, where: str) -> np.ndarray:
+def _rotations(quaternion: np.ndarray, t: np.ndarray, where: str, ordered: bool) -> np.ndarray:
     """Return R (n, 3, 3) of quaternions (n, 4), x y z w; NaN where a cell is empty."""
     length = np.linalg.norm(quaternion, axis=1)
     off = np.abs(length - 1.0)
@@ -116,7 +119,7 @@ def _rotations(quaternion: np.ndarray, t: np.ndarray, where: str) -> np.ndarray:
     )
     step = 2 * np.arccos(np.clip(cosine, 0.0, 1.0))
     usual = np.diff(t[known]) < 3 * np.median(np.diff(t[known]))
-    if (jumps := np.flatnonzero((step > JUMP) & usual)).size:
+    if ordered and (jumps := np.flatnonzero((step > JUMP) & usual)).size:
         k = jumps[0]
         raise MotionError(
             f"{where} jumps by {np.degrees(step[k]):.3g}° at t = {t[known[k + 1]]:.6g} s; check "

@@ -85,6 +85,9 @@ class State:
     smooth: Smooth | None = None  # splines behind the motion; None: the log was taken as it is
     channels: tuple[Smoothed, ...] = ()  # how each channel of the motion was smoothed
     ends: float = 0.0  # time [s] at the ends of a run where splines are not to be trusted
+    poses: bool = False  # whether samples are poses at rest, without order; t is their number
+    # (d,) weight of a row at rest over that of one in motion; None before it is known
+    rest: np.ndarray | None = None
     loop: tuple[np.ndarray, np.ndarray] | None = None  # `pinv`, `leverage`; None for a tree
     store: Store = field(default_factory=Store, init=False)  # of what is slow to make from these
 
@@ -108,8 +111,8 @@ class State:
 
     @property
     def rate(self) -> float:
-        """Samples a second [Hz]."""
-        return (len(self.t) - 1) / float(self.t[-1] - self.t[0])
+        """Samples a second [Hz]; 0 of poses, which have no time."""
+        return 0.0 if self.poses else (len(self.t) - 1) / float(self.t[-1] - self.t[0])
 
     def drive_torques(self, needed: np.ndarray, drives: Sequence[int]) -> np.ndarray:
         """Torques (n, driven) of joints that make `needed` (n, d); surplus drives share them."""
@@ -128,11 +131,19 @@ class State:
         cut: dict[str, Any] = {
             name: x[index]
             for name, x in arrays.items()
-            if name != "still" and isinstance(x, np.ndarray) and len(x) == len(self)  # completed
+            if name not in ("still", "rest")
+            and isinstance(x, np.ndarray)
+            and len(x) == len(self)  # completed
         }
         cut["extra"] = {name: x[index] for name, x in self.extra.items()}
         loop = None if self.loop is None else (self.loop[0][index], self.loop[1][index])
         return replace(self, **cut, loop=loop)
+
+    def with_rest(self, weight: np.ndarray | None) -> State:
+        """The same state, a row at rest with a weight (d,) over that of one in motion."""
+        e = replace(self, rest=weight)
+        object.__setattr__(e, "store", self.store)  # nothing in it hangs on weights
+        return e
 
     def segments(self) -> list[slice]:
         """Runs of usable samples; nothing is filtered or differentiated across their ends."""
@@ -182,7 +193,9 @@ class State:
                 solver = LoopSolver(mechanism, names, np.maximum(known[0].std(axis=0), 1e-9))
                 q = self.q
                 if start == "follow":
-                    q = solver.follow(known[0], self.t)
+                    order = tour(known[0]) if self.poses else np.arange(len(self))
+                    q = np.empty((len(self), mechanism.model.nq))
+                    q[order] = solver.follow(known[0][order], self.t)
                 elif start == "near":
                     q, gap = solver.newton(q, known[0])
                     usable = usable & (gap < LEFT_OPEN)
@@ -226,6 +239,15 @@ class State:
                 "nothing can be identified from it"
             )
         return replace(e, usable=usable)
+
+
+def tour(y: np.ndarray) -> np.ndarray:
+    """Return an order of poses y (n, d) in which each is the nearest of the rest (greedy)."""
+    rest, order = [*range(1, len(y))], [0]
+    while rest:
+        near = int(np.linalg.norm(y[rest] - y[order[-1]], axis=1).argmin())
+        order.append(rest.pop(near))
+    return np.array(order)
 
 
 def nearness(e: State) -> np.ndarray:

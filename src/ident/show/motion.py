@@ -107,14 +107,22 @@ def log_sheet(log: Log) -> Sheet:
         rows.append([name, str(len(x)), *([significant(value, 4) for value in size] or ["–"] * 3)])
     start, end = max(gaps, key=lambda gap: gap[1] - gap[0], default=(0.0, 0.0))
     longest = f"{len(gaps)}, longest {end - start:.3g} s at t = {start:.6g} s"
-    facts = {
+    moving = {
         "samples": f"{log.t.size} in {log.duration:.6g} s",
         "rate": f"{log.rate:.6g} Hz, jitter {jitter}",
+    }
+    facts = {
+        **({"samples": _size(log)} if log.poses else moving),
         "columns": ", ".join(columns),
         "gaps": longest if gaps else "",
         "repairs": "; ".join(log.repairs) or "none",
     }
     return Sheet(f"Log {log.name!r}", facts=facts, details={"Columns": rows})
+
+
+def _size(log: Log) -> str:
+    """Return how much a log has, in words."""
+    return f"{log.t.size} " + ("poses at rest" if log.poses else f"samples at {log.rate:.6g} Hz")
 
 
 # --- sections of reports --------------------------------------------------------------------------
@@ -209,10 +217,7 @@ def check_text(
     parts += [[note] for note in notes]
     if motion is not None:
         channels = [CHANNELS, *text_table(_channels(mechanism, motion))]
-        columns = [
-            f"{log.name}: {log.t.size} samples at {log.rate:.6g} Hz; {', '.join(log.columns)}"
-            for log in motion.logs
-        ]
+        columns = [f"{log.name}: {_size(log)}; {', '.join(log.columns)}" for log in motion.logs]
         parts += [[str(motion)], channels] if verbose else [columns]
     texts = map("\n".join, parts)
     return "\n\n".join([*texts, structure(check.identifiable, motion is not None, verbose)])
