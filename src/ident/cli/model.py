@@ -276,6 +276,7 @@ def excite(
     periods: int = setting("How often the motion is repeated.", "N", default=3),
     rate: float = setting("Samples a second.", "HZ", default=100.0),
     harmonics: int = setting("Harmonics of the Fourier series.", "N", default=5),
+    poses: int | None = setting("Plan so many poses at rest, for gravity, not a motion.", "N"),
     around: Paths = setting(
         "Begin in the middle of this log's motion, and keep its range and speed where the URDF has "
         "none.",
@@ -331,6 +332,16 @@ def excite(
         reserve=value(reserve, "--reserve", "write a share, as 20% or 0.2", share)[0],
         singular=singular,
     )
+    if poses is not None:
+        from ident.excite import excite_poses
+
+        bands = named(noise, "--noise", "write NAME=NUMBER, as elbow=1.5", finite)
+        plan = excite_poses(mechanism, poses, limits=limits, noise=bands, seed=seed)
+        if out is not None:
+            plan.write(out)
+        hold = "hold each, average q and tau over it, one row a pose; ident identify MECHANISM LOG"
+        conclude(plan, filter(None, [out]), [f"collisions are not checked; {hold} --poses"])
+        return
     written = list[Path]()
 
     def better(excitation: Excitation) -> None:

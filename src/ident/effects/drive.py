@@ -81,9 +81,9 @@ class TorqueOffset(Effect):
     unknowns = (Unknown("c", ("N m", "N"), "constant torque", acts="linear"),)
     equation = "c"
     signature = "the residual is shifted by a constant, in both directions of motion"
-    confused_with = ("spring", "coulomb that differs with direction")
+    confused_with = ("spring", "direction_friction")
     remedy = "read the torque with the drive unloaded, or tilt the base"
-    nested_in = ("spring", "cable")
+    nested_in = ("spring", "cable", "direction_friction")
     source = JANOT
 
     def columns(self, s: Signals) -> np.ndarray:

@@ -167,6 +167,32 @@ class FrictionWidth(OverSpeed):
         return (part - direction(s.v, s.still))[:, :, None]
 
 
+class DirectionFriction(Effect):
+    """Friction that differs by the direction of motion, in its level and in its slope.
+
+    With `coulomb` and `viscous` of the joint, F+ = Fc + dFc and slope Fv + dFv forward,
+    F- = Fc − dFc and Fv − dFv backward. At rest the limits of friction are F+ and F- too: the
+    difference of levels is a constant, which `torque_offset` is by itself.
+    """
+
+    kind = "direction_friction"
+    noun = "friction that differs by direction"
+    unknowns = (
+        Unknown("dFc", ("N m", "N"), "half of the difference of the levels", acts="linear"),
+        Unknown("dFv", ("N m s/rad", "N s/m"), "half of the difference of the slopes"),
+    )
+    equation = "dFc + dFv |v|, beside `coulomb` and `viscous`"
+    signature = "the two bands of the residual against speed differ in height and in slope"
+    confused_with = ("torque_offset", "drag", "load_friction")
+    separated_by: ClassVar = {
+        "torque_offset": "move the joint at two speeds, to and fro: an offset is the same at both"
+    }
+    source = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994, sect. 2"
+
+    def columns(self, s: Signals) -> np.ndarray:
+        return np.stack([np.ones_like(s.v), np.abs(s.v)], axis=-1)
+
+
 class Drag(Effect):
     """Resistance of a fluid: with the square of speed."""
 

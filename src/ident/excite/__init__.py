@@ -2,6 +2,7 @@
 
 from ident.excite.excitation import Excitation, Separation
 from ident.excite.limits import Limits
+from ident.excite.poses import PosePlan, excite_poses
 from ident.excite.search import excite
 
-__all__ = ["Excitation", "Limits", "Separation", "excite"]
+__all__ = ["Excitation", "Limits", "PosePlan", "Separation", "excite", "excite_poses"]
