@@ -8,7 +8,7 @@ from ident.effects import KINDS as effects
 from ident.effects import Effect, read_user_effect, user_effect
 from ident.effects import create as effect
 from ident.errors import FitError, IdentError, LogError, MechanismError, MotionError
-from ident.excite import Excitation, Limits, excite
+from ident.excite import Excitation, Limits, PosePlan, excite, excite_poses
 from ident.export import Export, export
 from ident.fit import Fit, identify
 from ident.fit.files import Saved, read_fit, write_fit
@@ -48,10 +48,10 @@ __all__ = [
     "PD", "Alarm", "Column", "Comparison", "ComputedTorque", "Consistency", "Diagnosis", "Effect",
     "Excitation", "Exploration", "Export", "Fit", "FitError", "Gathered", "Health", "History",
     "IdentError", "Limits", "Log", "LogError", "Mechanism", "MechanismError", "Monitor",
-    "MonteCarlo", "Motion", "MotionError", "Multipliers", "Noise", "Online", "Replay", "Residual",
-    "Run", "Saved",
-    "Snapshot", "Torques", "Verdicts", "absolute", "compare", "complete", "diagnose",
-    "diagnose_each", "effect", "effects", "excite", "explore", "export", "gather", "grow", "health",
-    "identify", "integrate", "load", "monte_carlo", "read_fit", "read_log",
+    "MonteCarlo", "Motion", "MotionError", "Multipliers", "Noise", "Online", "PosePlan",
+    "Replay", "Residual", "Run", "Saved", "Snapshot", "Torques", "Verdicts", "absolute",
+    "compare", "complete", "diagnose",
+    "diagnose_each", "effect", "effects", "excite", "excite_poses", "explore", "export", "gather",
+    "grow", "health", "identify", "integrate", "load", "monte_carlo", "read_fit", "read_log",
     "read_user_effect", "replay", "residual_of", "simulate", "user_effect", "where", "write_fit",
 ]  # fmt: skip

@@ -185,3 +185,26 @@ def test_robots_of_the_project_take_poses(tmp_path: Path):
     motion = ident.complete(mechanism, log, poses=True)
     assert np.abs(motion.experiments[0].v).max() == 0
     assert motion.closure_error < 1e-8
+
+
+def test_planned_poses_determine_gravity_better_than_random_ones(arm: Mechanism, tmp_path: Path):
+    plan = ident.excite_poses(arm, 12, seed=1)
+    plan.write(tmp_path / "plan.csv")
+    log = read_log(tmp_path / "plan.csv", poses=True)
+    assert log.poses
+    assert len(log.t) == 12
+    q = np.stack([log.columns[f"q.{name}"] for name in JOINTS], axis=1)
+    model, zero = arm.model, np.zeros(2)
+    data = model.createData()
+
+    def information(q: np.ndarray) -> float:
+        rows = [pin.computeJointTorqueRegressor(model, data, x, zero, zero) for x in q]
+        some = [arm.bodies.names.index(name) for name in ("fore.mx", "fore.mz")]
+        A = np.concatenate([row[:, some] for row in rows])
+        return float(np.linalg.slogdet(A.T @ A)[1])
+
+    random = np.random.default_rng(0)
+    others = [information(random.uniform(-3, 3, (12, 2))) for _ in range(20)]
+    assert information(q) > np.median(others)
+    assert all(x.stderr > 0 for x in plan.parameters)
+    assert len(plan.parameters) == 4

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ident.assess.assessment import Assessment, Cause, Remainder
 from ident.assess.errors import JointErrors, joint_errors
 from ident.assess.good_enough import GoodEnough, good_enough
@@ -69,7 +71,23 @@ def assess_fit(fit: Fit, *, acceptable: float | None = None) -> Assessment:
         next=next_step(fit, answer),
         changed=joints_changed(fit),
         spoilt=bool(faults_that_explain(fit.health)),
+        freely=share_of_gravity(fit, errors),
     )
+
+
+def share_of_gravity(fit: Fit, errors: Mapping[str, Error]) -> float | None:
+    """Return the largest error over gravity's torque, rms, of joints whose torque is always 0; None
+    where there is no such joint, or no gravity.
+    """
+    shares = list[float]()
+    for u, joint in enumerate(fit.motion.independent):
+        error = errors.get(joint)
+        if error is None or error.relative is not None or error.unmeasured:
+            continue
+        gravity = np.concatenate([trace.gravity[:, u] for trace in fit.residual.traces])
+        size = float(np.sqrt(np.mean(gravity**2))) if len(gravity) else 0.0
+        shares += [error.rms / size] if size > 0 else []
+    return max(shares, default=None)
 
 
 def errors_beside(fit: Fit) -> tuple[JointErrors, ...]:

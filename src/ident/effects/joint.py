@@ -168,12 +168,10 @@ class FrictionWidth(OverSpeed):
 
 
 class DirectionFriction(Effect):
-    """Friction that differs by the direction of motion, in its level and in its slope.
+    """Friction whose level and slope differ by the direction of motion."""
 
-    With `coulomb` and `viscous` of the joint, F+ = Fc + dFc and slope Fv + dFv forward,
-    F- = Fc − dFc and Fv − dFv backward. At rest the limits of friction are F+ and F- too: the
-    difference of levels is a constant, which `torque_offset` is by itself.
-    """
+    # forward Fc + dFc and Fv + dFv, backward Fc − dFc and Fv − dFv; at rest the limits of friction
+    # are these levels too, so that dFc is a constant, which `torque_offset` is by itself
 
     kind = "direction_friction"
     noun = "friction that differs by direction"

@@ -32,6 +32,7 @@ SWEEPS = 4  # work: rounds of exchange
 TURN = np.pi  # range: rad or m, of a joint without a range, on either side of its start
 BY_CHANCE = 0.1  # level: share of the poses that are drawn alone
 FRICTION = 0.05  # range: of a joint's torque, what friction at rest may hold of it
+NOTHING = 1e-9  # numerics: of the largest torque, which is rounding
 SLIGHT = 1e-6  # numerics: of the largest information, with which a first choice begins
 
 
@@ -104,6 +105,7 @@ def excite_poses(
         )
     q, tau, gamma = q[good], tau[good][:, driven], every[good][:, driven][:, :, rigid]
     rms = np.sqrt((tau**2).mean(axis=0))
+    rms = np.where(rms > NOTHING * rms.max(), rms, rms.max())  # gravity does not act there
     given = noise or {}
     sigma = np.array([
         given.get(name, FRICTION * x or 1.0)

@@ -6,7 +6,7 @@ the rows of the fit (`faults.search`); beside these, hints on units and on small
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -27,6 +27,7 @@ from ident.finding import Finding
 from ident.information.chance import BEYOND, CONTRIBUTES, FEWEST_EQUATIONS, LEAVES
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
+from ident.mechanism.parameters import rigid_forces
 from ident.text import listed, percent, shortlist, two_digits
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
@@ -108,12 +109,41 @@ class DataChecks(FaultSearch):
         error that is left, or in that which all linear effects of the library leave.
         """
         joint = finding.where[0].removeprefix("tau.") if finding.where else ""
+        if finding.code == "constant" and self._swings(finding.where):
+            return False
         if finding.code != "steps" or joint not in self.errors or finding.number is None:
             return True
         least = np.sqrt(CONTRIBUTES) * self.errors[joint]
         if finding.number <= least:
             least = np.sqrt(CONTRIBUTES) * float(self.reference[list(self.errors).index(joint)])
         return finding.number > least
+
+    def _swings(self, channels: Sequence[str]) -> bool:
+        """Whether torques that are 0 throughout are those of joints that swing freely: gravity and
+        inertia of known bodies cancel, but for a small share of gravity.
+        """
+        problem, table, x = self.problem, self.table, self.estimate.x
+        mechanism, independent = problem.mechanism, problem.motion.independent
+        pi = problem.point_at(x).pi
+        known = np.setdiff1d(np.arange(len(mechanism.prior)), problem.columns.rigid)
+        if not mechanism.prior[known].any():  # unknown bodies alone may be 0, as torques are
+            return False
+        for joint in (channel.removeprefix("tau.") for channel in channels):
+            at = mechanism.driven.index(joint)
+            zero = not any(np.any(e.tau[:, at]) for e in problem.motion.experiments)
+            if joint not in independent or not zero:
+                return False
+            u, squares = independent.index(joint), list[Array]()
+            for scene in table.scenes:
+                e, s = scene.e, scene.samples.reduced(slice(None))
+                weight = rigid_forces(scene.mechanism.model, e.q, 0 * e.v, 0 * e.a, pi)
+                squares.append(s.reduce(weight)[:, u] ** 2)
+            rows = self.use[:, u]
+            left = table.b[rows, u] - table.A[rows, u] @ x
+            gravity = float(np.sqrt(np.mean(np.concatenate(squares))))
+            if not rows.any() or np.sqrt(np.mean(left**2)) > LEAVES * gravity:
+                return False
+        return True
 
     @property
     def bias(self) -> Array:

@@ -113,8 +113,15 @@ def budget_of(problem: Problem, table: Table, fitted: Estimate) -> Budget | None
     states = problem.motion.experiments
     logged = dict.fromkeys(name for e in states for name in e.logged)
     rate = max(e.rate for e in states)
+    driven = problem.mechanism.driven
+    zero = {  # a torque that is 0 because nothing pushes has no gain
+        f"tau.{name}"
+        for j, name in enumerate(driven)
+        if not any(np.any(e.tau[:, j]) for e in states)
+    }
     for cause in causes_of(problem.mechanism, tuple(logged), rate):
-        causes.append(cause)
+        if cause.place not in zero:
+            causes.append(cause)
     if not causes or not len(base):
         return None
     x, values, at = fitted.x.copy(), np.zeros(len(causes)), table

@@ -98,9 +98,11 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
     blocks = [block for block in every if block.coordinate not in off]
     if rest := sum(block.rest.rows for block in blocks):
         share = rest / sum(block.rows for block in blocks)
+        used = problem.sigma is not None
+        how = "count as one row a stretch" if used else "are not used"
         text = (
-            f"{100 * share:.3g} % of the samples are at standstill and are not used: dry friction "
-            "can have any value there"
+            f"{100 * share:.3g} % of the samples are at standstill and {how}: dry friction can "
+            f"have any value {'up to its limit ' * used}there"
         )
         yield Finding("standstill", text)
     if not len(problem.columns):

@@ -451,8 +451,8 @@ def _remarks(mechanism: Mechanism) -> list[str]:
     ]
     if not mechanism.driven:
         remarks.append(
-            "nothing is driven: [joints] passive names every joint, so no torque is compared with "
-            "a model; leave out the joints whose torque is logged"
+            "nothing is driven: [joints] passive names every joint, so all torques are taken as 0 "
+            "and the machine swings freely; leave out the joints whose torque is logged"
         )
     return remarks
 

@@ -53,6 +53,8 @@ def times_words(times: Range) -> str:
 def error_words(a: Assessment) -> str:
     """Return the error before and now as shares of the torque, all joints in a range."""
     now = a.now
+    if now is None and a.freely is not None:
+        return f"no torque acts; it swings freely, error {percent(a.freely)} of gravity's torque"
     if now is None:
         return "no torque was measured that could be compared"
     if a.before is None:
