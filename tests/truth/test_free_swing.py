@@ -44,7 +44,7 @@ def test_friction_of_a_free_pendulum_without_false_warnings(swing, tmp_path: Pat
     columns = {"q.hinge": q} | ({} if passive else {"tau.hinge": 0 * q})
     fit = ident.identify(mechanism, ident.complete(mechanism, Log.from_arrays("free", t, columns)))
     assert fit["coulomb.hinge.Fc"].value == pytest.approx(FC, rel=0.06)
-    assert fit["viscous.hinge.Fv"].value == pytest.approx(FV, rel=0.06)
+    assert fit["viscous.hinge.Fv"].value == pytest.approx(FV, rel=0.1)
     for name in ("coulomb.hinge.Fc", "viscous.hinge.Fv"):
         value = fit[name]
         assert 1e-3 < value.stderr / value.value < 0.1
