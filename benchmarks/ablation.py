@@ -45,7 +45,7 @@ CATEGORIES = ("visible", "loop", "quarter", "clean", "outside", "two")
 COLOURED = ("visible", "clean")  # categories that are judged with coloured noise as well
 MACHINES = ("tx40", "panda", "lwr4")
 CONSTANTS = {  # module: constants of the search, then those of the rows, which are made anew
-    "diagnosis.search": ("COMMON_RATIO", "NEAR", "BEST_TRIED", "PATH_LEAVES"),
+    "diagnosis.search": ("COMMON_RATIO", "NEAR", "BEST_TRIED"),
     "diagnosis.selection": (
         "PARSIMONY", "SAME_PART", "NEGATIVE", "STANDS_FOR", "CLOSEST", "STARTS",
     ),
@@ -58,7 +58,7 @@ OFF = {  # values at which a constant has no influence
     "COMMON_RATIO": (0.0,), "NEAR": (0.0,), "BEST_TRIED": (1,), "PARSIMONY": (0.0,),
     "SAME_PART": (-1.0, 1.0), "NEGATIVE": (1e9,), "STANDS_FOR": (0.0,),
     "STARTS": (1,), "HIDDEN": (0.0,), "CLOSEST": (0,), "CONTRIBUTES": (0.0,),
-    "GUARD": (0.0,), "PATH_LEAVES": (0.0, 1e9),
+    "GUARD": (0.0,),
 }  # fmt: skip
 OF_ROWS = ("diagnosis.candidates", "fit.small_errors")
 SHARES = {"SAME_PART", "STANDS_FOR", "NEAR", "ENOUGH"}  # doubled: half way to one

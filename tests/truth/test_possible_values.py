@@ -1,5 +1,6 @@
 """No cause is named with a value that no machine can have."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ import ident
 from ident.diagnosis.candidates import candidates_of
 from ident.diagnosis.selection import can_be
 from ident.effects import KINDS
+from ident.fit.findings import beyond_range
 from ident.information.blocks import Error
 from identification import robot
 
@@ -57,5 +59,14 @@ def test_a_machine_that_swings_freely_has_no_load_that_takes_its_forces_off(arm)
     assert {"viscous", "coulomb"} <= kinds
 
 
-def test_a_cable_describes_and_is_no_cause():
+def test_a_cable_describes_and_is_no_cause_and_has_a_range(arm):
     assert KINDS["cable"].descriptive
+    model = arm.with_effect("cable:elbow").with_effect("viscous")
+    motion = ident.complete(model, arm.urdf.parent / "run.csv")
+    whole = motion.experiments[0]
+    y = whole.y[:, model.joint("elbow").index]
+    part = replace(motion, experiments=(replace(whole, usable=y < np.median(y)),))
+    assert not [*beyond_range(model, motion, part)]
+    (finding,) = beyond_range(model, part, motion)
+    assert finding.where == ("elbow",)
+    assert finding.number == pytest.approx(0.5, abs=0.02)

@@ -26,6 +26,7 @@ from ident.diagnosis.trials import Move, Trial, present, trials
 from ident.effects import KINDS, Effect
 from ident.effects.library import by_kind, separating
 from ident.errors import IdentError
+from ident.information.chance import CONTRIBUTES
 from ident.request import Step
 
 SHOWS = 0.02  # level: visible share from which an effect can be seen
@@ -33,7 +34,6 @@ SHOWS = 0.02  # level: visible share from which an effect can be seen
 SLOWLY = 0.1
 HALF = 0.5  # shown: of the logged top speed: what goes with speed falls in step
 LOOKED_AT = 24  # work: invisible effects that are tried in other motions
-EXPLAINED = 0.9  # tuned: of what exceeds the noise, from which a formula leaves no question
 
 
 # --- suggestions ----------------------------------------------------------------------------------
@@ -204,7 +204,7 @@ def _explained(d: Diagnosis, joint: str) -> bool:
     """Return whether the laws explain a joint but for the noise."""
     law, noise = d.laws[-1], d.floor[joint] ** 2  # its fit has all laws
     before, after = (errors[joint].rms ** 2 - noise for errors in (law.before, law.after))
-    return after < (1 - EXPLAINED) * before
+    return after < CONTRIBUTES * before
 
 
 def _between(

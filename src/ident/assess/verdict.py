@@ -22,7 +22,6 @@ from ident.information.estimate import MATERIAL
 if TYPE_CHECKING:  # a fit is judged without what a diagnosis needs
     from ident.diagnosis.result import Diagnosis
 
-PART = 0.5  # tuned: share beyond noise that stays, from which a name may be another cause's
 BODIES = 0.3  # range: difference of logarithms that the masses of a URDF make
 
 

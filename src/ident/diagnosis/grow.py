@@ -24,7 +24,7 @@ from ident.diagnosis.null import with_noise
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
 from ident.diagnosis.search import Search, select
 from ident.diagnosis.selection import can_be
-from ident.diagnosis.unseen import CARRIED_SE, carried
+from ident.diagnosis.unseen import carried
 from ident.display import Displayed, part, render
 from ident.effects import Effect
 from ident.equations.problem import information_of
@@ -34,7 +34,7 @@ from ident.files import json_bytes, version, write_all
 from ident.fit import Fit, identify
 from ident.fit.shapes import widened
 from ident.information.blocks import Error, Information, Key
-from ident.information.chance import ALPHA, RIVAL, zscore
+from ident.information.chance import ALPHA, CERTAIN, RIVAL, zscore
 from ident.information.estimate import MATERIAL
 from ident.information.hypotheses import PartialRegression
 from ident.mechanism.mechanism import Mechanism
@@ -421,20 +421,19 @@ def undetermined(
     fit: Fit, new: Collection[Effect],
     bounds: Callable[[Effect], Mapping[str, tuple[float, float]]] = lambda effect: {},
 ) -> str:  # fmt: skip
-    """Return the label of an added effect all values of which are smaller than CARRIED_SE times
-    their errors, that which is surest to be none, or one of which cannot be, before those: that
-    with most parameters, what every machine has last; "" if there is none.
+    """Return the label of an added effect all values of which are smaller than their errors (than
+    CERTAIN times these where it moves the machine's geometry or clock), or one of which cannot be:
+    that with most parameters first, what every machine has last; "" if there is none.
     """
     required = {label for effect in fit.mechanism.effects for label in effect.required}
     labels = {effect.label for effect in new} - required
-    loose = list[tuple[tuple[bool, bool, float, int], str]]()
+    loose = []
     for e in fit.logged_effects:
-        if e.effect.label not in labels:
-            continue
         parameters = e.parameters[: len(e.effect.unknowns) or None]
         values = np.array([v.value for v in parameters])
         errors = np.array([np.inf if v.stderr is None else v.stderr for v in parameters])
-        sizes = [abs(v.value) / (v.stderr or 1e-300) for v in parameters]  # None: of a sum of them
+        least = CERTAIN if e.effect.corrects else 1.0
+        small = all(abs(v.value) < least * (v.stderr or 0.0) for v in parameters)
         possible = can_be(fit.mechanism, e.effect, values, errors)
         if e.effect.slow and not e.effect.corrects:  # of the motion: a reach longer than its travel
             shapes = {
@@ -445,11 +444,10 @@ def undetermined(
                 for name, ends in bounds(e.effect).items()
                 for low, high in [widened(*ends)]
             )
-        size = max(sizes, default=0.0)
-        if not possible or size < CARRIED_SE:
-            order = (possible, e.effect.common, size, -len(e.parameters))
-            loose.append((order, e.effect.label))
-    return min(loose, default=((), ""))[1]
+        if e.effect.label in labels and (small or not possible):
+            loose.append(e.effect)
+    last = max(loose, key=lambda e: (not e.common, len(e.parameters)), default=None)
+    return last.label if last else ""
 
 
 def better(before: Mapping[str, Error], after: Mapping[str, Error]) -> bool:

@@ -30,7 +30,7 @@ from ident.diagnosis.selection import (
     rivals,
     simplest,
 )
-from ident.information.chance import Chance, exceeding, quantile, zscore
+from ident.information.chance import CONTRIBUTES, Chance, exceeding, quantile, zscore
 from ident.information.hypotheses import Index, PartialRegression
 
 MOST_MOVES = 60  # work: moves of one search
@@ -39,9 +39,6 @@ COMMON_RATIO = (
 )
 NEAR = 0.8  # work: share of the largest gain below which a candidate is not looked at in detail
 PATH_LENGTH = 3  # work: effects of one joint that are looked at together
-PATH_LEAVES = (
-    0.1  # tuned: of the squares beyond noise, that one effect leaves where a path is credible
-)
 BEST_TRIED = 3  # work: of the best candidates, until one makes a better set
 
 
@@ -296,7 +293,7 @@ class Search:
     def explains(self, now: EffectSet, u: int, path: EffectSet) -> bool:
         """Return whether two effects of a path stay, or one that leaves next to nothing."""
         two = len(self.new(path)) > len(self.new(now)) + 1
-        return two or self.remaining(path, u) < PATH_LEAVES * self.remaining(now, u)
+        return two or self.remaining(path, u) < CONTRIBUTES * self.remaining(now, u)
 
     def remaining(self, now: EffectSet, u: int) -> float:
         """Left-out squares of a coordinate beyond the sensors' noise [N²m² | N²]."""

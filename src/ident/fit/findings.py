@@ -20,7 +20,7 @@ from ident.fit.prediction import identifiable_multipliers, multiplier_errors
 from ident.fit.shapes import initial
 from ident.fit.values import EffectValues, ParameterValues, absorbed_by
 from ident.information.blocks import Error
-from ident.information.chance import CERTAIN, FEWEST_EQUATIONS, LEAVES
+from ident.information.chance import CERTAIN, FEWEST_EQUATIONS, LEAVES, MATTERS
 from ident.information.estimate import Estimate, estimate, term_sizes
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import pseudo_inertia
@@ -305,6 +305,31 @@ def predicts_better(log: str, before: Errors, after: Errors) -> list[Finding]:
     falls = [f"{name} from {first} to {last}" for name, (first, last) in both.items()]
     text = f"with bodies that are possible, {log} is predicted better: {shortlist(falls, 3)}"
     return [Finding("possible bodies", text, "identify with --consistent", tuple(joints))]
+
+
+def beyond_range(mechanism: Mechanism, motion: Motion, validate: Motion) -> Iterator[Finding]:
+    """Report where validation logs leave the range of positions in which a curve was identified: it
+    is no law, and says nothing there.
+    """
+    for effect in (effect for effect in mechanism.effects if effect.descriptive):
+        joint = mechanism.joint(effect.joints[0])
+        low, high = _range(motion, joint.index)
+        for e in validate.experiments:
+            y = e.y[e.usable, joint.index]
+            outside = float(((y < low) | (y > high)).mean()) if len(y) else 0.0
+            if outside > MATTERS:
+                text = (
+                    f"{effect.label} is a curve between {low:.3g} and {high:.3g} {joint.unit}, and "
+                    f"{percent(outside)} of {e.name} lies beyond, where it says nothing"
+                )
+                remedy = f"identify from a log in which {joint.name} goes as far"
+                yield Finding("beyond its range", text, remedy, (joint.name,), outside, MATTERS)
+
+
+def _range(motion: Motion, joint: int) -> tuple[float, float]:
+    """Return the least and the largest position of a joint, by its place, in all logs."""
+    y = np.concatenate([e.y[e.usable, joint] for e in motion.experiments])
+    return float(y.min()), float(y.max())
 
 
 def bodies_with_unknowns(mechanism: Mechanism) -> list[str]:

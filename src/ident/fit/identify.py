@@ -19,11 +19,10 @@ from ident.files import Written
 from ident.finding import Finding
 from ident.fit.consistency import nearest_possible, possible_bodies
 from ident.fit.files import Saved
-from ident.fit.findings import basis_bias, findings_of, predicts_better
+from ident.fit.findings import basis_bias, beyond_range, findings_of, predicts_better
 from ident.fit.likelihood import Likelihood, weighed
 from ident.fit.prediction import Prediction
 from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
-from ident.fit.residual_maps import periods_of
 from ident.fit.result import Fit
 from ident.fit.shapes import beyond_bounds, working_point
 from ident.fit.values import ParameterValues
@@ -96,6 +95,7 @@ def identify(
         text = f"the validation logs are filtered at {cutoff_there}, the fit's at {cutoff_here}"
         remedy = "complete them with cutoff=motion.band.cutoff"
         same.append(Finding("another cut-off", f"{text}: their errors are no measure", remedy))
+    same += beyond_range(mechanism, motion, validate)
     errors, floors = dict[str, dict[str, Error]](), dict[str, dict[str, float]]()
     joints = validate.independent
     units = [mechanism.joint(name).force_unit for name in joints]
@@ -123,13 +123,6 @@ def estimate_of(problem: Problem) -> Estimate:
     return estimate
 
 
-def periods_in(problem: Problem) -> dict[int, float]:
-    """Return the periods [s] of a problem's logs that repeat their motion, by number."""
-    index = problem.mechanism.joint_index
-    joints = np.array([index[name] for name in problem.motion.independent])
-    return periods_of(problem.motion, joints)
-
-
 def fit_of(
     problem: Problem,
     estimate: Estimate,
@@ -149,10 +142,7 @@ def fit_of(
         problem, estimate, free, outside, binding = nearest
         findings += binding.findings
     else:
-        outside = held_out(
-            problem.fitting, problem.information, estimate, problem.prior,
-            periods=periods_in(problem),
-        )  # fmt: skip
+        outside = held_out(problem.fitting, problem.information, estimate, problem.prior)
         if limits != Consistency():
             text = "bounds and total_mass of [parameters] hold in a consistent fit only"
             findings.append(Finding("limits ignored", text, "--consistent"))

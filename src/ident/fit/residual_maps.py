@@ -333,14 +333,6 @@ def period_of(e: State, joints: np.ndarray, bandwidth: float) -> float | None:
     return float(exact * (t[-1] - t[0]) / (len(t) - 1))
 
 
-def periods_of(motion: Motion, joints: np.ndarray) -> dict[int, float]:
-    """Return the period [s] of each log that repeats the motion of some joints (d,), by number."""
-    every = (
-        (i, period_of(e, joints, motion.band.motion)) for i, e in enumerate(motion.experiments)
-    )
-    return {number: period for number, period in every if period is not None}
-
-
 def _likeness(q: np.ndarray) -> np.ndarray:
     """Return the likeness by lag (LONGEST n + 3,); whole turns between periods do not count."""
     n = len(q)

@@ -54,7 +54,7 @@ CERTAIN = 3.0  # level: the same where a sign that cannot be is no accident
 LOUD = 1.25  # tuned: times a noise or an error, from which something is more than that
 PARSIMONY = 0.1  # tuned: share of the best gain within which fewer numbers are preferred
 MATTERS = 0.05  # tuned: share of an error or of its squares, from which its cause is reported
-CONTRIBUTES = 0.1  # tuned: share of a fall or a lever, with which a coordinate belongs to a cause
+CONTRIBUTES = 0.1  # tuned: share of a fall, a lever or an excess, below which it is a by-product
 # tuned: times what is known (a noise, a named change), beyond which there is more; residuals of
 # good logs are 0.5 to 1.3 times the sensors' noise
 BEYOND = 3.0
@@ -175,7 +175,6 @@ def _pairs(times: Times, lag: int) -> tuple[list[int], list[int]]:
 
 
 FOLDS = 10  # work
-FEWEST_PHASES = 4  # work: blocks of a period, from which its parts are left out in turn
 DIFFERENT = 1e-9  # numerics: of squares, up to which two differ by rounding alone
 ZERO_ERROR = 1e-9  # numerics: of the torque, below which an error is none
 
@@ -188,24 +187,15 @@ def rise(after: Squares, before: Squares) -> float:
     return float(np.sqrt(ratios.mean()) - 1) if len(ratios) else 0.0
 
 
-def folds(
-    information: Information, stretches: int, periods: Mapping[int, float] | None = None
-) -> dict[int, Information]:
-    """Part the blocks by log and stretch of time, so many `stretches` a log; those of a log that
-    repeats its motion by stretch of its period [s]: a stretch of time has twins in other periods.
-    """
+def folds(information: Information, stretches: int) -> dict[int, Information]:
+    """Part the blocks by log and stretch of time, `each` stretches a log."""
     parted = dict[int, dict]()
-    for number, (log, of_log) in enumerate(groupby(information, attrgetter("log"))):
+    for number, (_, of_log) in enumerate(groupby(information, attrgetter("log"))):
         blocks = [*of_log]  # of one log, as keys are in order
         first, last = min(b.span[0] for b in blocks), max(b.span[1] for b in blocks)
-        period = (periods or {}).get(log, 0.0)
-        longest = max(b.span[1] - b.span[0] for b in blocks)
-        repeats = period > FEWEST_PHASES * longest  # else a block is more than a part of it
-        count = min(stretches, int(period / longest)) if repeats else stretches
         for block in blocks:
-            middle = sum(block.span) / 2 - first
-            share = middle / period % 1.0 if repeats else middle / max(last - first, 1e-300)
-            stretch = min(int(share * count), count - 1)
+            share = (sum(block.span) / 2 - first) / max(last - first, 1e-300)
+            stretch = min(int(share * stretches), stretches - 1)
             parted.setdefault(number * stretches + stretch, {})[block.key] = block
     return {number: replace(information, blocks=blocks) for number, blocks in parted.items()}
 
@@ -216,14 +206,12 @@ def held_out(
     fitted: Estimate,
     prior: Array,
     refit: Callable[[Estimate], Array] | None = None,
-    periods: Mapping[int, float] | None = None,
 ) -> Squares | None:
     """Return errors in each stretch of the rows `scoring` of the model fitted to all other rows
     `fitting`, with the weights of `fitted`; None for one stretch. `refit`: what follows from the
-    estimate of the other stretches, (k,); by default as it is. `periods`: see `folds`; of rows that
-    are also those that are fitted.
+    estimate of the other stretches, (k,); by default as it is.
     """
-    both, periods = (fitting, scoring), periods if fitting is scoring else None
+    both = fitting, scoring
     logs = {log for information in both for log in information.logs}
     blocks = (
         len({b.block for b in information.of_log(log)})
@@ -231,7 +219,7 @@ def held_out(
         for log in information.logs
     )
     stretches = max(1, min(-(-FOLDS // len(logs)), *blocks))  # no log in more than it has blocks
-    parted, scored = (folds(information, stretches, periods) for information in both)
+    parted, scored = (folds(information, stretches) for information in both)
     if len(parted) < 2:
         return None
     changes, good = np.zeros((len(parted), fitted.base.rank)), np.zeros(len(parted), dtype=bool)

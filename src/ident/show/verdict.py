@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from ident.assess.assessment import Assessment
 from ident.assess.diagnosis import assess_diagnosis
 from ident.assess.verdict import (
-    PART,
     clock_is_a_rival,
     errors_with_named,
     formulas_explain,
@@ -19,7 +18,7 @@ from ident.assess.verdict import (
     spoiling_faults,
 )
 from ident.diagnosis.result import Diagnosis, Explanation
-from ident.diagnosis.selection import Evidence
+from ident.diagnosis.selection import MAIN_CAUSE, Evidence
 from ident.effects import Effect
 from ident.effects.library import named
 from ident.fit.findings import DRIVING, NEGATIVE_VALUE
@@ -106,7 +105,7 @@ def certainty(d: Diagnosis) -> str:
         else (f"1 in {1 / p:.0f} logs in which nothing is missing would show as much")
     )
     sure = f"{'Certain' if rare else 'Not certain'} ({level})"
-    if (rest := share_unexplained(d)) > PART:
+    if (rest := share_unexplained(d)) > MAIN_CAUSE:
         sure = (
             f"Not certain that it is this: with it {100 * rest:.0f} % of the squared error beyond "
             f"noise stays in {best.joint}"
