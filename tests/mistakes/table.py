@@ -17,6 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import further  # noqa: F401  registers its kinds
 from kinds import MADE
 from subjects import clean, subjects
 from verdict import OUTCOMES, Verdict, judge

@@ -8,7 +8,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident.mechanism.body_units import verdict_of
-from ident.motion.encodings import sign_bit
+from ident.motion.encodings import sign_bit, wrapped_bits
 
 
 def arm_log() -> ident.Log:
@@ -34,6 +34,20 @@ def test_a_sign_in_a_bit_of_its_own_is_restored():
     expected = np.interp(e.t, log.t, raw)
     np.testing.assert_allclose(e.tau[:, at], expected, atol=1e-6)
     assert any("sign and magnitude" in note for note in motion.notes)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_signed_integers_that_were_read_as_unsigned(bits):
+    log, mechanism = arm_log(), ident.load(ROBOTS / "arm")
+    x = log.columns["tau.elbow"] - np.median(log.columns["tau.elbow"])
+    raw = np.rint(0.8 * 2 ** (bits - 1) * x / np.abs(x).max())
+    assert wrapped_bits(raw % 2**bits) == bits
+    assert wrapped_bits(raw - raw.min()) is None
+    motion = ident.complete(mechanism, changed(log, tau_elbow=raw % 2**bits))
+    (e,) = motion.experiments
+    expected = np.interp(e.t, log.t, raw)
+    np.testing.assert_allclose(e.tau[:, mechanism.driven.index("elbow")], expected, atol=1e-6)
+    assert any(f"{bits} bits" in note for note in motion.notes)
 
 
 @pytest.mark.parametrize("offset", [-8192, 0])
@@ -110,3 +124,10 @@ def test_numbers_that_cannot_be_are_no_prior_and_stay_as_known_values(tmp_path):
     assert every.prior.reshape(-1, 10)[:, 4] == pytest.approx([1.0] * 3)
     assert every.plausible_prior.reshape(-1, 10)[:, 4] == pytest.approx([0.0] * 3)
     assert some.plausible_prior.reshape(-1, 10)[:, 4] == pytest.approx([0.0, 1.0, 1.0])
+
+
+def test_the_same_numbers_for_all_bodies_are_placeholders_and_said_once(tmp_path):
+    dummies = chain(tmp_path, 0.3, 1e-3, '["a", "b", "c"]')
+    assert dummies.has_dummy_bodies
+    assert len([note for note in dummies.notes if "placeholders" in note]) == 1
+    assert not ident.load(ROBOTS / "arm").has_dummy_bodies

@@ -179,3 +179,51 @@ def test_a_root_that_may_move_is_said(tmp_path):
     assert not any("floating" in note for note in ident.load(tmp_path / "arm.urdf").notes)
     (tmp_path / "mechanism.toml").write_text('urdf = "r.urdf"\nbase = { kind = "fixed" }\n')
     assert not any("floating" in note for note in ident.load(tmp_path).notes)
+
+
+def test_a_body_that_only_its_thrust_moves_has_no_wrench_too_many(flyer):
+    """Without the wrench, masses of 0 fit exactly: that is no reason to leave it out."""
+    t, columns, _ = flight(noise=0.02)
+    motion = ident.complete(ident.load(flyer), ident.Log.from_arrays("f", t, columns))
+    found = ident.identify(motion.mechanism, motion).health.findings
+    assert [x for x in found if x.code == "wrench" or x.where[:1] == ("wrench",)] == []
+    assert not [x for x in found if "left out" in x.meaning and "wrench" in x.meaning]
+
+
+ROLLING = """<robot name="rover"><link name="world"/><link name="bx"/><link name="by"/>
+<link name="chassis"><inertial><mass value="15"/>
+<inertia ixx=".5" iyy=".5" izz=".7" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="x" type="prismatic"><parent link="world"/><child link="bx"/><axis xyz="1 0 0"/>
+<limit lower="-9" upper="9" velocity="3" effort="0"/></joint>
+<joint name="y" type="prismatic"><parent link="bx"/><child link="by"/><axis xyz="0 1 0"/>
+<limit lower="-9" upper="9" velocity="3" effort="0"/></joint>
+<joint name="yaw" type="continuous"><parent link="by"/><child link="chassis"/><axis xyz="0 0 1"/>
+</joint>{}</robot>"""
+WHEEL = """<link name="w{0}"><inertial><mass value=".001"/>
+<inertia ixx=".00001" iyy=".01" izz=".00001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="{0}" type="continuous"><parent link="chassis"/><child link="w{0}"/>
+<origin xyz="0 {1} 0"/><axis xyz="0 1 0"/></joint>"""
+
+
+def test_a_base_that_rolls_without_a_force_on_it_is_refused(tmp_path):
+    """Wheels of radius r at ±b drive m and I by what the floor gives: no torque of a joint does."""
+    r, b, m, inertia = 0.08, 0.22, 18.0, 0.9
+    wheels = WHEEL.format("left", b) + WHEEL.format("right", -b)
+    (tmp_path / "rover.urdf").write_text(ROLLING.format(wheels))
+    toml = 'urdf = "rover.urdf"\n[joints]\npassive = ["x", "y", "yaw"]\n'
+    (tmp_path / "mechanism.toml").write_text(toml)
+    t = np.arange(0.0, 12.0, 0.01)
+    phase = np.outer(t, [0.9, 1.3])
+    speed, push = 4 * np.cos(phase) + [2.0, 1.0], -4 * np.sin(phase) * [0.9, 1.3]
+    turn = 4 * np.sin(phase) / [0.9, 1.3] + np.outer(t, [2.0, 1.0])
+    yaw, forward = r * (turn[:, 1] - turn[:, 0]) / (2 * b), r * speed.mean(axis=1)
+    path = np.cumsum(forward[:, None] * np.stack([np.cos(yaw), np.sin(yaw)], axis=1), axis=0) * 0.01
+    along, round_ = r * push.mean(axis=1), r * (push[:, 1] - push[:, 0]) / (2 * b)
+    force = np.stack([m * along / 2 - inertia * round_ / (2 * b)] * 2, axis=1)
+    force[:, 1] += inertia * round_ / b
+    columns = {"q.x": path[:, 0], "q.y": path[:, 1], "q.yaw": yaw}
+    for i, name in enumerate(("left", "right")):
+        columns |= {f"q.{name}": turn[:, i], f"tau.{name}": r * force[:, i] + 0.05 * speed[:, i]}
+    with pytest.raises(MotionError, match="no force that moves or holds it") as error:
+        ident.complete(ident.load(tmp_path), ident.Log.from_arrays("run", t, columns))
+    assert "x, y" in str(error.value)

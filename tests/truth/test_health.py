@@ -15,7 +15,7 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Column, Log, Noise, health
-from ident.faults.channel_checks import log_findings
+from ident.faults.channel_checks import copies, late_rates, log_findings
 from ident.faults.data_checks import DataChecks
 from ident.faults.fault import log_entries, log_entry
 from ident.faults.small_errors import common_delay
@@ -715,3 +715,46 @@ def test_a_fault_is_named_where_nothing_is_unknown():
     fit = ident.identify(known, ident.complete(known, turned))
     assert ("sign", ("tau.elbow",)) in found(health(fit))
     assert ident.diagnose(fit).health.faults
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("stamps", ["kept", "counted on"])
+def test_every_second_row_of_a_log_is_a_copy(first, stamps):
+    p = planted("arm", noise=0.01, seed=2)
+    columns = {name: x[first::2] for name, x in p.log.columns.items()}
+    t = p.log.t[first::2] if stamps == "kept" else 2 * p.log.t[: len(p.log.t[first::2])]
+    thinned = Log.from_arrays("thinned.csv", t, columns)
+    other = planted("arm", noise=0.01, seed=3).log
+    assert [x.code for x in copies(p.log, thinned, "", "")] == ["copy"]
+    assert [x.code for x in copies(thinned, p.log, "", "")] == ["copy"]
+    assert copies(other, thinned, "", "") == []
+
+
+def test_a_late_velocity_is_named():
+    p = planted("arm", noise=0.01, seed=2)
+    assert [*late_rates(p.log, p.mechanism)] == []
+    late = np.interp(p.log.t - 0.025, p.log.t, p.log.columns["v.elbow"])
+    (finding,) = late_rates(changed(p.log, v__elbow=late), p.mechanism)
+    assert finding.where == ("v.elbow", "q.elbow")
+    assert finding.number == pytest.approx(25.0, rel=0.05)
+
+
+def test_a_channel_of_two_publishers_is_named():
+    p = planted("arm", noise=0.01, seed=2)
+    turn = np.arange(len(p.log.t)) % 2 == 0
+    x = np.where(turn, p.log.columns["tau.elbow"], p.log.columns["tau.elbow"] + 5.0)
+    codes = {code for code, where in found(judged(p.mechanism, changed(p.log, tau__elbow=x)))}
+    assert "alternating" in codes
+
+
+def test_a_command_in_three_values_is_an_experiment():
+    """No other finding tells to leave its samples empty."""
+    p = planted("arm", noise=0.01, seed=2)
+    x = p.log.columns["tau.elbow"] - np.median(p.log.columns["tau.elbow"])
+    switched = changed(
+        p.log, tau__elbow=np.abs(x).max() * np.sign(np.round(2 * x / np.abs(x).max()))
+    )
+    motion = ident.complete(p.mechanism, switched)
+    codes = [x.code for x in log_findings(p.mechanism, motion) if "tau.elbow" in x.where]
+    assert codes == ["switched"]
+    assert motion.experiments[0].usable.mean() > 0.9

@@ -9,6 +9,7 @@ import pytest
 
 import ident
 from helpers import ROBOTS
+from ident.cli.options import _unlogged_hands
 from ident.errors import MechanismError
 from identification import motion_log, plant, robot
 
@@ -171,3 +172,17 @@ def test_effects_of_a_locked_joint_are_left_out_with_a_note(tmp_path):
     held = ident.load(tmp_path, locked={"wrist": None})
     assert [effect.label for effect in held.effects] == ["coulomb:elbow"]
     assert any(note.endswith("does not move: coulomb:wrist") for note in held.notes)
+
+
+def test_one_log_without_a_hand_locks_it_in_no_other(tmp_path):
+    """Of a folder; where no log has the hand's position, it is held."""
+    log = ident.read_log(ROBOTS / "arm" / "run.csv")
+    rows = {name: x[:50] for name, x in log.columns.items()}
+    without = {name: x for name, x in rows.items() if not name.endswith(".wrist")}
+    bad, good = tmp_path / "0.csv", tmp_path / "1.csv"
+    ident.Log.from_arrays("bad", log.t[:50], without).write(bad)
+    mechanism = ident.load(ROBOTS / "arm")
+    assert _unlogged_hands(mechanism, [tmp_path]) == ("wrist",)
+    (tmp_path / "00.csv").write_text("no log\n")
+    ident.Log.from_arrays("good", log.t[:50], rows).write(good)
+    assert _unlogged_hands(mechanism, [tmp_path]) == ()

@@ -32,6 +32,7 @@ class Reason(StrEnum):
     LARGE = "large"  # it is above noise and above what is acceptable
     HIDDEN = "hidden"  # noise is so large that a cause could hide in it
     DOUBTFUL = "doubtful"  # it is small, but the size of the torques looks wrong
+    COMPUTED = "computed"  # the torques are a model's own, and it fits itself
     UNKNOWN = "unknown"  # of a log without noise, or without measured torques
 
 
@@ -124,6 +125,9 @@ def good_enough(
     hiding = max(share, key=lambda joint: share[joint])  # a cause could hide there
     if share[hiding] > max(LEAVES, least):
         return result(Answer.NOT_TESTED, Reason.HIDDEN, [hiding])
+    doubts = [*doubts]
+    if any(finding.code == "computed" for finding in doubts):
+        return result(Answer.NO, Reason.COMPUTED)
     if scale_doubts(doubts):
         return result(Answer.NOT_TESTED, Reason.DOUBTFUL)
     most = max(times_noise(error, floor.get(joint)) for joint, error in known.items())

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ident.mechanism import Mechanism
     from ident.motion import Motion
 
+LOOKED_AT = 8  # work: logs of which columns are read before hands count as not logged
 LOGS = (".csv", ".parquet", ".npz")  # suffixes of logs that can be written
 CHARTS = (".png", ".svg", ".pdf", ".html")  # suffixes of charts
 FIT_FILES = ("fit.json", "multipliers.csv", "identified.urdf", "report.html", "identified")
@@ -345,8 +346,8 @@ class DecisionOptions:
 
 
 def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
-    """Return the joints of hands that the first log lacks; of no log ([]), those that [log] lacks,
-    and none where logs do not matter (None).
+    """Return the joints of hands that all logs lack; of no log ([]), those that [log] lacks, and
+    none where logs do not matter (None).
     """
     from ident.log.read import expanded, log_file
     from ident.mechanism.load import unlogged_hands
@@ -354,9 +355,14 @@ def _unlogged_hands(mechanism: Mechanism, logs: Paths) -> tuple[str, ...]:
     if logs is None or not unlogged_hands(mechanism, ()):
         return ()
     columns = [c.column for c in mechanism.columns.values() if not c.group and not logs]
-    with suppress(IdentError):  # reading the log reports what is wrong with it
-        for first in expanded(logs)[:1]:
-            columns = [*log_file(first, None).table().columns]
+    paths: list[Path] = []
+    with suppress(IdentError):  # reading the logs reports what is wrong with them
+        paths = expanded(logs)[:LOOKED_AT]
+    for path in paths:
+        with suppress(IdentError):
+            columns += log_file(path, None).table().columns
+        if columns and not unlogged_hands(mechanism, columns):
+            return ()
     return unlogged_hands(mechanism, columns) if columns else ()
 
 

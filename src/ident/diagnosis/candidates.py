@@ -89,7 +89,12 @@ def possible(mechanism: Mechanism, motion: Motion) -> list[Effect]:
     """All effects that could be missing, in the library's order; then known ones."""
     first, *others = (e.logged for e in motion.experiments)
     logged = [name for name in first if all(name in names for names in others)]
-    candidates = mechanism.candidates(logged, columns_of(motion))
+    dead = {*motion.dead}  # a channel that is no measurement names nothing
+    candidates = [
+        effect
+        for effect in mechanism.candidates(logged, columns_of(motion))
+        if not effect.joints or not {*effect.joints} <= dead
+    ]
     return candidates + [effect.freed for effect in mechanism.effects if effect.known]
 
 

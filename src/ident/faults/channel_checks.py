@@ -6,7 +6,6 @@ remedy, or None where nothing is wrong; its name is the finding's code.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,28 +13,28 @@ from itertools import combinations
 
 import numpy as np
 
-from ident.faults.channel_fits import SMALL
+from ident.faults.channel_fits import HALF, SMALL
 from ident.finding import Finding
 from ident.information.chance import BEYOND
 from ident.information.linear import Array
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion import Motion, State
-from ident.motion.recipe import CLEAN, ROWS_OVER_MOTION
-from ident.motion.signals import CLIPPED, LARGEST, NIL, REGULAR, absurd_samples, at_limit, runs
-from ident.motion.spline import grain, noise_level, noise_share
+from ident.motion.recipe import ROWS_OVER_MOTION
+from ident.motion.signals import CLIPPED, LARGEST, NIL, absurd_samples, at_limit, runs
+from ident.motion.spline import grain, noise_level
+from ident.motion.torque_class import (
+    SHORTEST,
+    STAIRCASE_SAMPLES,
+    TorqueVerdict,
+    held_samples,
+    torque_verdict,
+)
 from ident.text import shortlist, significant, two_digits
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 
-NOISE = 0.5**0.5  # level: noise over rms: from half of its squares on a torque is no torque
-ZERO = 0.2  # tuned: share of the samples at which a joint moves, where its torque is exactly zero
-STAIRCASE_SAMPLES = (
-    2  # range: samples for which most values stay: a staircase of a slower controller
-)
-ALWAYS = 0.98  # tuned: share of pairs from which rows are repeated: a slow channel repeats some
 NAMED = 4  # shown: channels that are named of those with one fault
-SHORTEST = 20  # work: samples of a channel that can be judged
 FROZEN = 0.25  # tuned: s for which a channel stays at a value while its joint moves
 # tuned: times the largest other step, by which a position that was frozen goes on; one that rested
 # sets out by steps that grow
@@ -43,15 +42,16 @@ JUMP = 5.0
 ROUGH = 0.1  # tuned: noise in the accelerations by the steps of an encoder, of their rms
 SPIKE = 15.0  # level: standard deviations from its neighbours, from which a sample is no noise
 RARE = 1e-3  # tuned: share of lone samples that no sensor is free of (TX40: 3 of 45,000)
-SAME = 1e-6  # numerics: of a channel's size, by which it may differ from a command and still be it
-COMMAND = re.compile(
-    r"(des|cmd|command|ref|set|target|goal|con)(ired|erence|point|trol)?[\W_\d]*", re.I
-)
 ROUNDED = 0.3  # numerics: of a channel's noise, by which copies may differ; measurements do by √2
 COMPARED_SAMPLES = 2000  # work: samples by which two logs are compared
 SAME_POSITION = 1e-3  # numerics: of a position's range, within which it is that of the other log
+STAMPS_IN_COMMON = 0.5  # range: share of stamps from which two logs may be one
+MOST_THINNED = 10  # range: rows of which one may be kept
+LEAST_LAG = 2e-3  # range: s, a lateness of a velocity that matters
+LAG_STEPS = 3  # work: in which a lag settles
 LOCKED = 0.05  # range: [rad | m] by which a joint that is held may move: fingers give way a little
-MEASURED = "a command, not a measurement"
+A_COMMAND = "a command, not a measurement"
+ALTERNATES = 0.9  # range: share of rows from which a channel jumps to and fro in each
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +83,13 @@ class LoggedChannel:
         """The step of a quantised channel, 0 for others."""
         return grain(self.x)
 
+    @cached_property
+    def verdict(self) -> TorqueVerdict:
+        """The class of a torque."""
+        used = {source.column for source in self.mechanism.columns.values()}
+        every = {name: self.log.series(name)[1] for name in self.log.columns}
+        return torque_verdict(self.name, self.x, self.moving, every, used)
+
     @property
     def left_out(self) -> str:
         """What else helps in a tree, where a joint has no torque sensor."""
@@ -99,48 +106,86 @@ class LoggedChannel:
 # --- one channel --------------------------------------------------------------------------------
 
 
-def constant(c: LoggedChannel) -> Judgement:
-    """A torque that never changes while the joint moves."""
-    # a drive that the others can do without may be off
-    off = not c.x.any() and len(c.mechanism.driven) > len(c.motion.independent)
-    text = f"always {significant(c.x[0] + 0.0, 4)} while the joint moves: no measurement"
-    passive = f"put '{c.joint.name}' among the passive joints"
-    remedy = f"map the right column in [log]{c.left_out}, or {passive}"
-    return None if np.ptp(c.x) > 0 or not c.moving.any() or off else (0.0, 0.0, text, remedy)
+def torque_class(c: LoggedChannel) -> tuple[str, Judgement]:
+    """The cause for which a torque is no measurement, "" for one that is, and what to do."""
+    verdict = c.verdict
+    number, threshold = verdict.number, verdict.threshold
+    text, remedy = "", c.entry
+    match verdict.cause:
+        case "constant":
+            # a drive that the others can do without may be off
+            if not c.x.any() and len(c.mechanism.driven) > len(c.motion.independent):
+                return "", None
+            text = f"always {significant(c.x[0] + 0.0, 4)} while the joint moves: no measurement"
+            passive = f"put '{c.joint.name}' among the passive joints"
+            remedy = f"map the right column in [log]{c.left_out}, or {passive}"
+        case "switched":
+            values = ", ".join(significant(level) for level in verdict.levels)
+            text = (
+                f"has {len(verdict.levels)} values alone ({values} {c.joint.force_unit}): what the "
+                "controller asks for, which the drive follows more or less, and no measurement; as "
+                "an experiment it is as good as the drive"
+            )
+            remedy = (
+                f"take it as it is if the drive is fast; its delay and gain are --with "
+                f"delay:{c.joint.name} and --with torque_gain:{c.joint.name}"
+            )
+        case "copied":
+            text = f"{verdict.column}: {A_COMMAND}"
+        case "staircase":
+            text = held_for(number)
+        case "zero":
+            text = (
+                f"exactly zero in {100 * number:.0f} % of the samples at which the joint moves: "
+                f"{A_COMMAND}"
+            )
+            remedy = c.entry + c.left_out
+        case "noise_only":
+            text = (
+                f"{100 * number:.0f} % of its rms is noise of the sensor: its relative error says "
+                "nothing"
+            )
+            remedy = f"put '{c.joint.name}' among the passive joints for this log"
+        case "noiseless":
+            text = f"not the least noise, while the other torques have it: {A_COMMAND}"
+        case _:
+            return "", None
+    return verdict.cause, (number, threshold, text, remedy)
 
 
-def zero(c: LoggedChannel) -> Judgement:
-    """A torque that is exactly zero again and again while the joint moves."""
-    share = float((c.x[c.moving] == 0).mean()) if c.moving.any() else 0.0
-    text = (
-        f"exactly zero in {100 * share:.0f} % of the samples at which the joint moves: {MEASURED}"
+def held_for(samples: float) -> str:
+    """Say for how many samples at a time a channel is held."""
+    return (
+        f"held for {samples:.0f} samples at a time: rows are repeated, or a slower controller "
+        "commands it, and it is no measurement"
     )
-    return (share, ZERO, text, c.entry + c.left_out) if share > ZERO and c.x.any() else None
-
-
-def noise_only(c: LoggedChannel) -> Judgement:
-    """A torque that is noise of its sensor."""
-    share = noise_level(c.x) / max(float(np.sqrt(np.mean(c.x**2))), 1e-300)
-    text = f"{100 * share:.0f} % of its rms is noise of the sensor: its relative error says nothing"
-    remedy = f"put '{c.joint.name}' among the passive joints for this log"
-    return (share, NOISE, text, remedy) if share > NOISE else None
 
 
 def staircase(c: LoggedChannel) -> Judgement:
-    """A channel held for the same number of samples again and again."""
-    lengths = np.diff(np.flatnonzero(np.diff(c.x)))
-    usual = float(np.median(lengths)) if len(lengths) >= 10 else 0.0
-    # steps of a coarse sensor are as long as the channel is flat, only two samples are never by it
-    regular = np.abs(lengths - usual) <= (usual > STAIRCASE_SAMPLES)
-    if usual < STAIRCASE_SAMPLES or regular.mean() < (
-        REGULAR if usual > STAIRCASE_SAMPLES else ALWAYS
-    ):
+    """A position held for the same number of samples again and again."""
+    usual = held_samples(c.x)
+    return None if usual is None else (usual, STAIRCASE_SAMPLES, held_for(usual), c.entry)
+
+
+def alternating(c: LoggedChannel) -> Judgement:
+    """A channel that jumps between two series from row to row."""
+    between = c.x[1:-1] - 0.5 * (c.x[:-2] + c.x[2:])
+    turning = between[c.moving[1:-1]]
+    if len(turning) <= SHORTEST or not turning.any():
         return None
+    flips = float((np.sign(turning[1:]) * np.sign(turning[:-1]) < 0).mean())
+    jump = float(np.median(np.abs(turning)))
+    step = float(np.median(np.abs(c.x[2:] - c.x[:-2])))
+    wild = flips > ALTERNATES and jump > BEYOND * step and jump > SMALL * float(np.ptp(c.x))
     text = (
-        f"held for {usual:.0f} samples at a time: rows are repeated, or a slower controller "
-        "commands it, and it is no measurement"
+        f"jumps by {significant(2 * jump)} and back from row to row: two publishers in one topic, "
+        "or two logs in one"
     )
-    return usual, STAIRCASE_SAMPLES, text, c.entry
+    return (
+        (flips, ALTERNATES, text, "log one of them; ros2 topic info -v names both")
+        if wild
+        else None
+    )
 
 
 def frozen(c: LoggedChannel) -> Judgement:
@@ -226,50 +271,13 @@ def spikes(c: LoggedChannel) -> Judgement:
     return share, RARE, text, "leave these cells empty"
 
 
-def noiseless(c: LoggedChannel) -> Judgement:
-    """A torque without noise, where the others have it."""
-    share = noise_share(c.x)
-    if share > CLEAN or c.step or not np.ptp(c.x):
-        return None
-    names = [name for name in c.log.columns if name.startswith("tau.") and name != c.name]
-    others = [noise_share(c.log.series(name)[1]) for name in names]
-    usual_share = float(np.median(others)) if others else 0.0
-    if usual_share < CLEAN or share > CLEAN * usual_share:
-        return None
-    text = f"not the least noise, while the other torques have it: {MEASURED}"
-    return share / usual_share, CLEAN, text, c.entry
-
-
-def copied(c: LoggedChannel) -> Judgement:
-    """A torque that is a constant times a command, or another joint's torque."""
-    used = {source.column for source in c.mechanism.columns.values()}
-    for name in c.log.columns:
-        if name == c.name or name in used:
-            continue
-        if not name.startswith("tau.") and not COMMAND.search(name.replace(".", "_")):
-            continue
-        x = c.log.series(name)[1]
-        if len(x) != len(c.x) or not np.ptp(x):
-            continue
-        at = int(np.abs(x).argmax())
-        gain = float(c.x[at] / x[at])
-        if abs(c.x[at // 2] - gain * x[at // 2]) > SAME * np.abs(c.x[at]):  # most end here
-            continue
-        off = float(np.linalg.norm(c.x - gain * x)) / max(float(np.linalg.norm(c.x)), 1e-300)
-        if gain and off < SAME:
-            times = "" if abs(gain - 1) < SAME else f"{gain:.4g} times "
-            return off, SAME, f"{times}the column '{name}': {MEASURED}", c.entry
-    return None
-
-
 CHECKS = {
-    "tau": (constant, zero, noise_only, staircase, frozen, clipped, steps, spikes, noiseless,
-            copied),
+    "tau": (frozen, clipped, steps, spikes),
     "q": (frozen, steps, staircase),
     "v": (frozen, steps),
 }  # fmt: skip
 
-OF_POSES = {"tau": (constant, zero)}  # no check of what follows from the pose before
+OF_POSES = ("constant", "zero")  # no check of what follows from the pose before
 
 # --- all channels -------------------------------------------------------------------------------
 
@@ -300,14 +308,25 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             channel = LoggedChannel(
                 name, kind, mechanism.joint(joint), t, x, log, state, mechanism, motion
             )
-            checks = OF_POSES if log.poses else CHECKS
-            for check in checks.get(kind, ()) if len(x) > SHORTEST else ():
-                if (judgement := check(channel)) is not None:
+            if len(x) <= SHORTEST:
+                continue
+            checks: Iterator[tuple[str, Judgement]]
+            checks = ((check.__name__, check(channel)) for check in CHECKS.get(kind, ()))
+            of_class = torque_class(channel) if kind == "tau" else ("", None)
+            if log.poses:
+                checks = iter((of_class,) if of_class[0] in OF_POSES else ())
+            elif (of_two := alternating(channel)) is not None:  # which looks like noise, too
+                checks = iter((("alternating", of_two),))
+            elif of_class[0]:
+                checks = iter((of_class,))  # what is no measurement has one remedy
+            for code, judgement in checks:
+                if judgement is not None:
                     number, threshold, meaning, remedy = judgement
-                    judgements = same.setdefault((check.__name__, meaning), [])
+                    judgements = same.setdefault((code, meaning), [])
                     judgements.append((name, number, threshold, remedy))
         if state is not None:
             yield from contradicted(log, state, mechanism)
+            yield from late_rates(log, mechanism)
         for (code, meaning), judgements_of_check in same.items():
             names, (_, number, threshold, remedy) = (
                 tuple(name for name, *_ in judgements_of_check),
@@ -324,6 +343,45 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
     pairs = [*combinations(motion.logs, 2)][::-1]  # the first log counts
     again = {copy.where: copy for a, b in pairs for copy in copies(a, b, *texts)}
     yield from again.values()
+
+
+def late_rates(log: Log, mechanism: Mechanism) -> Iterator[Finding]:
+    """Report a velocity and a position of a joint of which one is late.
+
+    v(t) ≈ q̇(t − l),  l = −Σ (v − q̇) q̈ / Σ q̈²     where l takes off HALF of v − q̇
+    """
+    late: dict[str, float] = {}
+    for joint in mechanism.joint_index:
+        if not {f"q.{joint}", f"v.{joint}"} <= {*log.columns}:
+            continue
+        good = np.isfinite(log.columns[f"q.{joint}"]) & np.isfinite(log.columns[f"v.{joint}"])
+        t, q, v = (x[good] for x in (log.t, *(log.columns[f"{c}.{joint}"] for c in "qv")))
+        if len(t) <= SHORTEST:
+            continue
+        step, lag = float(np.median(np.diff(t))), 0.0
+        rate = np.gradient(q, t)
+        before = float(np.linalg.norm(v - rate))
+        for _ in range(LAG_STEPS):
+            shifted = np.interp(t - lag, t, rate)
+            slope = np.gradient(shifted, t)
+            lag -= float((v - shifted) @ slope) / max(float(slope @ slope), 1e-300)
+        after = float(np.linalg.norm(v - np.interp(t - lag, t, rate)))
+        if after < HALF * before and abs(lag) > max(step, LEAST_LAG):
+            late[joint] = lag
+    if late:
+        lag = max(late.values(), key=abs)
+        names = tuple(f"{c}.{joint}" for joint in late for c in "vq")
+        words = "late" if lag > 0 else "early"
+        text = (
+            f"{log.name}: {shortlist([f'v.{joint}' for joint in late], NAMED)}: "
+            f"{two_digits(1e3 * abs(lag))} ms {words} against the rate of the position: a filter "
+            "or another clock in one of them"
+        )
+        remedy = (
+            "leave out the velocities where their filter makes it; where torques look early by as "
+            "much, the positions are late"
+        )
+        yield Finding("late rates", text, remedy, names, 1e3 * abs(lag), 1e3 * LEAST_LAG)
 
 
 def contradicted(log: Log, state: State, mechanism: Mechanism) -> Iterator[Finding]:
@@ -360,21 +418,46 @@ def copies(a: Log, b: Log, harm: str, remedy: str) -> list[Finding]:
     first stamp that both have; rounded to fewer digits they differ by less than their noise.
     """
     names = [name for name in a.columns if name in b.columns and name.startswith(("q.", "tau."))]
+    if not names:
+        return []
+    for rows_a, rows_b in _alike_rows(a, b):
+        if all(_same_samples(a.columns[n][rows_a], b.columns[n][rows_b], n) for n in names):
+            break
+    else:
+        return []
+    count = len(a.t[rows_a])
+    text = f"{b.name} holds {count} samples of {a.name}: {harm}"
+    return [Finding("copy", text, remedy, (b.name,))]
+
+
+def _alike_rows(a: Log, b: Log) -> Iterator[tuple[slice | np.ndarray, slice | np.ndarray]]:
+    """Yield rows of two logs that may be the same samples: from the beginning or the first stamp
+    that both have, of the same stamps, and every second, third, … row of one.
+    """
     i = j = 0
     if len(a.t) != len(b.t):
         i, j = int(np.searchsorted(a.t, b.t[0])), int(np.searchsorted(b.t, a.t[0]))
         i, j = min(i, len(a.t) - 1), min(j, len(b.t) - 1)
     count = min(len(a.t) - i, len(b.t) - j)
-    n = min(count, COMPARED_SAMPLES)
-    if not names or (len(a.t) != len(b.t) and a.t[i] != b.t[j]):
-        return []
-    for name in names:
-        x, y = a.columns[name][i : i + n], b.columns[name][j : j + n]
-        x, y = (series[np.isfinite(x) & np.isfinite(y)] for series in (x, y))
-        if len(x) <= SHORTEST:
-            return []
-        far = ROUNDED * noise_level(x) if name[0] == "t" else SAME_POSITION * np.ptp(x)
-        if np.linalg.norm(x - y) > far * np.sqrt(len(x)):
-            return []
-    text = f"{b.name} holds {count} samples of {a.name}: {harm}"
-    return [Finding("copy", text, remedy, (b.name,))]
+    if len(a.t) == len(b.t) or a.t[i] == b.t[j]:
+        yield slice(i, i + count), slice(j, j + count)
+    at = np.clip(np.searchsorted(a.t, b.t), 0, len(a.t) - 1)
+    same = a.t[at] == b.t
+    if same.mean() > STAMPS_IN_COMMON:
+        yield at[same], np.flatnonzero(same)
+    for long, short, turned in ((a, b, False), (b, a, True)):
+        step = round(len(long.t) / max(len(short.t), 1))
+        for first in range(step if 2 <= step <= MOST_THINNED else 0):
+            rows = np.arange(first, len(long.t), step)[: len(short.t)]
+            both = rows, np.arange(len(rows))
+            yield both[::-1] if turned else both
+
+
+def _same_samples(x: np.ndarray, y: np.ndarray, name: str) -> bool:
+    """Whether series of a column are the same but for rounding."""
+    x, y = x[:COMPARED_SAMPLES], y[:COMPARED_SAMPLES]
+    x, y = (series[np.isfinite(x) & np.isfinite(y)] for series in (x, y))
+    if len(x) <= SHORTEST:
+        return False
+    far = ROUNDED * noise_level(x) if name[0] == "t" else SAME_POSITION * np.ptp(x)
+    return bool(np.linalg.norm(x - y) <= far * np.sqrt(len(x)))

@@ -28,14 +28,15 @@ from ident.information.chance import BEYOND, CONTRIBUTES, FEWEST_EQUATIONS, LEAV
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import rigid_forces
+from ident.motion.torque_class import COMPUTED, computed_torques
 from ident.text import listed, percent, shortlist, two_digits
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
     "position swapped", "joints swapped", "time", "gravity", "another run", "units",
-    "logs disagree", "changed within the log",
+    "logs disagree", "changed within the log", "computed",
 }  # fmt: skip
-DEAD = {"constant", "zero"}  # codes of findings on channels that measure nothing
+DEAD = {"constant", "zero", "noise_only"}  # codes of findings on channels that measure nothing
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
 LIKE = 0.9  # level: from there on four fifths of the squares of one are of the other's shape
 UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
@@ -84,6 +85,8 @@ class DataChecks(FaultSearch):
     def health(self) -> Health:
         """Judge the data, gravest first."""
         faults, noise = self.faults
+        if (computed := self._computed()) is not None:
+            return Health((computed,))
         findings = []
         for trial in faults:
             fall = trial.before_fault, trial.error
@@ -103,6 +106,20 @@ class DataChecks(FaultSearch):
             logs = differing_logs(self.problem, lambda: self.reference) if several else ()
             findings = findings or [*logs] or self._strangers(noise) or sizes
         return Health((*findings, *channels))
+
+    def _computed(self) -> Finding | None:
+        """Return a finding on torques that the file's own bodies give to the digits."""
+        found = computed_torques(self.mechanism, self.problem.motion.experiments)
+        if found is None:
+            return None
+        where = tuple(f"tau.{name}" for name in found.joints)
+        text = (
+            f"{listed(where)}: {found.terms} of {self.mechanism.urdf.name or 'the model'} to "
+            f"{percent(found.difference)}: computed by the controller's own model or a simulator, "
+            "not measured; a fit returns that model"
+        )
+        remedy = "log what sensors or motor currents show, and map these columns in [log]"
+        return Finding("computed", text, remedy, where, found.difference, COMPUTED)
 
     def _matters(self, finding: Finding) -> bool:
         """Whether the steps of a torque, if the finding is of these, have a part in the squared
@@ -257,8 +274,8 @@ class DataChecks(FaultSearch):
         may be wrong; but a fault where factors of several torques explain the log.
         """
         columns, table, gains = self.problem.columns, self.table, dict[str, float]()
-        if not self.mechanism.prior.any():
-            return  # a URDF without masses needs no torque
+        if not self.mechanism.prior.any() or self.mechanism.has_dummy_bodies:
+            return  # a URDF without masses needs no torque, and placeholders need any
         turned = dict[str, float]()  # torques of the URDF's shape with the other sign
         scaled = dict[str, tuple[float, float]]()  # and another size: with how many times that
         # least correlation of the torques of `gains` with what the URDF's bodies need

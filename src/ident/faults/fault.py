@@ -321,6 +321,12 @@ def fault_finding(
     of_motion = fault.state is not None
     _, text, remedy = (words.format(**_fields(mechanism, fault)) for words in WORDS[fault.kind])
     text += f" the error of the predicted torque falls from {percent(before)} to {percent(after)}"
+    if fault.kind == "gravity" and not any(fault.number):
+        text += (
+            "; or gravity is subtracted from these torques already, as Panda, iiwa and UR deliver "
+            "them"
+        )
+        remedy += "; log torques with gravity, or keep gravity = [0, 0, 0] for such columns alone"
     for rival in rivals:
         named = WORDS[rival.kind][0].format(**_fields(mechanism, rival))
         text += f"; {named} would do nearly as well"

@@ -53,7 +53,7 @@ from ident.mechanism.description import (
 from ident.mechanism.drives import read_drives
 from ident.mechanism.idle import spins
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
-from ident.mechanism.parameters import Bodies, read_consistency, read_covariance
+from ident.mechanism.parameters import COUNT, Bodies, read_consistency, read_covariance
 from ident.text import listed
 
 TOP = (
@@ -449,6 +449,12 @@ def _remarks(mechanism: Mechanism) -> list[str]:
         for link in mechanism.bodies.links
         if link in asked and not mechanism.prior[mechanism.bodies.columns(link)].any()
     ]
+    if mechanism.has_dummy_bodies:
+        mass = float(mechanism.prior[::COUNT].max())
+        remarks.append(
+            f"all bodies have the same mass ({mass:.3g} kg) and inertia, at their frames: "
+            "placeholders, against which the size of no torque is held"
+        )
     if not mechanism.driven:
         remarks.append(
             "nothing is driven: [joints] passive names every joint, so all torques are taken as 0 "

@@ -27,6 +27,7 @@ from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.parameters import Bodies, Consistency, Covariance
 
 SHOWN = 6  # shown: open loops in a message
+FEWEST_DUMMIES = 2  # range: bodies of the same numbers, which no machine has
 GENERAL_STEP = 0.05  # range: [rad | m] from the assembled configuration to one in general position
 SHORTEST = 1e-6  # numerics: [m] of a length of the drawing that may be wrong
 DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
@@ -170,6 +171,14 @@ class Mechanism(Displayed):
         return np.concatenate(
             [inertia.toDynamicParameters() for inertia in self.model.inertias[1:]]
         )
+
+    @cached_property
+    def has_dummy_bodies(self) -> bool:
+        """Whether all bodies have the same numbers, as in a first URDF, which sizes nothing."""
+        bodies = self.prior.reshape(len(self.bodies.links), -1)
+        bodies = bodies[bodies.any(axis=1)]
+        alike = len(bodies) >= FEWEST_DUMMIES and bool(np.allclose(bodies, bodies[:1], rtol=1e-9))
+        return alike and not bodies[:, 1:4].any()
 
     @cached_property
     def plausible_prior(self) -> np.ndarray:

@@ -18,6 +18,9 @@ from ident.mechanism.mechanism import Mechanism
 
 BITS = range(5, 17)  # range: places of a sign's bit
 INTEGER = 1e-6  # numerics: of 1, by which a raw number may be off an integer
+WORDS = (8, 16, 32)  # range: bits of an integer
+EMPTY = 0.05  # range: of the largest number, beside which there is none
+MUCH = 4.0  # range: times smaller must steps at changes of sign become
 BOTH = 0.02  # range: share of the samples that each sign has at least
 TURN = 2 * np.pi  # range: rad
 NEAR = 0.25  # range: of a turn, by which a step may differ from one, as of a joint that moves fast
@@ -36,11 +39,16 @@ def signed(
     """
     changed: dict[str, np.ndarray] = {}
     names: dict[int, list[str]] = {}
+    unsigned: dict[int, list[str]] = {}
     for name in (name for name in columns if name.startswith("tau.")):
         source = sources.get(name)
         scale, offset = (source.scale, source.offset) if source else (1.0, 0.0)
         raw = (columns[name] - offset) / scale
-        if (bit := sign_bit(raw[np.isfinite(raw)])) is not None:
+        if (bits := wrapped_bits(raw[np.isfinite(raw)])) is not None:
+            value = np.where(raw >= 2 ** (bits - 1), raw - 2**bits, raw)
+            changed[name] = scale * value + offset
+            unsigned.setdefault(bits, []).append(name)
+        elif (bit := sign_bit(raw[np.isfinite(raw)])) is not None:
             value = np.where(raw >= bit, bit - raw, raw)
             changed[name] = scale * value + offset
             names.setdefault(bit, []).append(name)
@@ -50,7 +58,31 @@ def signed(
         "signs are restored"
         for bit, of in names.items()
     ]
+    notes += [
+        f"{', '.join(of)}: never negative, nothing between, and smooth where what is from "
+        f"{2 ** (bits - 1)} on is taken less {2**bits}: signed numbers of {bits} bits read as "
+        "unsigned; signs are restored"
+        for bits, of in unsigned.items()
+    ]
     return changed, notes
+
+
+def wrapped_bits(raw: np.ndarray) -> int | None:
+    """Return the bits of signed integers (n,) that were read as unsigned; None of other numbers."""
+    if len(raw) < ENOUGH or raw.min() < 0 or np.abs(raw - np.rint(raw)).max() > INTEGER:
+        return None
+    for bits in WORDS:
+        half = 2.0 ** (bits - 1)
+        high = raw >= half
+        inside = raw.max() < 2 * half and BOTH < float(high.mean()) < 1 - BOTH
+        if not inside or (np.abs(raw - half) < EMPTY * half).any():  # nothing is near the ends
+            continue
+        value = np.where(high, raw - 2 * half, raw)
+        at = np.flatnonzero(high[1:] != high[:-1])
+        after, before = (float(np.abs(np.diff(x))[at].sum()) for x in (value, raw))
+        if MUCH * after < before:
+            return bits
+    return None
 
 
 def sign_bit(raw: np.ndarray) -> int | None:

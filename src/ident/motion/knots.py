@@ -17,7 +17,7 @@ fit, is one currency for all knots.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -118,7 +118,12 @@ def doubtful(derived: Sequence[Derived], band: Band) -> bool:
 
 
 def by_torques(
-    mechanism: Mechanism, logs: list[LogSignals], band: Band, derived: list[Derived], given: bool
+    mechanism: Mechanism,
+    logs: list[LogSignals],
+    band: Band,
+    derived: list[Derived],
+    given: bool,
+    informing: Sequence[Collection[str]],
 ) -> Band:
     """The band with the knots of the least error, if that is clearly less than with those of
     `derived`. A cut-off that is not given leaves rows enough, and is below what knots pass.
@@ -133,6 +138,9 @@ def by_torques(
     if given and band.cutoff:
         coarsest = min(coarsest, 0.5 / band.cutoff)
     both, names = [*zip(logs, derived, strict=True)], derived[0].names
+    votes = _votes(mechanism, informing)
+    if not votes.any():
+        return band
     scenes = [_scene(mechanism, signals, motion) for signals, motion in both]
 
     def error(spacing: float) -> float:
@@ -148,7 +156,8 @@ def by_torques(
                     spline = fitted(basis, inside, motion.smooth.names)
                     inside_run = (e.t >= t[run][0]) & (e.t <= t[run][-1])
                     known[np.ix_(range(3), inside_run, place)] = spline.at(e.t[inside_run])
-            logarithms.append(np.log(torque_errors(mechanism, e.at(mechanism, known, names))))
+            errors_of_joints = torque_errors(mechanism, e.at(mechanism, known, names))
+            logarithms.append(np.log(errors_of_joints[votes]))
         return float(np.mean(logarithms))
 
     ladder = [start * STEP**k for k in range(-FINER, COARSER + 1)]
@@ -164,6 +173,16 @@ def by_torques(
     cutoff = min(cutoff if band.cutoff else np.inf, 0.5 / best)
     fast = cutoff >= 0.25 / max(motion.dt for motion in logs)
     return replace(band, cutoff=band.cutoff if fast else cutoff, knots=knots)
+
+
+def _votes(mechanism: Mechanism, informing: Sequence[Collection[str]]) -> np.ndarray:
+    """(d,) coordinates of a tree whose torques are measurements in all logs; all of a loop."""
+    votes = np.ones(mechanism.degrees_of_freedom, dtype=bool)
+    if mechanism.closures:
+        return votes
+    for name in mechanism.measured:
+        votes[mechanism.joint(name).index] = all(name in names for names in informing)
+    return votes
 
 
 def _scene(mechanism: Mechanism, signals: LogSignals, derived: Derived) -> State:

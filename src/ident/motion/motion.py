@@ -36,6 +36,7 @@ from ident.motion.signals import LogSignals, measure, runs, without_repeats
 from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
 from ident.motion.spline import Smoothed, grain, noise_level
 from ident.motion.state import State, wrenches
+from ident.motion.torque_class import informing_torques
 from ident.motion.unforced import unforced_base
 from ident.text import shortlist
 
@@ -58,6 +59,7 @@ class Motion(Displayed):
         notes: what was repaired, derived or left out, in words.
         logs: as they were read, under ident's column names.
         mechanism: that moves; None for a motion without one.
+        dead: joints of a tree whose torque column is constant or noise in some log.
     """
 
     experiments: tuple[State, ...]
@@ -67,6 +69,7 @@ class Motion(Displayed):
     notes: tuple[str, ...] = ()
     logs: tuple[Log, ...] = ()
     mechanism: Mechanism | None = None
+    dead: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -162,10 +165,11 @@ def complete(
         notes += _missing_torques(mechanism, signals, torques)
     names = _determining(mechanism, measured)
     band = Band(0.0, 0.0, None)
+    informing = [informing_torques(mechanism, s.t, s.columns) for s in moving]
     if moving:
         smoothing = checked_spacing(smoothing, moving)
         cutoff = cutoff if cutoff in (None, AUTO) else checked_cutoff(cutoff, moving)
-        band = band_of(mechanism, moving, names, cutoff)
+        band = band_of(moving, names, cutoff, informing)
 
     def derived_with(band: Band) -> list[Derived]:
         return [
@@ -194,7 +198,7 @@ def complete(
         spacing = min(item.smooth.spacing for item in derived if item.smooth)
         band = replace(band, knots=(spacing, spacing))
         derived = derived_with(band)
-    if cutoff == "auto" and band.cutoff is None and band.noise > CLEAN:
+    if cutoff == "auto" and band.cutoff is None and band.noise > CLEAN and band.motion > 0:
         notes.append(
             f"the motion reaches {band.motion:.3g} Hz, too near the sampling rate for a filter, "
             f"but some channel is noisy ({100 * band.noise:.2g} % of it): accelerations and "
@@ -208,7 +212,8 @@ def complete(
         if progress:
             progress("choosing knots by the torques", 0.0)
         in_motion = [x for x, y in zip(derived, measured, strict=True) if not y.log.poses]
-        before, band = band, by_torques(mechanism, moving, band, in_motion, cutoff != "auto")
+        before, by_user = band, cutoff != "auto"
+        band = by_torques(mechanism, moving, band, in_motion, by_user, informing)
         if band != before:
             derived = derived_with(band)
             if np.isfinite(band.knots[1]):
@@ -241,9 +246,16 @@ def complete(
         if torques:
             raise MotionError(missing)
         notes.append(missing)
+    dead = () if mechanism.closures or not complete_torques else mechanism.measured
     return Motion(
-        states, independent, band, worst, tuple(dict.fromkeys(notes)), tuple(read), mechanism
-    )
+        states, independent, band, worst, tuple(dict.fromkeys(notes)), tuple(read), mechanism,
+        tuple(
+            name
+            for name in dead
+            if any(name not in of and signals.columns[f"tau.{name}"].any()  # 0: it may swing freely
+                   for of, signals in zip(informing, moving, strict=True))
+        ),
+    )  # fmt: skip
 
 
 def part_of(mechanism: Mechanism, signals: LogSignals, recipe: Recipe) -> State | None:

@@ -7,7 +7,7 @@ A part of a log that decided anew would differ from its neighbours, and from the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -77,9 +77,13 @@ class Recipe:
 
 
 def band_of(
-    mechanism: Mechanism, logs: list[LogSignals], names: tuple[str, ...], given: float | str | None
+    logs: list[LogSignals],
+    names: tuple[str, ...],
+    given: float | str | None,
+    informing: Sequence[Collection[str]],
 ) -> Band:
-    """Bandwidth and noise of logs, and the given cut-off, or with AUTO what they suggest.
+    """Bandwidth and noise of logs, and the given cut-off, or with AUTO what they suggest; of the
+    torques those count that are `informing` in a log.
 
     The cut-off is five times the bandwidth of the motion, so that accelerations pass and what lies
     above (quantisation, ripple, vibration) does not, or less, down to twice, where accelerations
@@ -96,8 +100,11 @@ def band_of(
         for name in names
     ]
     every = [channel for channels in joints for channel in channels]
-    taus = [f"tau.{name}" for name in mechanism.driven]
-    torques = [signals.even(tau)[0] for signals in logs for tau in taus if tau in signals.columns]
+    torques = [
+        signals.even(f"tau.{name}")[0]
+        for signals, of in zip(logs, informing, strict=True)
+        for name in of
+    ]
     noise = max(
         [noise_share(x, 2 - k) for channels in joints for k, x, *_ in channels[-1:]]
         + [noise_share(x) for x in torques]

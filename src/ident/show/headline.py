@@ -170,6 +170,8 @@ def good_enough_words(answer: GoodEnough) -> str:
         return f"{ask} These logs cannot show it: noise is {size}."
     if answer.reason is Reason.DOUBTFUL:
         return f"{ask} Doubtful: it fits, but the size of the torques looks wrong."
+    if answer.reason is Reason.COMPUTED:
+        return f"{ask} No: a model computed these torques, so that it fits itself says nothing."
     if answer.reason is Reason.LARGE:
         if answer.answer is Answer.NOT_TESTED:
             return f"It fits this log to {size} of the torque{noise}{turns}; not tested on another."
