@@ -11,6 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import further  # noqa: F401  registers its kinds
 from kinds import MADE, Mistake
 from subjects import ROBOTS, Case, clean, positions_only, subjects
 from verdict import judge
@@ -32,6 +33,9 @@ NAMED = (  # on the arm, by the right name
     "one joint moved alone",
     "columns in the order of the alphabet, names in that of the URDF",
     "one torque of zero in every tenth cell, where none was read",
+    "all torques computed by the URDF's model",
+    "one torque commanded in three values",
+    "one torque as signed integers that wrap at 16 bits",
 )
 
 

@@ -96,3 +96,50 @@ def test_what_has_no_rows_is_announced_as_it_was():
     errors = {"yaw": Error(0.2, 0.02, "N m"), "locked": Error(1.0, 0.1, "N m")}
     now = announced_errors(errors, np.array([4.0, 0.0]), np.array([1.0, 0.0]))
     assert [e.rms for e in now.values()] == [0.1, 1.0]
+
+
+TWO_AXES = """<robot name="two"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0 0 -0.16"/><mass value="2.6"/>
+<inertia ixx=".022" iyy=".022" izz=".003" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="fore"><inertial><origin xyz="0 0 -0.14"/><mass value="1.5"/>
+<inertia ixx=".011" iyy=".011" izz=".0015" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/>
+<axis xyz="0 1 0"/></joint><joint name="elbow" type="continuous"><parent link="upper"/>
+<child link="fore"/><origin xyz="0 0 -0.35"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+def test_two_offsets_of_a_second_session_are_both_found(tmp_path):
+    """The elbow's encoder was zeroed otherwise, the shoulder's amplifier has another zero."""
+    (tmp_path / "two.urdf").write_text(TWO_AXES)
+    bare = ident.load(tmp_path / "two.urdf").with_effect("viscous").with_effect("coulomb")
+    friction = dict(
+        zip([n for e in bare.effects for n in e.names], (0.5, 0.2, 0.6, 0.3), strict=True)
+    )
+    t, logs = np.arange(0.0, 12.0, 0.008), []
+    for seed in (1, 2):
+        rng, columns = np.random.default_rng(seed), {}
+        for name in ("shoulder", "elbow"):
+            a, b = rng.normal(size=(2, 7)) * 1.4 / np.arange(1, 8)
+            w = 2 * np.pi * np.arange(1, 8) / 12.0
+            columns[f"q.{name}"] = np.sin(np.outer(t, w)) @ a + np.cos(np.outer(t, w)) @ b
+        noise = [ident.Noise("tau", 0.006, relative=True), ident.Noise("q", 2e-5)]
+        log, _ = ident.simulate(
+            bare,
+            ident.Log.from_arrays(f"s{seed}", t, columns),
+            values=friction,
+            noise=noise,
+            seed=seed,
+        )
+        kept = {n: x for n, x in log.columns.items() if n.startswith(("q.", "tau."))}
+        logs.append(ident.Log.from_arrays(f"s{seed}", log.t, kept))
+    first, second = logs
+    fit = ident.identify(bare, ident.complete(bare, first))
+    fit.write(tmp_path / "out")
+    columns = dict(second.columns)
+    columns["q.elbow"] = columns["q.elbow"] + 0.105
+    columns["tau.shoulder"] = columns["tau.shoulder"] - 0.7
+    known = ident.load(tmp_path / "out" / "identified")
+    changed_log = ident.Log.from_arrays("s2", second.t, columns)
+    history = ident.grow(known, ident.complete(known, changed_log))
+    added = {effect.label for step in history.steps for effect in step.added}
+    assert {"torque_offset:shoulder", "encoder_offset:elbow"} <= added
