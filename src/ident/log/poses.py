@@ -38,7 +38,13 @@ def are_poses(columns: Mapping[str, Array], *, timed: bool) -> bool:
     eta = order(columns)
     if eta is None or not any(name.startswith("tau.") for name in columns):
         return False
-    moved = [name[2:] for name, x in columns.items() if name.startswith("q.") and np.ptp(x) > 0]
+    moved = [
+        name[2:]
+        for name, x in columns.items()
+        if name.startswith("q.") and len(known := x[np.isfinite(x)]) and np.ptp(known) > 0
+    ]
     rates = [columns.get(f"{letter}.{name}") for name in moved for letter in "va"]
-    at_rest = all(x is not None and np.nanmax(np.abs(x), initial=0.0) <= REST for x in rates)
+    at_rest = bool(rates) and all(
+        x is not None and np.nanmax(np.abs(x), initial=0.0) <= REST for x in rates
+    )
     return at_rest or eta > (UNORDERED if timed else ORDERED)
