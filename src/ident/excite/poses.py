@@ -38,15 +38,22 @@ SLIGHT = 1e-6  # numerics: of the largest information, with which a first choice
 
 @dataclass(frozen=True, eq=False)
 class PosePlan:
-    """Poses to be held one after the other, and what they determine. From `ident.excite_poses`."""
+    """Poses to be held one after the other, and what they determine. From `ident.excite_poses`.
 
-    log: Log  # q.<joint>, one row a pose
-    torque: Mapping[str, float]  # by joint, the largest that a pose needs [N m | N]
-    noise: Mapping[str, float]  # by joint, what friction at rest may be off by [N m | N]
+    Attributes:
+        log: q.<joint>, one row a pose.
+        torque: by joint, the largest that a pose needs [N m | N].
+        noise: by joint, what friction at rest may be off by [N m | N].
+        parameters: with the errors that the poses leave.
+    """
+
+    log: Log
+    torque: Mapping[str, float]
+    noise: Mapping[str, float]
     parameters: tuple[ExpectedValue, ...]
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the poses as a .csv, .parquet or .npz."""
+        """Write the poses as a .csv, .parquet or .npz file: `path`."""
         self.log.write(path)
 
     def __str__(self) -> str:

@@ -49,6 +49,7 @@ def read_log(
             `{"t": Column("stamp_ms", 0.001)}`: value = scale * file + offset.
         topic: of a bag, where it has several of `sensor_msgs/JointState`. Several are merged, with
             commas between.
+        poses: whether its rows are poses at rest, one row a pose.
 
     Returns:
         The log, its times in s and its columns in SI units.
