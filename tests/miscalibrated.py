@@ -7,7 +7,7 @@ linear, and none of the columns with which a fit describes these errors is used.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -37,14 +37,27 @@ class Misread:
         """Of the log."""
         return ident.identify(self.mechanism, ident.complete(self.mechanism, self.log, **options))
 
-    def off(self, fit: Fit) -> np.ndarray:
-        """(n,) base parameters less their true values, in standard errors."""
+    def without_rates(self) -> Misread:
+        """The same log without logged velocities and accelerations."""
+        columns = {n: x for n, x in self.log.columns.items() if not n.startswith(("v.", "a."))}
+        return replace(self, log=Log.from_arrays(self.log.name, self.log.t, columns))
+
+    def base(self, fit: Fit) -> np.ndarray:
+        """(n,) true base parameters."""
         x = np.array([self.values.get(name, 0.0) for name in fit.columns.names])
         base = fit.estimate.base
-        truth = x[base.independent] + base.K @ x[base.dependent]
+        return x[base.independent] + base.K @ x[base.dependent]
+
+    def off(self, fit: Fit) -> np.ndarray:
+        """(n,) base parameters less their true values, in standard errors."""
         found = np.array([value.value for value in fit.base_parameters])
         stderr = np.array([value.stderr for value in fit.base_parameters])
-        return (found - truth) / stderr
+        return (found - self.base(fit)) / stderr
+
+    def plain(self, fit: Fit) -> np.ndarray:
+        """(n,) least squares less the true values, in standard errors of the residual's scatter."""
+        found = np.array([value.as_logged for value in fit.base_parameters])
+        return np.asarray((found - self.base(fit)) / np.sqrt(np.diag(fit.scatter)))
 
 
 def misread(

@@ -1,6 +1,15 @@
 """The library of physical effects: one class a kind, one file a family; see `effect`."""
 
-from ident.effects.effect import Correcting, Correction, Effect, Signals, Sites, Unknown
+from ident.effects.effect import (
+    PER_LOG,
+    Correcting,
+    Correction,
+    Effect,
+    Signals,
+    Sites,
+    Unknown,
+    log_word,
+)
 from ident.effects.joint import ReversalPulses
 from ident.effects.library import (
     KINDS,
@@ -14,6 +23,7 @@ from ident.effects.library import (
 
 __all__ = [
     "KINDS",
+    "PER_LOG",
     "Correcting",
     "Correction",
     "Effect",
@@ -23,6 +33,7 @@ __all__ = [
     "Unknown",
     "create",
     "kind_of",
+    "log_word",
     "parse",
     "parse_user",
     "read_user_effect",

@@ -10,7 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from ident.effects.drive import LATEST
-from ident.effects.effect import Correcting, Correction, Effect, Signals, Unknown
+from ident.effects.effect import Correcting, Correction, Signals, Unknown
+from ident.information.cubic import late
 
 FASTEST = 0.5  # range: share by which a clock may be off
 
@@ -32,29 +33,28 @@ class ClockError(Correcting):
         return Correction(clock=s.shape["s"])
 
 
-class LateTorque(Effect):
-    """A torque channel that is read late against the other channels, to first order.
+class LateTorque(Correcting):
+    """A torque channel that is read late against the other channels.
 
-    The rate is that of the torque which the model predicts: the measured one has noise, which is
+    The change is that of the torque which the model predicts: the measured one has noise, which is
     in the residual as well.
     """
 
     kind = "late_torque"
     sits = "driven"
-    unknowns: ClassVar = (Unknown("d", ("s", "s"), "by which the torque is late"),)
-    equation = "-d dτ/dt, with the torque τ that the model predicts"
+    shapes: ClassVar = (
+        Unknown("d", ("s", "s"), "by which the torque is late", range=(-LATEST, LATEST)),
+    )
+    equation = "τ + τ̂(t) − τ̂(t − d), with the torque τ̂ that the model predicts"
     signature = "the residual is large where the torque changes fast, with its slope"
     source = "Björklund, Ljung, IEEE CDC 2003"
-    implicit = True
-    memory = True  # the rate is that of the samples
-    asks: ClassVar = ("torque",)
 
-    def columns(self, s: Signals) -> np.ndarray:
-        return -np.gradient(s.torque, s.t, axis=0)[:, :, None]
+    def correction(self, s: Signals) -> Correction:
+        return Correction(late={self.joints[0]: s.shape["d"]})
 
 
 class LatePosition(Correcting):
-    """An encoder that is read late against the other channels."""
+    """An encoder that is read late against the other channels, with its rates."""
 
     kind = "late_position"
     shapes: ClassVar = (
@@ -65,4 +65,5 @@ class LatePosition(Correcting):
     source = "Björklund, Ljung, IEEE CDC 2003"
 
     def correction(self, s: Signals) -> Correction:
-        return Correction(dq={self.joints[0]: s.shape["d"] * s.v[:, 0]})
+        logged = np.stack([s.q[:, 0], s.v[:, 0], s.a[:, 0]], axis=1)
+        return Correction(dq={self.joints[0]: (late(s.t, logged, -s.shape["d"]) - logged).T})

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import ast
 import inspect
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import ClassVar
 
 import numpy as np
@@ -157,21 +158,29 @@ class Sites:
 class Correction:
     """Changes of the data or the geometry by an effect, instead of a torque."""
 
-    dq: Mapping[str, np.ndarray | float] = field(default_factory=dict)  # by joint, true − logged
+    # by joint, true − logged: a number, (n,), or (3, n) with its first and second rate
+    dq: Mapping[str, np.ndarray | float] = field(default_factory=dict)
     delay: Mapping[str, float] = field(default_factory=dict)  # by joint, of its torque [s]
     tilt: tuple[float, float] = (0.0, 0.0)  # rotation of the base about x and y [rad]
     displaced: Mapping[str, float] = field(default_factory=dict)  # by place, displacement [m]
     gap: Mapping[str, float] = field(default_factory=dict)  # by closure, C in Φ = C λ [m/N]
     torque: Mapping[str, np.ndarray] = field(default_factory=dict)  # by joint, of its drive (n,)
+    late: Mapping[str, float] = field(default_factory=dict)  # by joint, of its torque as predicted
     clock: float = 0.0  # true time over logged time, less 1
 
 
+PER_LOG = "log"  # of an effect that each log has with values of its own
 NOWHERE = "nowhere"  # `Effect.tried` of a kind that a diagnosis does not try by itself
 Bounds = Mapping[str, tuple[float, float]]
 Shape = Mapping[str, float]
 Estimates = Mapping[
     str, tuple[float, float | None]
 ]  # value ± standard error of parameters, by name
+
+
+def log_word(log: str) -> str:
+    """Return the name of a log as a part of a parameter's name: of `runs/a b.csv` it is `a_b`."""
+    return re.sub(r"[^\w-]+", "_", PurePath(log).stem or PER_LOG) if log else PER_LOG
 
 
 @dataclass(frozen=True)
@@ -184,6 +193,8 @@ class Effect(ABC):
         values: parameters (unknowns, shapes) that are known, and settings, with their values.
         rotational: whether the first joint is rotational (it decides the units).
         signal: one of `signals`, of a kind that is a function of a signal of one's choice.
+        per: `log` where each log has values of its own; log: the one whose values these are, empty
+            until the logs are known (`Mechanism.for_logs`).
     """
 
     # identity and site
@@ -240,8 +251,13 @@ class Effect(ABC):
     values: Mapping[str, float] = field(default_factory=dict)
     rotational: bool = True
     signal: str = ""
+    per: str = ""
+    log: str = ""
 
     def __post_init__(self) -> None:
+        if self.per not in ("", PER_LOG) or (self.per and self.supplies_torque):
+            valid = "a drive is the same in each log" if self.per == PER_LOG else 'valid: "log"'
+            raise MechanismError(f"effect '{self.kind}': per = \"{self.per}\"; {valid}")
         if self.signal and not self.signals:
             raise MechanismError(
                 f"effect '{self.kind}' has no signal to choose, given: {self.signal}; "
@@ -279,6 +295,11 @@ class Effect(ABC):
     @cached_property
     def label(self) -> str:
         """`viscous:elbow`, as commands take it."""
+        return self.common_label + (f"@{log_word(self.log)}" if self.per else "")
+
+    @cached_property
+    def common_label(self) -> str:
+        """The label without the log of one that each log has of its own."""
         return ":".join(filter(None, [self.kind, ",".join(self.joints), self.signal]))
 
     @property

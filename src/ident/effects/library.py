@@ -24,7 +24,7 @@ import numpy as np
 
 from ident.effects import drive, joint, servo
 from ident.effects.curve import Curve, OnFirst
-from ident.effects.effect import Effect, Shape, Signals, Unknown
+from ident.effects.effect import PER_LOG, Effect, Shape, Signals, Unknown
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import function_of
 from ident.text import listed, places
@@ -56,6 +56,8 @@ def create(
     values: Mapping[str, float] | None = None,
     rotational: bool = True,
     signal: str = "",
+    per: str = "",
+    log: str = "",
 ) -> Effect:
     """Return an effect of the library.
 
@@ -66,17 +68,22 @@ def create(
         rotational: whether the (first) joint is rotational; a mechanism sets it when the effect is
             added.
         signal: of a kind that is a function of a signal of one's choice.
+        per: `log` where each log has values of its own; log: the one whose values these are.
 
     Raises:
         MechanismError: for a kind, number of joints or parameter that does not exist.
     """
     if isinstance(joints, str):
         joints = [part.strip() for part in joints.split(",")] if joints else []
-    return kind_of(kind)(tuple(joints), dict(values or {}), rotational, signal)
+    return kind_of(kind)(tuple(joints), dict(values or {}), rotational, signal, per, log)
 
 
-def parse(text: str) -> tuple[str, tuple[str, ...], str, dict[str, float]]:
-    """Return kind, joints, signal, values of `kind[:joint[,joint]][:signal][:name=value,…]`."""
+def parse(text: str) -> tuple[str, tuple[str, ...], str, dict[str, float], str]:
+    """Return kind, joints, signal, values, per of
+    `kind[:joint[,joint]][:signal][@log][:name=value,…]`.
+    """
+    per = PER_LOG if f"@{PER_LOG}" in text else ""
+    text = text.replace(f"@{PER_LOG}", "", 1)
     kind, *rest = text.split(":")
     kind_of(kind, f"effect '{text}': ")
     stated = rest.pop() if rest and "=" in rest[-1] else ""
@@ -92,7 +99,7 @@ def parse(text: str) -> tuple[str, tuple[str, ...], str, dict[str, float]]:
     joints = tuple(part.strip() for part in rest[0].split(",")) if rest else ()
     if not all(joints):
         raise MechanismError(f"effect '{text}': a joint's name is missing; write {kind}:joint")
-    return kind, joints, ":".join(rest[1:]).strip(), values
+    return kind, joints, ":".join(rest[1:]).strip(), values, per
 
 
 def separating(kinds: Collection[str]) -> list[str]:

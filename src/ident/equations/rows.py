@@ -41,7 +41,7 @@ from ident.equations.thinning import NodeSeries, Thinning, agreeing_step
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
 from ident.information.chance import CONTRIBUTES
-from ident.information.cubic import cubic
+from ident.information.cubic import late
 from ident.information.time_bases import Basis, Chunk
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import row_spans, supports
@@ -70,6 +70,9 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             continue
         if not any(shape.values()) and not effect.margin:
             continue
+        if not (share := base.share_of(effect)):
+            continue
+        shape = {name: share * value for name, value in shape.items()}
         what = effect.correction(replace(base.signals(effect.joints), shape=shape))
         corrections.append((effect.margin, what))
         mechanism = mechanism.corrected(what)
@@ -92,6 +95,12 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     ):  # once: all are of the data as logged
         e = e.at(mechanism, known)
     for _, what in corrections:
+        for name, d in what.late.items() if len(e) > 1 else ():
+            now = Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
+            (torque,), channel = now.predicted((name,))[0].T, mechanism.driven.index(name)
+            tau = e.tau.copy()
+            tau[:, channel] += torque - late(e.t, torque, d)
+            e = replace(e, tau=tau)
         if what.clock:
             f = 1 + what.clock
             e = replace(e, v=e.v / f, yd=e.yd / f, still=e.still / f)
@@ -105,9 +114,13 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             e = e.at(mechanism, motion=(q, e.v + transmits[1], e.a + transmits[2]))
     if e is base.e and mechanism is base.mechanism:
         return base
+    return Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
+
+
+def _memo(base: Samples, mechanism: Mechanism, e: State) -> dict[object, Any]:
+    """Return what a corrected state shares with the one of `base`."""
     as_before = e.q is base.e.q and e.a is base.e.a and mechanism.model is base.mechanism.model
-    memo: dict[object, Any] = {RIGID: base.memo.setdefault(RIGID, {})} if as_before else {}
-    return Samples(mechanism, e, slice(None), base.point, memo)
+    return {RIGID: base.memo.setdefault(RIGID, {})} if as_before else {}
 
 
 def perturbed(
@@ -130,18 +143,13 @@ def residual(at: Samples) -> np.ndarray:
     return at.memo["residual"]
 
 
-def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
-    """x(t − d) of a series x (n,) at the times t (n,) [s]; the ends stand still."""
-    if not d:
-        return x
-    if len(t) < 2:  # of one sample no rate is known
-        return x
-    return cubic(t, x, np.clip(t - d, t[0], t[-1]))
-
-
 def _rates(e: State, dq: np.ndarray | float, cutoff: float | None) -> np.ndarray:
-    """δy, δẏ, δÿ (3, n) of a correction, without what is far above the rows' cut-off."""
+    """δy, δẏ, δÿ (3, n) of a correction, without what is far above the rows' cut-off; of one that
+    knows its rates, these.
+    """
     n = len(e)
+    if np.ndim(dq) == 2:
+        return np.asarray(dq)
     if np.ndim(dq) == 0 or n < 2 or e.poses:  # of one sample no rate is known
         return np.stack([np.broadcast_to(dq, n), np.zeros(n), np.zeros(n)])
     wide = WIDER * cutoff if cutoff and WIDER * cutoff < 0.5 * e.rate else None
@@ -181,7 +189,7 @@ class Scene:
              *perturbed(bare, effect, parameter.name, cutoff))
             for effect, places in columns.effects if effect.corrects
             for parameter, place in zip(effect.shapes, places, strict=True)
-            if place >= 0 and parameter.name != effect.scale
+            if place >= 0 and parameter.name != effect.scale and bare.share_of(effect)
         ]  # fmt: skip
         scales = [
             (int(place), effect, bare.point.of(effect)[1])
@@ -234,7 +242,7 @@ class Scene:
         s = self.samples.generalised(part) if full else self.samples.reduced(part)
         terms = self.effects(s)
         gamma = [s.gamma[:, row] for row in range(s.shape[1])]
-        A, b = with_bodies(self.columns, self.point, gamma, terms.A, terms.b)
+        A, b = with_bodies(self.columns, self.point, gamma, terms.A, terms.b, share_of=s.share_of)
         return replace(terms, A=A, b=b)
 
 
@@ -435,7 +443,9 @@ def rows(
             b, tau, opened, standing = series[d : d + 4]
             informed, moving = opened < sticking, standing < STANDING
             rest = np.where(opened > 1 - STANDING, at_rest[sample] * np.sqrt(decimator.factor), 0.0)
-            A, b = with_bodies(scene.columns, scene.point, gamma, A, b, spans)
+            A, b = with_bodies(
+                scene.columns, scene.point, gamma, A, b, spans, scene.samples.share_of
+            )
             for u in scene.mechanism.unmeasured_rows:
                 A[:, u], b[:, u], tau[:, u], informed[:, u] = 0.0, 0.0, 0.0, False
                 rest[:, u] = 0.0

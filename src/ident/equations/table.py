@@ -138,8 +138,8 @@ class Table(Rows):
     ) -> np.ndarray:
         """Return S (N, d) of one shape of a correcting effect, at a shape, in the table's rows.
 
-        `step`: of the difference, in the shape's unit; default: as small as rounding allows, where
-        what jumps with the motion, as dry friction does, would not be seen.
+        `step`: of a central difference, in the shape's unit; default: forward and as small as
+        rounding allows, where what jumps with the motion, as dry friction does, would not be seen.
         """
         others = {
             f: shape[shape_parameter.name]
@@ -152,11 +152,17 @@ class Table(Rows):
             bare = replace(self.thin[number], mechanism=grown, point=point)
             if step is None:
                 h, shifted = perturbed(bare, effect, name, cutoff, effect)
+                still = not effect.unknowns and not any(shape.values())  # it corrects nothing yet
+                at = self.thin[number] if still else corrected(bare, cutoff, effect)
             else:
-                farther = point.with_values({effect.full[name]: shape[name] + step})
-                h, shifted = step, corrected(replace(bare, point=farther), cutoff, effect)
-            still = not effect.unknowns and not any(shape.values())  # it corrects nothing yet
-            at = self.thin[number] if still else corrected(bare, cutoff, effect)
+                h, values = step, (shape[name] - step / 2, shape[name] + step / 2)
+                at, shifted = (
+                    corrected(
+                        replace(bare, point=point.with_values({effect.full[name]: value})),
+                        cutoff, effect,
+                    )
+                    for value in values
+                )  # fmt: skip
             S, t = (residual(at) - residual(shifted)) / h, scene.e.t
             if len(S) != len(t):
                 S = cubic(bare.e.t, S, t)

@@ -16,7 +16,7 @@ equations never evaluate the slow W of closures' own joints.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from operator import attrgetter
@@ -134,6 +134,11 @@ class Samples:
 
     def columns(self, effect: Effect, shape: Mapping[str, float]) -> np.ndarray:
         """E (n, arity, unknowns) of an effect at a shape, of the whole if it hangs on the past."""
+        share = self.share_of(effect)
+        if share != 1.0:
+            if not share:
+                return np.zeros((len(self), len(effect.joints), len(effect.unknowns)))
+            return share * self.columns(replace(effect, per="", log=""), shape)
         is_whole = isinstance(self.part, slice) and self.part == slice(None)
         if is_whole or not effect.memory:
             return effect.columns(replace(self.signals(effect.joints), shape=shape))
@@ -142,6 +147,10 @@ class Samples:
             signals = self.generalised(slice(None)).signals(effect.joints)
             self.memo[key] = effect.columns(replace(signals, shape=shape))
         return self.memo[key][self.part]
+
+    def share_of(self, effect: Effect) -> float:
+        """Return how much of an effect acts in this log (`Mechanism.share_in`)."""
+        return self.mechanism.share_in(effect, self.e.name)
 
     def add_effect(
         self, out: np.ndarray, effect: Effect, c: np.ndarray, shape: Mapping[str, float]
@@ -152,6 +161,7 @@ class Samples:
         """
         if effect.loaded_link:
             link = self.mechanism.bodies.columns(effect.loaded_link)
+            c = self.share_of(effect) * c
             if c.ndim == 2:
                 out += self.gamma[:, :, link] @ c
             elif c.any():
@@ -378,6 +388,7 @@ def with_bodies(
     A: np.ndarray,
     b: np.ndarray,
     spans: Sequence[slice] = (),
+    share_of: Callable[[Effect], float] = lambda effect: 1.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """A (n, r, k) and b (n, r) with the rigid bodies, from those of the effects alone.
 
@@ -387,17 +398,19 @@ def with_bodies(
     columns_of_all = np.zeros((r, len(columns), n)).transpose(2, 0, 1)
     columns_of_all[:, :, len(columns.rigid) :] = A
     known = {int(i): float(x) for i, x in zip(columns.known, columns.known_values, strict=True)}
-    loads = [effect for effect, _ in columns.effects if effect.loaded_link]
+    loads, shares = [effect for effect, _ in columns.effects if effect.loaded_link], {}
     for (link, places), effect in zip(columns.loads, loads, strict=True):
         for i, place, x in zip(link, places, point.of(effect)[0], strict=True):
+            shares[int(place)] = share_of(effect)
             if place < 0:
-                known[i] = known.get(i, 0.0) + x
+                known[i] = known.get(i, 0.0) + share_of(effect) * x
     b = b.copy() if known else b
     for row, columns_of_row in enumerate(gamma):
         first, stop = (spans[row].start, spans[row].stop) if spans else (0, columns_of_row.shape[1])
         for column, place in zip(*columns.of_gamma, strict=True):
             if first <= column < stop:
-                columns_of_all[:, row, place] += columns_of_row[:, column - first]
+                share = shares.get(int(place), 1.0)
+                columns_of_all[:, row, place] += share * columns_of_row[:, column - first]
         for column, value in known.items():
             if first <= column < stop and value:
                 b[:, row] -= columns_of_row[:, column - first] * value

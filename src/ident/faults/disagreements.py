@@ -86,7 +86,11 @@ class OwnFits:
         """Errors of each log in stretches that its own fit did not see; None where one has none."""
         total = Squares.zero(self.problem.information.d)
         for log_information in self.by_log.values():
-            squares = held_out(log_information, log_information, self.joint, self.problem.prior)
+            fitted, base = self.joint, self.joint.base.independent
+            norms = np.max([t.column_norms()[base] for t in log_information.totals], axis=0)
+            if not norms.all():  # what other logs have of their own is not in this one
+                fitted = self._estimate(log_information, self.joint.sigma)
+            squares = held_out(log_information, log_information, fitted, self.problem.prior)
             if squares is None:
                 return None
             total = total + squares

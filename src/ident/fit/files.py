@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.display import render
-from ident.effects import KINDS, Effect, read_user_effect
+from ident.effects import KINDS, PER_LOG, Effect, log_word, read_user_effect
 from ident.effects import create as create_effect
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, MechanismError, missing_file, one_of
@@ -160,6 +160,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
                 "kind": values.effect.kind,
                 "joint": ",".join(values.effect.joints),
                 **({"signal": values.effect.signal} if values.effect.signal else {}),
+                **({"log": values.effect.log} if values.effect.log else {}),
                 **({"file": files[values.effect.label][0]} if values.effect.label in files else {}),
                 "settings": {name: values.effect.setting(name) for name in values.effect.settings},
                 "parameters": [_entry(value, fit) for value in values.parameters],
@@ -364,12 +365,18 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
         )
     values = {str(entry["name"]): _logged(entry) for entry in data["parameters"]}
     parts = [(e["kind"], e["joint"], e.get("signal", "")) for e in data["effects"]]
-    labels = [":".join(filter(None, part)) for part in parts]
+    labels = [
+        ":".join(filter(None, part)) + (f"@{log_word(log)}" if (log := e.get("log", "")) else "")
+        for part, e in zip(parts, data["effects"], strict=True)
+    ]
+    if any("log" in effect for effect in data["effects"]):
+        mechanism = mechanism.for_logs(data["logs"])
     grown = mechanism
     for effect in reversed(mechanism.effects):  # the fit's model did not have it
         grown = grown if effect.label in labels else grown.without(effect.label)
     for label, effect in zip(labels, data["effects"], strict=True):
         kind, joint, signal = effect["kind"], effect["joint"], effect.get("signal", "")
+        of_log = {"per": PER_LOG, "log": effect["log"]} if "log" in effect else {}
         effect_here = next((known for known in grown.effects if known.label == label), None)
         if (
             effect_here is not None and effect_here.known
@@ -377,9 +384,12 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
             settings = {name: effect_here.setting(name) for name in effect_here.settings}
             grown = grown + replace(effect_here, values=settings)
         if effect_here is None and kind in KINDS:
-            grown = grown + create_effect(kind, joint, effect.get("settings"), signal=signal)
+            grown = grown + create_effect(
+                kind, joint, effect.get("settings"), signal=signal, **of_log
+            )
         elif effect_here is None:
-            grown = grown + _own_kind(path, label, effect, allow_code)(tuple(joint.split(",")))
+            new = _own_kind(path, label, effect, allow_code)(tuple(joint.split(",")))
+            grown = grown + replace(new, **of_log)
         values |= {str(entry["name"]): _logged(entry) for entry in effect["parameters"]}
     effects = {full for effect in grown.effects for full in effect.names}
     for name in values:

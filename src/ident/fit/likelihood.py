@@ -55,6 +55,7 @@ class Likelihood(Displayed):
     settled: bool  #: whether the last one changed nothing
     raised: float  #: sigma over noise of the torque sensors, 1 where that explains the residual
     make_motion: Callable[[], Motion]  #: that torques and measured channels agree on best
+    linear: Linearization  #: of which the estimate was made
 
     @cached_property
     def motion(self) -> Motion:
@@ -95,9 +96,13 @@ class Likelihood(Displayed):
         """Return that of the base parameters (n_ind, n_ind): the mean of the blocks' `cov` and, as
         noise explains the rows, (RᵀR)⁻¹, which does not hang on the few blocks that tell most.
         """
-        if self.raised > LOUD:
-            return cov
-        return 0.5 * (cov + max(1.0, _squares_per_row(now)) * now.solution.C)
+        return self.mean_covariance(cov, now.solution.C, squares_per_row(now))
+
+    def mean_covariance(self, cov: np.ndarray, white: np.ndarray, squares: float) -> np.ndarray:
+        """Return the mean of the blocks' covariance and that of rows with unit noise, (n, n) both,
+        of which `squares` per row are left.
+        """
+        return cov if self.raised > LOUD else 0.5 * (cov + max(1.0, squares) * white)
 
 
 def check_refinable(problem: Problem) -> None:
@@ -151,8 +156,8 @@ def weighed(
     at = Linearization.at(problem, estimate.x, problem.motion.experiments, on_progress)
     sigma = at.noise()[0]
     runs, now = at.whitened(estimate, sigma)
-    if _squares_per_row(now) <= LOUD**2:
-        likelihood = Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x))
+    if squares_per_row(now) <= LOUD**2:
+        likelihood = Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x), at)
         return replace(at.problem, runs=runs), now, likelihood, likelihood.findings
     text = (
         f"noise of the motion makes up to {100 * largest:.3g} % of the "
@@ -187,11 +192,12 @@ def refined(
         step, at = step + 1, after
     raised = float((sigma / at.noise()[0]).max())
     motion = at.motion(runs, now.x)
-    likelihood = Likelihood(share, sigma, step, converged, raised, motion)
+    likelihood = Likelihood(share, sigma, step, converged, raised, motion, at)
     return replace(at.problem, runs=runs), now, likelihood
 
 
-def _squares_per_row(now: Estimate) -> float:
+def squares_per_row(now: Estimate) -> float:
+    """Return the squared residual of whitened rows over their number less the unknowns'."""
     rows = max(now.triangle.rows - now.base.rank, 1)
     return now.triangle.residual_norm(now.x) ** 2 / rows
 
@@ -226,6 +232,10 @@ class Linearization:
             on_progress("weighing torques and motion together", number / len(experiments))
             parts += linear_runs(mechanism, problem.columns, (number, e), smooth, point, before)
         return cls(replace(problem, point=point), x, experiments, fine, tuple(parts))
+
+    def again(self, problem: Problem, x: np.ndarray) -> Linearization:
+        """Return the same rows of another problem, at parameters x (k,) of it."""
+        return Linearization.at(problem, x, self.experiments, no_progress, self)
 
     def noise(self) -> tuple[np.ndarray, np.ndarray]:
         """Return (d,), (d,) [N m | N] of the torques' rows: white noise of the sensors, which is
@@ -273,7 +283,7 @@ class Linearization:
         for trial in range(TRIALS):
             sigma = least ** (1 - theta) * largest**theta
             runs, now = self.whitened(estimate, sigma)
-            squares = _squares_per_row(now)
+            squares = squares_per_row(now)
             if not trial or squares <= AGREED:
                 best = sigma, runs, now
             if (theta == 0.0 and squares <= AGREED) or 1 / AGREED < squares <= AGREED:

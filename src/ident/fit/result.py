@@ -22,6 +22,7 @@ from ident.faults.data_checks import DataChecks, Health
 from ident.faults.search import NUMBERED
 from ident.finding import Finding
 from ident.fit.calibration import Budget, budget_of
+from ident.fit.calibration_rows import FitRows, ReducedRows, WhitenedRows
 from ident.fit.consistency import Binding, PossibleBodies
 from ident.fit.findings import unexcited
 from ident.fit.likelihood import Likelihood
@@ -265,8 +266,13 @@ class Fit(Charted):
             return None, []
         if self.known_errors is not None:  # of an earlier fit, as the same sensors log them
             return None, []
+        rows: FitRows = (
+            ReducedRows(self.problem, self.checks.table)
+            if self.likelihood is None
+            else WhitenedRows(self.problem, self.likelihood, self.likelihood.linear)
+        )
         try:
-            budget = budget_of(self.problem, self.checks.table, self.estimate)
+            budget = budget_of(rows, self.estimate)
         except (IdentError, np.linalg.LinAlgError) as error:
             text = f"errors of the calibration are not in the standard errors: {error}"
             return None, [Finding("no budget", text, "give --calibrated exact if it is")]

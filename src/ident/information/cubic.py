@@ -43,3 +43,10 @@ def cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     u, m0, m1 = (at - t[i]).reshape(shape), m[i], m[i + 1]
     bend, twist = (3 * rise[i] - 2 * m0 - m1) / h[i], (m0 + m1 - 2 * rise[i]) / h[i] ** 2
     return np.asarray(x[i] + u * (m0 + u * (bend + u * twist)))
+
+
+def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
+    """Return x(t − d) of a series x (n, …) at the times t (n,) [s]; the ends stand still."""
+    if not d or len(t) < 2:  # of one sample no rate is known
+        return x
+    return cubic(t, x, np.clip(t - d, t[0], t[-1]))

@@ -57,7 +57,7 @@ def _every(
     mechanism: Mechanism, logged: Sequence[str]
 ) -> Iterator[tuple[str, str, Effect, float, str]]:
     """Yield kind, place, effect, size of what may be off, and the unit of the error."""
-    present = {effect.label for effect in mechanism.effects}
+    present = {effect.common_label for effect in mechanism.effects}
     present |= {f"late_torque:{x.joints[0]}" for x in mechanism.effects if x.fault == "delay"}
     every: list[tuple[str, str, Effect, float, str]] = [("clock", "", ClockError(()), 1.0, "1")]
     for name in mechanism.measured:

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from lxml import etree
 
-from ident.effects import KINDS, Effect, create, read_user_effect
+from ident.effects import KINDS, PER_LOG, Effect, create, read_user_effect
 from ident.errors import MechanismError, missing_file, one_of
 from ident.files import TomlTable, is_number, read_toml, suffixes
 from ident.log import Column
@@ -336,16 +336,19 @@ def stated(data: Mapping[str, Any], source: Description) -> dict[str, Any]:
 
 def _effect(table: TomlTable, context: Context) -> Effect:
     kind = table.text("kind")
-    words = ("kind", "joint", "file", "signal")
+    words = ("kind", "joint", "file", "signal", "per", "log")
     values = {key: table.number(key) for key in table.data if key not in words}
+    per, log = (table.text(key) if key in table else "" for key in ("per", "log"))
     if "file" in table:
         file = context.folder / table.text("file")
         joints = tuple(part.strip() for part in table.text("joint").split(","))
         read = read_user_effect(file, kind, allow_code=context.allow_code, where=table.where)
-        return read(joints, values)
+        return replace(read(joints, values), per=per or (log and PER_LOG), log=log)
     alone = KINDS[kind].arity == 0 and "joint" not in table
     signal = table.text("signal") if "signal" in table else ""
-    return create(kind, "" if alone else table.text("joint"), values, signal=signal)
+    return create(kind, "" if alone else table.text("joint"), values, signal=signal,
+        per=per or (log and PER_LOG), log=log,
+    )  # fmt: skip
 
 
 def _tree_joints(tree: Tree) -> tuple[Joint, ...]:

@@ -389,20 +389,23 @@ class Mechanism(Displayed):
         joint. One that it has with known values is unknown then.
 
         Args:
-            text: names it, as `curve:elbow:q:pieces=8` with a signal and known values.
+            text: names it, as `curve:elbow:q:pieces=8` with a signal and known values, or
+                `encoder_offset:elbow@log` with values of its own in each log.
             values: parameters that are known, by short name.
 
         Raises:
             MechanismError: for a kind or joint that is not there, or an effect it has already.
         """
-        kind, joints, signal, stated = parse(text)
+        kind, joints, signal, stated, per = parse(text)
         values = {**stated, **(values or {})}
         cls = KINDS[kind]
         if joints or cls.arity != 1 or cls.sits == "place":
-            return self + create(kind, joints, values, signal=signal)
+            return self + create(kind, joints, values, signal=signal, per=per)
         everywhere = {"link": self.bodies.links, "closure": self.sites.closure}
         present = {effect.label: effect.known for effect in self.effects}
-        every = [create(kind, name, values) for name in everywhere.get(cls.sits, self.driven)]
+        every = [
+            create(kind, name, values, per=per) for name in everywhere.get(cls.sits, self.driven)
+        ]
         new = [effect for effect in every if effect.label not in present]
         if not new and all(present[effect.label] for effect in every) and not values:
             new = every
@@ -480,6 +483,42 @@ class Mechanism(Displayed):
             raise MechanismError(f"{self.name}: has the effect '{effect.label}' already")
         # its known values become unknown
         return replace(self, effects=(*self.effects[:at], new, *self.effects[at + 1 :]))
+
+    def for_logs(self, logs: Sequence[str]) -> Mechanism:
+        """Return the mechanism with effects that have values of their own `per` log once for each
+        of the logs of a fit, by name.
+        """
+        if all(effect.log or not effect.per for effect in self.effects):
+            return self
+        effects = list[Effect]()
+        for effect in self.effects:
+            is_open = effect.per and not effect.log
+            effects += [replace(effect, log=log) for log in logs] if is_open else [effect]
+        labels = [effect.label for effect in effects]
+        if len({*labels}) < len(labels):
+            twice = next(label for label in labels if labels.count(label) > 1)
+            raise MechanismError(
+                f"{self.name}: effect '{twice}': two logs have the same name; give them others"
+            )
+        return replace(self, effects=tuple(effects))
+
+    @cached_property
+    def _own_logs(self) -> dict[str, tuple[str, ...]]:
+        """Logs with values of their own of an effect, by its common label."""
+        logs = dict[str, tuple[str, ...]]()
+        for effect in self.effects:
+            if effect.log:
+                logs[effect.common_label] = (*logs.get(effect.common_label, ()), effect.log)
+        return logs
+
+    def share_in(self, effect: Effect, log: str) -> float:
+        """Return how much of an effect acts in a log: of one that each log has of its own, all in
+        that log, nothing in the others, and in a log of which no value is known the mean of all.
+        """
+        if not effect.log or effect.log == log:
+            return 1.0
+        logs = self._own_logs.get(effect.common_label, (effect.log,))
+        return 0.0 if log in logs else 1 / len(logs)
 
     def placed(self, effect: Effect) -> Effect:
         """Return an effect with the units of its joints.

@@ -159,7 +159,9 @@ def _array(tables: Iterable[Mapping[str, Any]]) -> tomlkit.items.AoT:
 
 def _effect_table(effect: Effect, values: Mapping[str, float], file: str | None) -> dict[str, Any]:
     words = {
-        "kind": effect.kind, "file": file, "joint": ",".join(effect.joints), "signal": effect.signal
+        "kind": effect.kind, "file": file, "joint": ",".join(effect.joints),
+        "signal": effect.signal,
+        "per": "" if effect.log else effect.per, "log": effect.log,
     }  # fmt: skip
     settings = {name: effect.values[name] for name in effect.settings if name in effect.values}
     numbers = {name: float(value) for name, value in {**settings, **values}.items()}

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.effects import KINDS
-from ident.equations.rows import late
 from ident.equations.unknowns import Point
 from ident.errors import LogError, MechanismError, MotionError, check_whole, one_of
 from ident.fit.prediction import Prediction, predict
+from ident.information.cubic import late
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, State, complete

@@ -1,0 +1,289 @@
+"""The rows in which an error budget is made: those of the fit, with columns of causes beside them.
+
+Least squares: the reduced rows of all logs, of long ones stretches. Where torques and motion are
+weighed together: rows at the rate of the motion's knots, from which the motion is eliminated after
+the causes' columns N are put beside A, so that both are whitened by the same noise,
+
+    A β + N S η − F G B (c − ĉ) = b,    U (c − ĉ) = 0          (`equations.motion_noise`)
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ident.equations.motion_noise import LinearRun, rows_cutoff
+from ident.equations.problem import Problem, block_edges, stacks_information, triangles
+from ident.equations.rows import Rows, Scene
+from ident.equations.table import SMOOTH, Table
+from ident.equations.unknowns import Columns, Point
+from ident.errors import IdentError
+from ident.fit.likelihood import Likelihood, Linearization, squares_per_row
+from ident.information.blocks import Block, Information
+from ident.information.estimate import Estimate
+from ident.mechanism.causes import Cause, causes_of
+from ident.mechanism.mechanism import Mechanism
+from ident.motion import Motion
+
+SAMPLES = 8_000  # work: that columns are made of, as few as smooth series allow
+STRETCHES = 16  # work: of a log with more
+SMALLER = (1.0, 0.1, 0.01)  # work: shares of a prior scale at which a column is taken
+
+
+class FitRows(ABC):
+    """Rows (N, d) of a fit, in which causes have columns."""
+
+    problem: Problem
+    tables: tuple[Table, ...]  #: the rows, one after the other
+    white: bool  #: whether they are divided by their noise already
+
+    def causes(self) -> Iterator[Cause]:
+        """Yield the causes of calibration errors of the fit's mechanism and logs."""
+        states = self.problem.motion.experiments
+        logged = dict.fromkeys(name for e in states for name in e.logged)
+        rate = max(e.rate for e in states)
+        mechanism = self.problem.mechanism
+        zero = {  # a torque that is 0 because nothing pushes has no gain
+            f"tau.{name}"
+            for j, name in enumerate(mechanism.driven)
+            if not any(np.any(e.tau[:, j]) for e in states)
+        }
+        every = causes_of(mechanism, tuple(logged), rate)
+        yield from (cause for cause in every if cause.place not in zero)
+
+    @property
+    def poses(self) -> bool:
+        """Whether the logs are tables of poses."""
+        return self.problem.motion.poses
+
+    @cached_property
+    def informed(self) -> np.ndarray:
+        """(N, d) whether a row informs."""
+        return np.concatenate([table.informed for table in self.tables])
+
+    @cached_property
+    def torque(self) -> np.ndarray:
+        """(d,) rms of the measured torques in the rows [N m | N]."""
+        tau = np.concatenate([table.tau for table in self.tables])
+        return np.asarray(np.sqrt((tau**2).mean(axis=0)))
+
+    def column(self, cause: Cause) -> np.ndarray | None:
+        """Return the change (N, d) of b − A x by one standard deviation of a cause, by a difference
+        over a share of it: so that friction which jumps counts as it does in the mean. None if no
+        difference can be made: a loop that cannot be closed with another length, say.
+        """
+        for share in SMALLER if cause.effect.corrects else (1.0,):
+            with suppress(IdentError, np.linalg.LinAlgError):
+                parts = [_column(table, cause, share) for table in self.tables]
+                if all(np.isfinite(part).all() for part in parts):
+                    return np.concatenate(parts)
+        return None
+
+    def information(self, fitted: Estimate, columns: np.ndarray, known: np.ndarray) -> Information:
+        """Return the rows of [A_I, N S] as information, with what is corrected in the tables
+        already (N, d) given back; unknowns that are held stay at their prior.
+        """
+        base, fixed = fitted.base.independent, np.flatnonzero(fitted.fixed)
+        every = Rows.concatenated([_rows(table) for table in self.tables])
+        b = every.b - every.A[:, :, fixed] @ fitted.x[fixed] + known
+        A = np.concatenate([every.A[:, :, base], columns], axis=2)
+        return self._reduced(replace(every, A=A, b=b))
+
+    def _corrected(
+        self, x: np.ndarray, causes: Sequence[Cause], values: np.ndarray
+    ) -> tuple[Mechanism, Point]:
+        """Return the mechanism without causes of some `values`, in units of their prior scales, and
+        the point of the parameters x (k,).
+        """
+        mechanism = self.problem.mechanism
+        for cause, value in zip(causes, values, strict=True):
+            (parameter,) = cause.effect.parameters
+            known = {parameter.name: float(value * cause.scale)}
+            mechanism += replace(cause.effect, values=known)
+        point = self.problem.point_at(x)
+        return mechanism, point.with_values(Point.prior(mechanism).values)
+
+    def excerpt(self) -> FitRows:
+        """Return rows of which columns are cheap."""
+        return self
+
+    @abstractmethod
+    def corrected(self, x: np.ndarray, causes: Sequence[Cause], values: np.ndarray) -> FitRows:
+        """Return the rows without causes of some values, at the parameters x (k,)."""
+
+    @abstractmethod
+    def same_as(self, rows: FitRows) -> bool:
+        """Return whether least squares in these rows is the estimate of the fit with `rows`."""
+
+    @abstractmethod
+    def noise(self, scatter: np.ndarray, white: np.ndarray, now: Estimate) -> np.ndarray:
+        """Return the covariance by noise, from that of the blocks' scatter and that of rows whose
+        residual is as large as noise, both (n, n).
+        """
+
+    @abstractmethod
+    def remaining(self, information: Information, x: np.ndarray, fitted: Estimate) -> np.ndarray:
+        """Return the squared residual (d,) at x over that of the fit."""
+
+    @abstractmethod
+    def _reduced(self, rows: Rows) -> Information:
+        """Return rows as information."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedRows(FitRows):
+    """Rows of least squares: of all logs, of coordinates that are weighed by their residual."""
+
+    problem: Problem
+    table: Table
+    white = False
+
+    @property
+    def tables(self) -> tuple[Table, ...]:  # type: ignore[override]
+        """The rows."""
+        return (self.table,)
+
+    def excerpt(self) -> FitRows:
+        """Return the same of stretches of long logs."""
+        problem, motion = self.problem, _excerpt(self.problem.motion)
+        if motion is problem.motion:
+            return self
+        table = Table.of(problem.mechanism, problem.columns, motion, self.table.point)
+        return ReducedRows(replace(problem, motion=motion), table)
+
+    def same_as(self, rows: FitRows) -> bool:
+        """Return whether no log is cut, and no multiplier or motion was eliminated."""
+        every = rows.problem.information.rows // self.table.b.shape[1]
+        return not rows.problem.stacked and len(self.table.t) == every
+
+    def corrected(self, x: np.ndarray, causes: Sequence[Cause], values: np.ndarray) -> FitRows:
+        """Return the rows of corrected logs and mechanism."""
+        mechanism, point = self._corrected(x, causes, values)
+        table = Table.of(mechanism, Columns.of(mechanism), self.problem.motion, point)
+        return ReducedRows(self.problem, table)
+
+    def noise(self, scatter: np.ndarray, white: np.ndarray, now: Estimate) -> np.ndarray:
+        """Return the blocks' covariance."""
+        return scatter
+
+    def remaining(self, information: Information, x: np.ndarray, fitted: Estimate) -> np.ndarray:
+        """Return mean squares over those of the fit."""
+        before = _mean_squares(self.problem.information, fitted.x)
+        return _mean_squares(information, x) / np.maximum(before, 1e-300)
+
+    def _reduced(self, rows: Rows) -> Information:
+        blocks, motion = list[Block](), self.problem.motion
+        supports = [np.arange(rows.A.shape[2])] * rows.b.shape[1]
+        for number, e in enumerate(motion.experiments):
+            at = self.table.experiment == number
+            if at.any():
+                edges = block_edges(motion.band.cutoff, e.t[0], e.t[-1], len(e), e.poses)
+                blocks += triangles(number, [rows[at]], edges, supports)
+        return Information.of(blocks, rows.A.shape[2], rows.b.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedRows(FitRows):
+    """Rows of torques and motion together, linear about parameters and motion."""
+
+    problem: Problem
+    likelihood: Likelihood
+    linear: Linearization
+    white = True
+
+    @cached_property
+    def tables(self) -> tuple[Table, ...]:  # type: ignore[override]
+        """The rows of torques, one table an experiment."""
+        linear, problem, tables = self.linear, self.linear.problem, []
+        for number, (e, fine) in enumerate(zip(linear.experiments, linear.fine, strict=True)):
+            runs = [run.rows for run in linear.parts if run.experiment == number]
+            if not runs:
+                continue
+            rows, cutoff = Rows.concatenated(runs), rows_cutoff(fine, e.rate)
+            band = replace(problem.motion.band, cutoff=cutoff)
+            motion = replace(problem.motion, experiments=(e,), band=band)
+            scene = Scene.of(problem.mechanism, problem.columns, e, problem.point, cutoff)
+            tables.append(
+                Table(
+                    **vars(rows), experiment=np.zeros(len(rows), dtype=int),
+                    mechanism=problem.mechanism, columns=problem.columns, motion=motion,
+                    point=problem.point, scenes=(scene,), scale=np.ones(rows.b.shape),
+                )
+            )  # fmt: skip
+        return tuple(tables)
+
+    def same_as(self, rows: FitRows) -> bool:
+        """Return true: these are the rows of the fit."""
+        return True
+
+    def corrected(self, x: np.ndarray, causes: Sequence[Cause], values: np.ndarray) -> FitRows:
+        """Return the rows linear about corrected logs and mechanism."""
+        mechanism, point = self._corrected(x, causes, values)
+        grown = replace(
+            self.problem, mechanism=mechanism, columns=Columns.of(mechanism), point=point
+        )
+        linear = self.linear.again(grown, x)
+        return replace(self, linear=linear)
+
+    def noise(self, scatter: np.ndarray, white: np.ndarray, now: Estimate) -> np.ndarray:
+        """Return the mean of both."""
+        return self.likelihood.mean_covariance(scatter, white, squares_per_row(now))
+
+    def remaining(self, information: Information, x: np.ndarray, fitted: Estimate) -> np.ndarray:
+        """Return ones: the motion has moved, residuals are no measure."""
+        return np.ones(self.problem.information.d)
+
+    def _reduced(self, rows: Rows) -> Information:
+        runs, first = [], 0
+        for run in self._runs():
+            rows_of_run, first = rows[first : first + len(run.rows)], first + len(run.rows)
+            runs.append(replace(run, rows=rows_of_run).eliminated(self.likelihood.sigma))
+        return stacks_information(runs, self.problem.motion)
+
+    def _runs(self) -> list[LinearRun]:
+        """Return the runs in the order of the tables."""
+        return sorted(self.linear.parts, key=lambda run: run.experiment)
+
+
+def _column(table: Table, cause: Cause, share: float) -> np.ndarray:
+    """Return the column (N, d) of a cause in the rows of a table."""
+    effect, (parameter,) = cause.effect, cause.effect.parameters
+    if not effect.corrects:
+        C, felt = table.effect_columns(effect, [{}])
+        column = np.zeros(table.b.shape)
+        column[:, felt] = C[:, :, 0]
+        return cause.scale * column
+    none, step = {parameter.name: 0.0}, share * cause.scale
+    return cause.scale * table.sensitivity(effect, none, parameter.name, step)
+
+
+def _rows(table: Table) -> Rows:
+    """Return the rows of a table alone."""
+    names = ("t", "sample", "A", "b", "tau", "informed", "moving", "rest")
+    return Rows(**{name: getattr(table, name) for name in names})
+
+
+def _mean_squares(information: Information, x: np.ndarray) -> np.ndarray:
+    """Return the mean squared residual (d,) of unknowns x (k,)."""
+    return np.array([t.residual_norm(x) ** 2 / max(t.rows, 1) for t in information.totals])
+
+
+def _excerpt(motion: Motion) -> Motion:
+    """Return a motion of no more samples than budgets are made of: of longer ones, stretches."""
+    cutoff = motion.band.cutoff
+    steps = [max(1, int(e.rate / (SMOOTH * cutoff))) if cutoff else 1 for e in motion.experiments]
+    share = SAMPLES / sum(len(e) / k for e, k in zip(motion.experiments, steps, strict=True))
+    if share >= 1:
+        return motion
+    states = []
+    for e in motion.experiments:
+        length = len(e) / STRETCHES
+        cuts = (int(i * length) for i in range(STRETCHES))
+        pieces = (e.at_samples(slice(a, a + max(3, int(share * length)))) for a in cuts)
+        states += [piece for piece in pieces if piece.usable.any()]
+    return replace(motion, experiments=tuple(states))
