@@ -19,7 +19,7 @@ from ident.fit.values import BaseValue, Value
 from ident.lazy import lazy
 from ident.log import Log, read_log
 from ident.mechanism.mechanism import Mechanism, Multipliers
-from ident.motion import complete
+from ident.motion import Motion, complete
 from ident.pool import Workers
 from ident.simulate.integrate import AnyLog
 from ident.simulate.inverse import CHANNELS as USUAL
@@ -194,6 +194,11 @@ class TrialPlan:
     truth: Truth  # compared with them
     columns: tuple[str, ...]  # of the log, that get noise
     seed: int  # of all noise
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The completed log, without further noise."""
+        return complete(self.mechanism, [self.log])
 
     def log_of(self, snr: float, run: int) -> Log:
         """Return the noisy log of a run."""

@@ -3,6 +3,7 @@
 Long work shows a bar, if it is not given `display`.
 """
 
+from ident.assess.exploration import Exploration
 from ident.diagnosis import Diagnosis, Health, History, diagnose, grow, health
 from ident.effects import KINDS as effects
 from ident.effects import Effect, read_user_effect, user_effect
@@ -20,7 +21,6 @@ from ident.mechanism.load import absolute
 from ident.montecarlo import MonteCarlo, monte_carlo
 from ident.motion import Motion, complete
 from ident.show.board import explore
-from ident.show.exploration import Exploration
 from ident.show.progress import watched
 from ident.simulate import (
     PD,

@@ -408,7 +408,7 @@ def test_files_of_grow_are_complete_where_nobody_reads(arm_folder, tmp_path):
     assert "growing.json" not in files
 
 
-@pytest.mark.parametrize("verb", ["identify", "diagnose", "compare"])
+@pytest.mark.parametrize("verb", ["identify", "diagnose", "grow", "compare"])
 def test_notes_follow_the_result(verb, arm_folder, tmp_path, done):
     out, log, more = tmp_path / "out", arm_folder / "run.csv", given(*FRICTION)
     if verb == "compare":

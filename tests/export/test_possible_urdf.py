@@ -24,6 +24,35 @@ def impossible(pi: np.ndarray) -> bool:
     return any(np.linalg.eigvalsh(pseudo_inertia(one))[0] < 0 for one in pi.reshape(-1, COUNT))
 
 
+@pytest.mark.parametrize("name", ["pendulum", "slider_crank"])
+def test_links_that_move_without_mass_get_the_least_body(name, robots):
+    """Frames of a universal joint and of absolute coordinates: the torques are as they were."""
+    mechanism = ident.load(robots / name)
+    fit = ident.identify(mechanism, ident.complete(mechanism, robots / name / "run.csv"))
+    least, urdf = fit.least_bodies, identified_urdf(fit)
+    model = loaded(urdf)
+    massless = {link.get("name") for link in etree.parse(mechanism.urdf).iter("link")
+                if link.find("inertial") is None} & {*mechanism.bodies.links}  # fmt: skip
+    assert {*least.links} == massless
+    assert all(0 < model.body(link).mass[0] == least.mass for link in least.links)
+    assert all(link.encode() in urdf.partition(b"<link")[0] for link in least.links)
+    # the torques of the file, by Pinocchio's own reading of it, in the loop's own coordinates
+    exact = identified_urdf(fit, possible=False)
+    changed, given = (pin.buildModelFromXML(text.decode()) for text in (urdf, exact))
+    data, own, e = changed.createData(), given.createData(), fit.motion.experiments[0]
+    d = len(e.independent)
+    change = [
+        e.pinv[k, :, -d:].T
+        @ (pin.rnea(changed, data, e.q[k], e.v[k], e.a[k])
+           - pin.rnea(given, own, e.q[k], e.v[k], e.a[k]))
+        for k in np.flatnonzero(e.usable)[::7]
+    ]  # fmt: skip
+    rms = np.sqrt(np.mean(np.square(change), axis=0))
+    nearest = 0.0 if fit.possible is None else max(fit.possible.difference.values())
+    np.testing.assert_allclose(rms, [*least.difference.values()], rtol=0.1, atol=2 * nearest)
+    assert max(least.difference.values()) < 1e-5 * np.sqrt(np.mean(e.tau**2))  # exact logs
+
+
 @pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar"])
 def test_mujoco_takes_the_shipped_robots(name, robots):
     mechanism = ident.load(robots / name).with_effect("viscous").with_effect("coulomb")

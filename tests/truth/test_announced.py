@@ -11,9 +11,9 @@ import pytest
 import ident
 from helpers import ROBOTS
 from ident import Diagnosis, Fit, Mechanism, Motion, Noise
+from ident.assess.exploration import Exploration
 from ident.diagnosis.grow import Step
 from ident.diagnosis.result import announced_with
-from ident.show.exploration import Exploration
 from identification import Planted, motion_log, plant, robot
 
 NOISE = [Noise("tau", 0.01, relative=True)]

@@ -5,8 +5,8 @@ import pytest
 
 import ident
 from helpers import ROBOTS
+from ident.assess.exploration import Exploration
 from ident.fit.residual import residual_of
-from ident.show.exploration import Exploration
 from identification import robot
 
 FRICTION = ("coulomb.elbow.Fc", "viscous.elbow.Fv")

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from ident.assess.assessment import Assessment, Cause, Remainder
 from ident.assess.errors import JointErrors, joint_errors
 from ident.assess.experiment import next_experiment
-from ident.assess.good_enough import good_enough
+from ident.assess.fit import worst_on_validation
+from ident.assess.good_enough import Answer, good_enough
 from ident.assess.verdict import (
     errors_with_named,
     incomplete_before,
@@ -15,6 +16,7 @@ from ident.assess.verdict import (
     spoiling_faults,
 )
 from ident.diagnosis.grow import History
+from ident.diagnosis.grow import Step as Rung
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.effects import Effect
 from ident.effects.library import by_kind
@@ -105,9 +107,13 @@ def assess_growth(history: History, *, acceptable: float | None = None) -> Asses
     assessment = assess_diagnosis(d, acceptable=acceptable, added=history.added)
     errors = {**errors_of(history.fit), **errors_with_named(d)}
     joints = [assessment.worst, *(joint for effect in last for joint in effect.joints)]
-    step = assessment.next
+    step, answer, fit = assessment.next, assessment.good_enough, history.fit
+    if fit.validation:  # a log that was held back answers
+        held, floor = worst_on_validation(fit, lambda e, x: e.rms / (x or 1e-300))
+        answer = good_enough(held, floor, acceptable=acceptable, logs=[*fit.validation])
     if d.verdict == "nothing":
-        step = Step("compare", tuple(effect.label for effect in history.added), grown=True)
+        verb = "monitor" if answer.answer is Answer.YES else "compare"
+        step = Step(verb, tuple(effect.label for effect in history.added), grown=True)
     elif step.verb == "explore":
         step = Step("explore", step.effects, grown=True)
     return Assessment(
@@ -118,7 +124,7 @@ def assess_growth(history: History, *, acceptable: float | None = None) -> Asses
         causes=(*causes_of_growth(history), *assessment.causes),
         left=assessment.left,
         doubts=assessment.doubts,
-        good_enough=assessment.good_enough,
+        good_enough=answer,
         next=step,
         worst=next(filter(None, joints), ""),
     )
@@ -127,7 +133,10 @@ def assess_growth(history: History, *, acceptable: float | None = None) -> Asses
 def causes_of_growth(history: History) -> tuple[Cause, ...]:
     """Return what was added and is still in the model, kind by kind, with its rivals."""
     rivals = {
-        effect.label: step.rivals for step in history.steps if step.rivals for effect in step.added
+        effect.label: near
+        for step in history.steps
+        for effect in step.added
+        if (near := _rivals_of(effect, step))
     }
     values = values_by_effect(history.fit)
     causes = []
@@ -138,6 +147,20 @@ def causes_of_growth(history: History) -> tuple[Cause, ...]:
             of_group = tuple(v for e in group for v in values.get(e.label, ()))
             causes.append(Cause(tuple(group), of_group, rivals.get(group[0].label, ())))
     return tuple(causes)
+
+
+def _rivals_of(effect: Effect, step: Rung) -> tuple[Effect, ...]:
+    """Return those rivals of a rung that could stand for one of its effects: in the same joint, or,
+    where they share none with any of them, for the first.
+    """
+    if not step.added[1:]:
+        return step.rivals
+
+    def stands_for(rival: Effect) -> Effect:
+        same = (x for x in step.added if {*x.joints} & {*rival.joints})
+        return next(same, step.added[0])
+
+    return tuple(rival for rival in step.rivals if stands_for(rival) is effect)
 
 
 def values_by_effect(fit: Fit) -> dict[str, tuple[Value, ...]]:

@@ -10,7 +10,7 @@ from ident.fit import Fit
 from ident.information.blocks import Error
 
 NOISY = 1.5  # level: times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
-SAME = 0.005  # shown: of an error: a change below is none, as both are printed with three digits
+SAME = 0.05  # shown: of an error: a change below is what other samples of one log would make
 
 
 @dataclass(frozen=True)

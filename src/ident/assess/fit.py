@@ -91,13 +91,14 @@ def share_of_gravity(fit: Fit, errors: Mapping[str, Error]) -> float | None:
 
 
 def errors_beside(fit: Fit) -> tuple[JointErrors, ...]:
-    """Return errors before and now: of the fitted logs and the worst validation log, or of the
-    model before and the fit; those now alone where nothing was unknown.
+    """Return errors before and now: of the model before on the fitted logs, and of the fit, on the
+    worst validation log if there is one; those now alone where nothing was unknown.
     """
     errors = fit.held_out or fit.train
     if fit.validation:
         shown, floor = worst_on_validation(fit, lambda e, _: (e.relative or 0.0, e.rms))
-        return joint_errors(errors, shown, floor)
+        before = residual_before(fit).errors if len(fit.columns) else errors
+        return joint_errors(before, shown, floor)
     if not len(fit.columns):  # nothing is unknown: the model is as it was
         return joint_errors({}, errors, fit.noise)
     return joint_errors(residual_before(fit).errors, errors, fit.noise)
@@ -106,14 +107,15 @@ def errors_beside(fit: Fit) -> tuple[JointErrors, ...]:
 def names_of(fit: Fit) -> tuple[str, str]:
     """Return what the errors before and now are of."""
     fixed = "held out" if fit.held_out else "in the fit"
-    if fit.validation:
-        return fixed, ", ".join(fit.validation)
     if not len(fit.columns):
-        return "", ""
+        return (fixed, ", ".join(fit.validation)) if fit.validation else ("", "")
     # the URDF's numbers, or those of the fit that wrote the mechanism
     earlier = earlier_of(fit)
-    before = "the URDF's numbers" if fit.mechanism.covariance is None else "the earlier numbers"
-    return earlier.name if earlier else before, f"the identified ones, {fixed}"
+    urdf = fit.mechanism.covariance is None
+    before = "with the URDF's numbers" if urdf else "with the earlier numbers"
+    on = f"on {', '.join(fit.validation)}" if fit.validation else fixed
+    after = f"with the identified ones, {on}"
+    return f"with {earlier.name}" if earlier else before, after
 
 
 def earlier_of(fit: Fit) -> Fit | Saved | None:
@@ -161,8 +163,8 @@ def increase_of(fit: Fit) -> Increase:
     if earlier_of(fit) or fit.validation:
         return Increase()
     bars = [bar for bar in errors_beside(fit) if bar.rises]
-    in_fit = tuple(bar.joint for bar in bars if fit.train[bar.joint].rms > bar.before.rms)
-    return Increase(in_fit, True) if in_fit else Increase(tuple(bar.joint for bar in bars))
+    in_fit = [fit.train[bar.joint].rms > bar.before.rms for bar in bars]
+    return Increase(tuple(bar.joint for bar in bars), bool(bars) and all(in_fit))
 
 
 def next_step(fit: Fit, answer: GoodEnough) -> Step:

@@ -52,6 +52,7 @@ class GoodEnough:
         noise: least and largest share that noise would leave of these; None where it is unknown.
         acceptable: share of the torque that is acceptable; stated: by the user.
         near_reversals: whether it is too large near reversals of dry friction only.
+        times: the largest multiple of the noise, where the errors count as noise.
     """
 
     answer: Answer = Answer.NOT_TESTED
@@ -64,6 +65,7 @@ class GoodEnough:
     acceptable: float = MATERIAL
     stated: bool = False
     near_reversals: bool = False
+    times: float | None = None
 
     @property
     def fits(self) -> bool:
@@ -132,7 +134,8 @@ def good_enough(
         return result(Answer.NOT_TESTED, Reason.DOUBTFUL)
     most = max(times_noise(error, floor.get(joint)) for joint, error in known.items())
     reason = Reason.SMALL if most > NOISY else Reason.NOISE
-    return result(Answer.YES if logs else Answer.NOT_TESTED, reason)
+    answered = result(Answer.YES if logs else Answer.NOT_TESTED, reason)
+    return replace(answered, times=most if reason is Reason.NOISE else None)
 
 
 def noise_share(error: Error, noise: float | None) -> float | None:

@@ -44,6 +44,9 @@ class ShellRequest(Request):
             if NO_BASIS & {*self.options}:
                 return []
             like = [word for log in self.like or self.logs for word in ("--like", log)]
+            if step.grown and self.folder:  # which has the effects
+                options = self._options(step, *PAIRS, *FLAGS, effects=False)
+                return [self.folder, NEXT, *like, *options]
             return [mechanism, NEXT, *like, *every]
         if verb == "compare":  # with a log that was not fitted
             fit = ["--fit", f"{self.folder}/fit.json"]

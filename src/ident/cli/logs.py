@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ident.cli.app import close_pipe, conclude, go_on_by_resuming, notes, progress, result, wrote
+from ident.cli.app import conclude, go_on_by_resuming, notes, progress, result, wrote
 from ident.cli.lines import OTHER, ShellRequest, partly_done
 from ident.cli.options import (
     CHARTS,
@@ -450,15 +450,14 @@ def grow(
 ) -> None:
     """Add the best effect, refit, and repeat until none is missing.
 
-    Prints the ladder of held-out errors while it runs, then the diagnosis of the last model.
+    Prints what was gained, and the ladder of held-out errors that leads there.
     """
     from ident.diagnosis import grow as grow_
     from ident.files import write_all
-    from ident.show.diagnosis import sheet as diagnosis_sheet
-    from ident.show.ladder import head, model_files, noise_rung, refuse_own, rung, short_of
+    from ident.show.ladder import details, model_files, refuse_own, rungs, short_of
 
     decision = rule.given
-    fits: list[Fit] = []
+    steps: list[Rung] = []
     request = model.request(logs, out=out)
     mechanism = model.load(logs)
     if resume and out is None:
@@ -469,24 +468,12 @@ def grow(
     with progress() as on_progress:
         motion = model.motion(mechanism, logs, part(on_progress, 0.0, 0.04))
         treatment, show = model.filtered_at(motion.band.cutoff), part(on_progress, 0.04, 0.05)
-
-        def reached(step: Rung) -> None:
-            first = not step.added and not step.removed
-            fits.extend([step.fit] if step.fit else [])
-            if json:
-                return
-            lines = [head(motion.independent)] if first else []
-            try:
-                result("\n".join([*lines, rung(step, motion.independent)]))
-            except BrokenPipeError:  # nobody reads it; the files are wanted still
-                close_pipe()
-
         try:
             history = grow_(
                 mechanism,
                 motion,
                 progress=part(on_progress, 0.05, 1.0),
-                step=reached,
+                step=steps.append,
                 checkpoint=out,
                 resume=resume,
                 validate=treatment.motion(mechanism, validate, show) if validate else None,
@@ -494,6 +481,9 @@ def grow(
             )
             written = [] if out is None else history.write(out, request)
         except KeyboardInterrupt:
+            fits = [step.fit for step in steps if step.fit]
+            if steps and not json:
+                result(rungs(steps, motion.independent))
             if out is not None and fits:
                 wrote(write_all(out, model_files(fits[-1])))
                 if not resume:
@@ -501,11 +491,8 @@ def grow(
             if out is None:
                 notes(["with --out DIR a run that is interrupted keeps its rounds and can go on"])
             raise
-        text = short_of(history, request)
-        if verbose:
-            text = diagnosis_sheet(history.diagnosis, request).text()
-    shown = history.json() if json else f"{noise_rung(history)}\n\n{text}"
-    conclude(shown, written, history.fit.warnings, verbose=verbose)
+    text = (details if verbose else short_of)(history, request)
+    conclude(history.json() if json else text, written, history.fit.warnings, verbose=verbose)
 
 
 def explore(
@@ -527,8 +514,8 @@ def explore(
     # a log that cannot be read has no page
     given, place = read_logs(mechanism, logs, model.poses or None), Place(port)
     result(f"{mechanism.name}: {place.address}")  # before what takes a second to import
+    from ident.assess.exploration import Exploration
     from ident.show.board import Board
-    from ident.show.exploration import Exploration
 
     board = Board(mechanism.name, out or f"{mechanism.name}_explored", model.request(logs, out=out))
     with board.serve(place) as address:

@@ -231,8 +231,9 @@ class Session(contextlib.ExitStack):
             rows.append((snapshot.t, f"error.{name}", e.rms, None, e.unit, "all"))
         self._record("parameters", rows)
         if self._history is not None:
-            normal = self._watch.monitor.errors if self._watch else {}
-            self._history.add(snapshot, None, normal)
+            monitor = self._watch.monitor if self._watch else None
+            both = (monitor.errors, monitor.usual_errors) if monitor else ({}, {})
+            self._history.add(snapshot, None, *both)
         return snapshot
 
     def _record_forces(self) -> None:

@@ -8,7 +8,7 @@ with the least left-out error.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,9 @@ from ident.diagnosis.laws import FoundLaw, LossComparison
 from ident.diagnosis.search import Selection
 from ident.effects import Effect, Signals
 from ident.effects.curve import Curve
-from ident.effects.formula import file_name_of
+from ident.effects.formula import Formula, file_name_of
+from ident.fit.values import Value
+from ident.information import linear
 from ident.information.chance import PARSIMONY
 from ident.information.hypotheses import Array, PartialRegression
 
@@ -56,6 +58,22 @@ class FoundCurve:
     def __repr__(self) -> str:
         remaining = f"{100 * self.ratio:.0f} % of the squared error of {self.joint} left"
         return f"{self.effect.label}, {self.effect.pieces} pieces: {remaining}"
+
+    def torque_of_formula(self, formula: Formula, values: Sequence[Value]) -> Array | None:
+        """Return the torque (n,) of a formula with some values on the curve's signal, with the
+        curve's offset and slope, which the model's parameters often make; None where it depends on
+        other signals than the curve.
+        """
+        curve = self.effect
+        if len(formula.joints) > 1 or curve.arity > 1 or formula.depends_on != curve.depends_on:
+            return None
+        known = {v.name.rpartition(".")[2]: v.value for v in values}
+        second = {"load" if curve.second == "load" else "v": 1.0} if curve.second else {}
+        y = formula.of_signal(curve.first, self.x, {**known, **second})
+        weight = 1 / np.maximum(self.upper - self.lower, 1e-12)
+        A = np.stack([np.ones_like(self.x), self.x], axis=1)[:, : 1 if curve.second else 2]
+        rest = linear.lstsq(A * weight[:, None], (self.torque - y) * weight)[0]
+        return np.asarray(y + A @ rest)
 
     def full(self, signal: str) -> str:
         """Return a signal's name as a column of a log: `q` of the own joint is `q.elbow`."""

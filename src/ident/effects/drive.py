@@ -31,7 +31,7 @@ class RotorInertia(Effect):
     equation = "Ia a"
     signature = "the residual against acceleration is a straight line"
     confused_with = ("the link's own Lzz on a first joint",)
-    remedy = "give its link's inertia from the drawing, or log once more with a known load"
+    remedy = "say the inertia of {joint} from a drawing, or log once more with a known load"
     source = KHALIL
 
     def columns(self, s: Signals) -> np.ndarray:

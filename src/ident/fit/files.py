@@ -200,6 +200,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "rank": fit.rank,
         **({} if fit.binding is None else {"consistency": fit.binding.json()}),
         **({} if fit.possible is None else {"possible": fit.possible.json(fit.columns.names)}),
+        **({} if fit.least_bodies is None else {"least_bodies": fit.least_bodies.json()}),
         **({} if fit.changes is None else {"changes": _changes(fit.changes)}),
         "calibration": _calibration(fit),
         "correlated": [list(pair) for pair in fit.correlation.pairs()],
@@ -461,22 +462,27 @@ def _own_kind(path: Path, label: str, entry: dict[str, Any], allow_code: bool) -
 def identified_urdf(fit: Fit, *, possible: bool = True) -> bytes:
     """Return the URDF's text with new `<inertial>` numbers for the links of identified bodies.
 
-    With `possible`, bodies that cannot exist are replaced by the nearest that can, as simulators
-    refuse others; without, the torques are exactly those of the fit.
+    With `possible`, bodies that cannot exist are replaced by the nearest that can, and those that
+    move without mass or inertia get the least that a simulator takes (`fit/least_bodies.py`), which
+    a comment in the file states; without, the torques are exactly those of the fit.
 
     All else is as the user wrote it; FitError if a body has first moments and no mass.
     A body is its own link and those fixed to it; these keep their inertias, and the body's own link
     carries the rest. Pinocchio gives the same torques for it as the fit does.
     """
     mechanism = fit.mechanism
-    nearest = fit.possible if possible else None
+    nearest, least = (fit.possible, fit.least_bodies) if possible else (None, None)
     if nearest is None:
         pi = _with_masses(fit)
     else:
         pi = fit.columns.dynamic_parameters(mechanism, nearest.x)
+    links = bodies_with_unknowns(mechanism)
+    if least is not None:
+        pi = pi + least.pi
+        links = list(dict.fromkeys([*links, *least.links]))
     text, where = source_of(mechanism).urdf, str(mechanism.urdf)
-    inertials = link_inertials(mechanism, pi, bodies_with_unknowns(mechanism))
-    return with_inertials(text, where, inertials)
+    comment = "" if least is None else least.words
+    return with_inertials(text, where, link_inertials(mechanism, pi, links), comment)
 
 
 def link_inertials(

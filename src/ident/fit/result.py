@@ -25,6 +25,7 @@ from ident.fit.calibration import Budget, budget_of
 from ident.fit.calibration_rows import FitRows, ReducedRows, WhitenedRows
 from ident.fit.consistency import Binding, PossibleBodies
 from ident.fit.findings import unexcited
+from ident.fit.least_bodies import LeastBodies
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import (
     MultiplierErrors,
@@ -217,6 +218,14 @@ class Fit(Charted):
         if self.binding is not None:
             return None
         return PossibleBodies.of(self.problem, self.estimate, self.findings)
+
+    @cached_property
+    def least_bodies(self) -> LeastBodies | None:
+        """What identified.urdf adds to bodies that move without mass; None if none do."""
+        nearest, pi = self.possible, self.dynamic_parameters
+        if nearest is not None:
+            pi = self.columns.dynamic_parameters(self.mechanism, nearest.x)
+        return LeastBodies.of(self.mechanism, pi, self.motion.experiments)
 
     @cached_property
     def repeated(self) -> Periods | None:

@@ -124,11 +124,18 @@ def effect_notes(having: Mapping[str, Sequence[str]]) -> list[str]:
 # --- inertias -------------------------------------------------------------------------------------
 
 
-def with_inertials(data: bytes, where: str, inertials: Mapping[str, np.ndarray | None]) -> bytes:
+def with_inertials(
+    data: bytes, where: str, inertials: Mapping[str, np.ndarray | None], comment: str = ""
+) -> bytes:
     """Return a URDF's text with other `inertials` of some links: by link its ten dynamic parameters
-    (10,) in its frame, or None. All else stays as it is, but for quotes and blanks within tags.
+    (10,) in its frame, or None; with a `comment` first. All else stays as it is, but for quotes and
+    blanks within tags.
     """
     robot = parse_urdf(data, where)
+    if comment:
+        note = etree.Comment(f" {comment.replace('--', '- -')} ")
+        note.tail = robot.text
+        robot.insert(0, note)
     for link in robot.findall("link"):
         name = link.get("name")
         pi, inertial = inertials.get(name), link.find("inertial")

@@ -5,9 +5,11 @@ from importlib import import_module
 from ident.display import Displayed, render, renderer, renders
 
 MODULES = {
+    "assess": ("ladder",),
     "diagnosis": ("diagnosis", "diagnosis_report", "experiment", "ladder"),
     "excite": ("simulate",),
     "export": ("export",),
+    "faults": ("fit",),
     "fit": ("comparison", "export", "fit", "residual"),
     "log": ("motion",),
     "mechanism": ("motion", "view"),

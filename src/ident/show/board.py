@@ -9,10 +9,9 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextvars import copy_context
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from typing import Any
 from markupsafe import Markup
 
 from ident.assess.errors import noise_errors
+from ident.assess.exploration import Exploration, File, Logs, PredictedGain, fit_of
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Law
 from ident.display import Progress, no_progress, part
@@ -29,14 +29,12 @@ from ident.effects.library import effect_noun, named
 from ident.errors import IdentError, MechanismError
 from ident.files import json_line
 from ident.fit.identify import Comparison
-from ident.log import Log
 from ident.mechanism import Mechanism
-from ident.motion import Motion, complete
+from ident.motion import Motion
 from ident.request import PYTHON, Request, Step
 from ident.show.card import Bar, Card, bars_of
 from ident.show.charts import Chart, pieces_of, scripts
 from ident.show.diagnosis import card, sheet
-from ident.show.exploration import Exploration, PredictedGain, fit_of
 from ident.show.fit import value_tables
 from ident.show.html import items, paragraph, piece, table
 from ident.show.ladder import changed, plot_rungs
@@ -164,8 +162,6 @@ def _joint(e: Exploration, joint: str) -> list[Chart | Markup]:
     return [text, plot_joint(models, joint).thinned(POINTS), plot_maps(compared(e.fit), joint)]
 
 
-File = str | os.PathLike[str]
-Logs = Log | File | Sequence[Log | File]
 PAUSE = 0.1  # s between two reports of progress to the page
 HEIGHT = 850  # of a notebook's frame [px]
 
@@ -439,9 +435,8 @@ def explore(mechanism: Mechanism, log: Motion | Logs, *, progress: Progress | No
             f"explore needs a mechanism, given: {type(mechanism).__name__}; write "
             "ident.explore(ident.load(folder), log)"
         )
-    motion = log if isinstance(log, Motion) else complete(mechanism, log)
     board = Board(mechanism.name, f"{mechanism.name}_explored")
-    board.begin(lambda p: Exploration.of(mechanism, motion, p), progress or no_progress)
+    board.begin(lambda p: Exploration.of(mechanism, log, p), progress or no_progress)
     return board
 
 

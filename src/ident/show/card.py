@@ -66,6 +66,7 @@ class Card:
         change: what the errors before and after are of, as `of a → of b`.
         most: bars in a terminal; first: joint whose bar is always one of them.
         step: what the command does, for a button.
+        ladder: lines between the errors and the command, for a terminal.
     """
 
     line: str
@@ -77,6 +78,7 @@ class Card:
     most: int = BARS
     first: str = ""
     step: Step = field(default_factory=Step)
+    ladder: str = ""
 
     @property
     def shown(self) -> list[Bar]:
@@ -88,7 +90,8 @@ class Card:
             )
             return bar.joint != self.first, -worst
 
-        chosen = sorted(self.bars, key=rank)[: self.most]
+        most = self.most + (len(self.bars) == self.most + 1)  # a line says as much as the joint
+        chosen = sorted(self.bars, key=rank)[:most]
         return [bar for bar in self.bars if bar in chosen]
 
     @property
@@ -117,10 +120,11 @@ class Card:
             for bar in bars:
                 strip = axis.strip(cells, *bar.marks) if bar.relative else " " * cells
                 lines.append(f"  {bar.joint:<{wide}}  {strip}  {bar.words}")
-        if (more := len(self.bars) - self.most) > 0:
+        if (more := len(self.bars) - len(bars)) > 0:
             increased = [bar.joint for bar in self.bars if bar.rises and bar not in bars]
             larger = f", larger in {places(increased)}" * bool(increased)
             lines.append(f"  and {more} joint{'s' * (more > 1)} more{larger}")
+        lines += ["", *self.ladder.splitlines()] if self.ladder else []
         lines += ["", f"  {self.command}"] if self.command else []
         return [*lines, *([""] if self.then else []), *wrapped(self.then, "  ")]
 

@@ -122,6 +122,14 @@ def _error_columns(c: Comparison) -> dict[str, Mapping[str, Error]]:
     return columns
 
 
+@renders(Comparison, "view")
+def view(c: Comparison) -> Any:
+    """Return the mechanism in 3-D beside charts of its torques, with ghosts of the models."""
+    from ident.show.front import view_page  # pages only: it is slow to import
+
+    return view_page(c)
+
+
 @renders(Comparison, "files")
 def comparison_files(
     c: Comparison, replay: Plotted | None = None, request: Request = PYTHON
@@ -145,7 +153,7 @@ def comparison_files(
     )
     title = f"{mechanism.name}: model against measurement"
     screen, top = first_screen(first, last, changed), comparison_card(c, request)
-    report = report_page(title, top, sections, screen.front, screen.machine)
+    report = report_page(title, top, sections, screen.front, machine=screen.machine)
     return {"report.html": report, "compare.json": json_bytes(comparison_json(c, replay))}
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ident.assess.assessment import Assessment
 from ident.assess.diagnosis import assess_diagnosis
 from ident.assess.errors import NOISY
-from ident.assess.experiment import next_experiment
+from ident.assess.experiment import ApplyRemedy, Inseparable, Nothing, next_experiment
 from ident.assess.verdict import failing_joints, incomplete_before, spoiling_faults
 from ident.diagnosis.law_search import FittedFormula
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
@@ -36,6 +36,7 @@ MOST = 3  # joints and candidates that are described
 CANDIDATES = (
     "what adding an effect would do: held-out error; share of all squares (what chance does)"
 )
+MOTIONLESS = (ApplyRemedy, Inseparable, Nothing)  # suggestions that are no motion
 Rows = list[list[str]]
 
 
@@ -64,7 +65,8 @@ def card(
     then = ""
     if d.best or not incomplete_before(d):
         planned = a.next.verb == "excite"
-        then = _next(first, ", planned for all drives by this command; by hand" * planned)
+        motion = not isinstance(next_experiment(d).suggestions[0], MOTIONLESS)
+        then = _next(first, ", planned for all drives by this command; by hand" * planned, motion)
         step = next_experiment(d).step
         command = request.line(replace(step, effects=a.next.effects)) if step else ""
         if command and not planned and not first.startswith("Add "):
@@ -82,10 +84,12 @@ def planning(d: Diagnosis, added: Sequence[Effect] = (), request: Request = PYTH
     return request.line(replace(step, effects=labels)) if step and d.health.good else ""
 
 
-def _next(step: str, way: str = "") -> str:
-    """Return the first step under its title: adding an effect is no experiment."""
-    title = "Next" if step.startswith("Add ") else f"Next motion{way}"
-    return f"{title}: {step}" if step else ""
+def _next(step: str, way: str = "", motion: bool = True) -> str:
+    """Return the first step under its title, which says whether it is a motion; nothing where it is
+    that of the command: to add what is named.
+    """
+    title = f"Next motion{way}" if motion else "Next"
+    return f"{title}: {step}" if step and not step.startswith("Add ") else ""
 
 
 def experiment_steps(advice: str) -> list[str]:
@@ -137,20 +141,20 @@ def short(d: Diagnosis, top: Card | None = None, request: Request = PYTHON) -> s
         more = ", ".join(item for item, element in left_out.items() if element)
         rest = f"--verbose: {more}; {d.decision}" if more else f"{d.decision}"
         result = Sheet(form, paragraphs=[*entry_, rest], indent="  ").text()
-        if lines_of(result) <= LINES:
+        if lines_of(result) <= LINES + lines_of(shown.ladder) * bool(shown.ladder):
             break
     return result
 
 
 @renders(Diagnosis, "sheet")
-def sheet(d: Diagnosis, request: Request = PYTHON) -> Sheet:
-    """Return the verdict, two tables, and all of it in words."""
+def sheet(d: Diagnosis, request: Request = PYTHON, top: Card | None = None) -> Sheet:
+    """Return the verdict, or another first card, two tables, and all of it in words."""
     tables = {"where it fails": where_rows(d)}
     if d.candidates:
         # its values and its chance are in the words
         tables[CANDIDATES] = [[*row[:4], row[5]] for row in candidate_rows(d)]
     paragraphs = [*d.text.split("\n\n"), f"decided with {d.decision}"]
-    return Sheet(card(d, request=request), tables=tables, paragraphs=paragraphs)
+    return Sheet(top or card(d, request=request), tables=tables, paragraphs=paragraphs)
 
 
 def where_rows(d: Diagnosis) -> Rows:
@@ -236,7 +240,7 @@ def words(d: Diagnosis, experiment: str | None = None) -> str:
         *_invisible(d),
         # beside what is missing the effects of the model have wrong values
         *(unsupported_words(d) if d.verdict == "nothing" else []),
-        *([_next(first), *more] if first else []),
+        *([f"Next: {first}", *more] if first else []),
     ]
     return "\n\n".join(paragraphs)
 
@@ -313,13 +317,13 @@ def aside(d: Diagnosis) -> list[str]:
     for law in d.laws[:1]:
         errors = (percent(e[law.felt].relative) for e in (law.before, law.after))
         result.append(
-            f"In {law.felt} no effect has the right form, but a formula lowers the error, "
-            f"{' → '.join(errors)}: torque of {law.joint} = {law.formula}."
+            f"In {law.felt} a formula lowers the error, {' → '.join(errors)}: torque of "
+            f"{law.joint} = {law.formula}."
         )
     if more:
         result.append(
-            f"That is not all: beside it, {shortlist(more)} would lower the error further. Add it "
-            "and diagnose again; `ident grow` goes on until nothing more can be named."
+            f"That is not all: {shortlist(more)} would lower the error further, and change the "
+            "values; `ident grow` goes on until nothing more can be named."
         )
     elif d.loud:
         result.append(

@@ -252,7 +252,7 @@ def write_diagnosis(
     request = replace(request, folder=str(folder))
     screen, every = screen_of(d), (*sections, *diagnosis_sections(d, request))
     top = card(d, request=request)
-    report = report_page(title, top, every, screen.front, screen.machine)
+    report = report_page(title, top, every, screen.front, machine=screen.machine)
     files = {**diagnosis_files(d), **(more or {}), "report.html": report}
     return write_instead(d, Path(folder), files)
 

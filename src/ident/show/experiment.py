@@ -109,10 +109,11 @@ def trial_words(trial: Trial, now: Sequence[Move]) -> str:
     rest = ", the other joints as now" if others and trial.kind != "alone" else ""
     present = {m.joint.name: m for m in now}
     reached = [m if _span(m) == _span(present[m.joint.name]) else trial.reached(m) for m in moves]
+    tops = [f"{m.speed:.2g} {m.joint.unit}/s" for m in moves]
     text = HOW[trial.kind].format(
         names=", ".join(m.joint.name for m in moves),
         spans=", ".join(f"{m.joint.name} {_span(m)}" for m in reached),
-        top=", ".join(f"{m.speed:.2g} {m.joint.unit}/s" for m in moves),
+        top=tops[0] if len({*tops}) == 1 else ", ".join(tops),
         shares=listed(f"{share:g}" for share in trial.shares),
         before="" if moves[1:] else f" (it moved {_span(present[moves[0].joint.name])})",
     )

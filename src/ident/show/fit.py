@@ -367,7 +367,15 @@ def report(
     screen = first_screen(before, fit.residual)
     front = [*screen.front[:1], forest(fit)]
     title = f"{fit.mechanism.name}: identification"
-    return report_page(title, card(fit, request), sections, front, screen.machine)
+    return report_page(title, card(fit, request), sections, front, machine=screen.machine)
+
+
+@renders(Fit, "view")
+def view(fit: Fit) -> object:
+    """Return the page of a fit in 3-D, with a ghost of the model as it was before."""
+    from ident.show.front import view_of_one  # pages only: it is slow to import
+
+    return view_of_one(fit)
 
 
 def fit_sections(

@@ -17,7 +17,6 @@ import numpy as np
 from markupsafe import Markup
 
 from ident.assess.errors import largest_change
-from ident.display import renders
 from ident.fit.files import residual_before
 from ident.fit.identify import Comparison
 from ident.fit.prediction import Prediction
@@ -134,6 +133,11 @@ def first_screen(
     drawn = effect in now.traces[0].parts if effect and now.traces else False
     residual = now.without(effect) if drawn else before
     if now.traces and (chart := plot_map(residual, now, joint, effect * drawn, HEIGHT)):
+        if before is not now and not drawn:  # which of both models it is
+            words = chart.words.replace(
+                "the model leaves", f"the model before leaves: {_name(before)}"
+            )
+            chart = replace(chart, words=words)
         blocks.append(chart)
     machine = machine_of(before, now, stretch, marks or {joint: joint}, effects)
     return FirstScreen(blocks, (machine,))
@@ -163,7 +167,6 @@ def machine_of(
     return replace(view, shapes=[*view.shapes, *shapes])
 
 
-@renders(Comparison, "view")
 def view_page(c: Comparison, before: Residual | None = None) -> Any:
     """Return the mechanism in 3-D beside charts of its torques, which share a cursor, with ghosts
     of the first and the last model, or of one model `before` and now.
@@ -182,9 +185,6 @@ def view_of_one(fit: Fit) -> Any:
     """Return the page of a fit, with a ghost of the model as it was before."""
     before = residual_before(fit) if len(fit.columns) else None
     return view_page(compared(fit), before)
-
-
-renders(Fit, "view")(view_of_one)
 
 
 def _effect_shape(mechanism: Mechanism, x: EffectValues, size: float) -> Shape | None:

@@ -14,6 +14,7 @@ from ident.effects import Effect
 from ident.effects.library import effect_noun, named
 from ident.text import listed, percent, places, shortlist, significant, two_digits
 
+ABOUT = 1.2  # shown: times the noise, up to which an error is called noise
 CLEAR = 10.0  # shown: times the noise, beyond which the number says nothing
 MANY = 3  # shown: joints, from which they are counted in the first line
 CAUSES = 5  # shown: causes in the first line
@@ -131,7 +132,9 @@ def left_words(left: Remainder) -> str:
 
 def headline(a: Assessment) -> str:
     """Return what was gained, what was found, and what is left: the first line of every result."""
-    parts = [f"{a.subject}: {error_words(a)}"]
+    worse = a.verdict == "identified" and a.before is not None and a.increased
+    larger = f", larger in {joints_words(a.increased)}" if worse else ""
+    parts = [f"{a.subject}: {error_words(a)}{larger}"]
     if a.causes:
         parts.append(f"Found: {causes_words(a.causes)}")
     parts.append(remainder_sentence(a))
@@ -181,6 +184,8 @@ def good_enough_words(answer: GoodEnough) -> str:
         beyond = f", more than {percent(answer.acceptable)}" * answer.stated
         return f"{ask} No: the error is {size} of the torque in {of}{beyond}{noise}{turns}."
     how = "noise of the sensors"
+    if answer.times and answer.times > ABOUT:
+        how = f"at most {two_digits(answer.times)} times the noise of the sensors"
     if answer.reason is Reason.SMALL:
         how = f"noise, or below {percent(answer.acceptable)} of the torque"
     if answer.answer is Answer.YES:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ident.assess.diagnosis import assess_growth, larger_on_validation
 from ident.assess.errors import largest_change, noise_errors
+from ident.assess.exploration import Exploration
 from ident.assess.verdict import formulas_explain
 from ident.diagnosis.grow import NAME as ROUNDS
 from ident.diagnosis.grow import History, Step
@@ -20,7 +21,7 @@ from ident.diagnosis.unobservable import name_of
 from ident.display import renders
 from ident.effects.library import named
 from ident.errors import FitError, IdentError
-from ident.files import json_bytes
+from ident.files import json_bytes, write_all
 from ident.fit import Fit
 from ident.fit.files import fit_json, identified_files, identified_urdf, multipliers_csv, own_files
 from ident.information.blocks import Error
@@ -30,6 +31,7 @@ from ident.request import PYTHON, Request
 from ident.show.card import Card
 from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import card, short
+from ident.show.diagnosis import sheet as diagnosis_sheet
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.error_axis import ErrorAxis
 from ident.show.front import FirstScreen, first_screen, main_effect
@@ -37,6 +39,7 @@ from ident.show.headline import headline
 from ident.show.html import Section, Sheet, report_page, table
 from ident.show.verdict import formulas_of
 from ident.text import percent, rounded, shortlist, significant, width, wrapped
+from ident.text import table as text_table
 
 NAME, CELL = 30, 7  # characters of the columns
 LONG = "+ viscous friction in "  # and a joint: as long as most names are
@@ -124,9 +127,12 @@ renders(Step, "text")(lambda step: rung(step, list(step.errors)))
 @renders(History, "text")
 def text(history: History) -> str:
     """Return the whole ladder."""
-    joints = history.fit.motion.independent
-    steps = (rung(step, joints) for step in history.steps)
-    return "\n".join([head(joints), *steps, noise_rung(history)])
+    return f"{rungs(history.steps, history.fit.motion.independent)}\n{noise_rung(history)}"
+
+
+def rungs(steps: Sequence[Step], joints: Sequence[str]) -> str:
+    """Return the ladder without its last row: its head, and one rung a step."""
+    return "\n".join([head(joints), *(rung(step, joints) for step in steps)])
 
 
 @renders(History, "ladder")
@@ -196,7 +202,9 @@ def screen_of(history: History) -> FirstScreen:
     added = [values for values in history.fit.effects if values.effect.label in labels]
     effect = main_effect(now, joint, labels)
     before = replace(before, name="as given")
-    return first_screen(before, after, joint, effect, {joint: effect or joint}, added)
+    sites = [x for values in added if values.effect.label == effect for x in values.effect.joints]
+    site = next((x for x in sites if x in history.mechanism.joint_index), joint)
+    return first_screen(before, after, joint, effect, {site: effect or joint}, added)
 
 
 def history_card(history: History, request: Request = PYTHON) -> Card:
@@ -240,8 +248,19 @@ def _sizes(history: History) -> str:
 # the first lines of a diagnosis, with the error before and after
 @renders(History, "short")
 def short_of(history: History, request: Request = PYTHON) -> str:
-    """Return the first lines: what was gained, the error by joint, and what to do next."""
-    return short(history.diagnosis, history_card(history, request), request)
+    """Return what was gained, the error by joint, the ladder, and what to do next."""
+    return short(history.diagnosis, _top(history, request), request)
+
+
+@renders(History, "details")
+def details(history: History, request: Request = PYTHON) -> str:
+    """Return the first lines, the ladder, and all that the last diagnosis says."""
+    return diagnosis_sheet(history.diagnosis, request, _top(history, request)).text()
+
+
+def _top(history: History, request: Request) -> Card:
+    """Return the first card with the ladder in it, for a terminal."""
+    return replace(history_card(history, request), ladder=text(history))
 
 
 @renders(History, "files")
@@ -258,7 +277,7 @@ def write(history: History, place: str | Path, request: Request = PYTHON) -> lis
     title = f"{history.mechanism.name}: grown model"
     screen, top = screen_of(history), history_card(history, request)
     below = [table(rows(history), CAPTION, tied=False)]  # so the machine has room on the right
-    report = report_page(title, top, sections, [*screen.front, *screen.machine], below)
+    report = report_page(title, top, sections, screen.front, below, screen.machine)
     data = {**diagnosis_files(history.diagnosis), "report.html": report}
     data["grow.json"] = json_bytes(history_json(history))
     written = write_instead(history.diagnosis, Path(place), model_files(history.fit) | data)
@@ -305,3 +324,39 @@ def refuse_own(mechanism: Mechanism, folder: Path) -> None:
                 f"{folder}: holds {path.name} of the mechanism itself, which is not overwritten; "
                 "name another folder, or change it with `ident add`"
             )
+
+
+# --- models tried by hand -------------------------------------------------------------------------
+
+
+@renders(Exploration, "ladder")
+def exploration_rows(e: Exploration) -> list[list[str]]:
+    """Return a table: the change, and every joint's held-out error."""
+    joints = e.fit.motion.independent
+    return [["model", *joints], *([changed(r), *cells(r.errors, joints)] for r in e.rungs)]
+
+
+renders(Exploration, "text")(lambda e: "\n".join(text_table(e.table(), "")))
+
+
+@renders(Exploration, "summary")
+def exploration_summary(e: Exploration) -> str:
+    """Return what is offered or announced first, in a sentence, and what to do about it."""
+    if e.offered:
+        return "What no effect explains has a law or a curve: accept it or refuse it."
+    best, has_verdict = e.first, e.diagnosis is not None
+    if best is None:
+        sure = "the verdict is under Verdict" if has_verdict else "judge it to be sure"
+        return f"No effect lowers the error by more than chance would; {sure}."
+    proof = ". A falling error is no proof: judge it"
+    rest = "; the verdict on it is under Verdict" if has_verdict else proof
+    return f"The first candidate is {named([best.effect])}{rest}."
+
+
+@renders(Exploration, "files")
+def write_exploration(e: Exploration, folder: str | Path) -> list[Path]:
+    """Write the present mechanism's folder with its fit, and its diagnosis, where there is one."""
+    if e.diagnosis is not None:
+        return write(History(e.rungs, e.diagnosis), folder)
+    refuse_own(e.mechanism, Path(folder))
+    return write_all(Path(folder), model_files(e.fit))

@@ -13,7 +13,6 @@ from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.result import Diagnosis, Law
 from ident.effects import KINDS, Effect, Unknown
 from ident.fit.values import Value
-from ident.information import linear
 from ident.request import PYTHON, Request
 from ident.show.body import body_words
 from ident.show.charts import FAINT, Chart, Level, Line, Panel
@@ -151,7 +150,7 @@ def plot_curve(curve: FoundCurve, law: Law | None) -> Chart:
         Line(curve.x, curve.upper, "", FAINT, 1.0),
         Line(curve.x, curve.torque, "curve", 1, 3.0),
     ]
-    if law is not None and (y := _on_curve(curve, law)) is not None:
+    if law is not None and (y := curve.torque_of_formula(law.effect, law.parameters)) is not None:
         marks.append(Line(curve.x, y, law.formula, 0, 1.5))
     label = f"{effect.first} of {effect.joints[-1]} [{effect.units[len(effect.unknowns)]}]"
     units = {"v": "speed", "q": "position", "load": "load"}
@@ -160,22 +159,6 @@ def plot_curve(curve: FoundCurve, law: Law | None) -> Chart:
     title = f"What is left in {curve.joint}, as a curve of {effect.signal}"
     axis = f"torque of {curve.joint}{of} [{effect.units[0]}]"
     return Chart(title, ((Panel((Level(), *marks), label, axis, height=3.6),),))
-
-
-def _on_curve(curve: FoundCurve, law: Law) -> np.ndarray | None:
-    """Return the formula on a curve's signal, with the curve's offset and slope, which the model's
-    parameters often make; None where it depends on other signals than the curve.
-    """
-    formula, effect = law.effect, curve.effect
-    if len(formula.joints) > 1 or effect.arity > 1 or formula.depends_on != effect.depends_on:
-        return None
-    values = {v.name.rpartition(".")[2]: v.value for v in law.parameters}
-    second = {"load" if effect.second == "load" else "v": 1.0} if effect.second else {}
-    y = formula.of_signal(effect.first, curve.x, {**values, **second})
-    weight = 1 / np.maximum(curve.upper - curve.lower, 1e-12)
-    A = np.stack([np.ones_like(curve.x), curve.x], axis=1)[:, : 1 if effect.second else 2]
-    rest = linear.lstsq(A * weight[:, None], (curve.torque - y) * weight)[0]
-    return np.asarray(y + A @ rest)
 
 
 def plot_front(law: Law) -> Chart:

@@ -13,7 +13,6 @@ from ident.excite.excitation import Excitation, LimitUse
 from ident.files import json_bytes
 from ident.lazy import lazy
 from ident.montecarlo import SUMS, MonteCarlo
-from ident.motion import complete
 from ident.request import PYTHON, Request
 from ident.show.charts import BELOW, MEASURED, PRIOR, RESIDUAL, Chart, Level, Line, Mark, Panel
 from ident.show.html import Section, Sheet, by_log, paragraph, report_page
@@ -349,11 +348,11 @@ def study_files(x: MonteCarlo, request: Request = PYTHON) -> dict[str, bytes]:
         "truth": list(plan.truth.words), "parameters": x.table.to_dicts(),
         "multipliers": x.multipliers.to_dicts(), "failures": x.failures.to_dicts(),
     }  # fmt: skip
-    motion, chart = complete(plan.mechanism, [plan.log]), plot_study(x)
+    chart = plot_study(x)
     sections = (
-        Section("What noise does", [*study_sheet(x, None).blocks(), chart]),
-        understood(plan.mechanism, motion),
-        made_of(plan.mechanism, motion, command=request.command),
+        Section("What noise does", study_sheet(x, None).blocks(), unfolded=True),
+        understood(plan.mechanism, plan.motion),
+        made_of(plan.mechanism, plan.motion, command=request.command),
     )
     title = f"{plan.mechanism.name} on {plan.log.name}: Monte Carlo"
     return {
@@ -361,7 +360,7 @@ def study_files(x: MonteCarlo, request: Request = PYTHON) -> dict[str, bytes]:
         "runs.csv": x.samples.write_csv().encode(),
         "multiplier_errors.csv": x.errors.write_csv().encode(),
         "montecarlo.png": chart.image("png"),
-        "report.html": report_page(title, _headline(x), sections),
+        "report.html": report_page(title, _headline(x), sections, [chart]),
     }
 
 

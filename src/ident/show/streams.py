@@ -9,6 +9,7 @@ import json
 import threading
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -22,7 +23,8 @@ from ident.effects.library import named
 from ident.information.blocks import Error
 from ident.information.chance import ALPHA
 from ident.mechanism import Mechanism
-from ident.request import PYTHON, Request
+from ident.mechanism.parameters import DYNAMIC
+from ident.request import PYTHON, Request, Step
 from ident.show.card import Bar, Card, card_of
 from ident.show.charts import FAINT, RESIDUAL, Chart, Level, Line, Mark, Panel, pieces_of
 from ident.show.diagnosis import sheet as diagnosis_sheet
@@ -239,10 +241,19 @@ def headline(x: Alarm) -> str:
         return f"changed {since}, cannot tell what{near}"
     if x.verdict == "named":
         words = _sentence(cause_nouns(x.best))
-        return f"changed {since}. {words}: {x.best}"
+        return f"changed {since}. {words}: {_sizes(x.best)}"
     few = len(x.rivals) < SIZED
     which = map(str, (x.best, *x.rivals)) if few else x.suspects
     return f"changed {since}. One of {('; ' if few else ', ').join(which)}"
+
+
+def _sizes(x: Cause) -> str:
+    """Return a cause with the changes of its parameters; of a load the mass stands for all."""
+    masses = [step.name for step in x.steps if step.name.rpartition(".")[2] == "m"]
+    loads = set(DYNAMIC[1:]) if masses else set()
+    return str(replace(x, steps=tuple(
+        step for step in x.steps if step.name.rpartition(".")[2] not in loads
+    )))  # fmt: skip
 
 
 def cause_nouns(x: Cause) -> str:
@@ -298,6 +309,7 @@ def monitor_sheet(x: Monitor) -> Sheet:
 
 
 MOST = 1000  # moments of a curve; beyond, every second one is forgotten
+SEEN = 2  # shown: parameters that are seen beside the headline
 PANELS = 8  # parameters that have a chart; all are in the tables
 FORCES = 6  # multipliers that have one
 SHARE = 1.96  # standard errors on either side of a band
@@ -340,21 +352,27 @@ class MonitorHistory:
         self._lock = threading.RLock()  # a page is drawn while samples come
         self._last: Snapshot | None = None
         self._of_normal: Mapping[str, Error] = {}
+        self._usual: Mapping[str, float] = {}
         self._last_forces: Forces | None = None
 
     def add(
-        self, found: Snapshot, forces: Forces | None, of_normal: Mapping[str, Error] | None = None
+        self,
+        found: Snapshot,
+        forces: Forces | None,
+        of_normal: Mapping[str, Error] | None = None,
+        usual: Mapping[str, float] | None = None,
     ) -> None:
-        """Take a snapshot, the multipliers of the samples since the one before, and the present
-        errors of the model of normal running by joint, if the machine is watched.
+        """Take a snapshot, the multipliers of the samples since the one before, and by joint the
+        present errors of the model of normal running and its usual ones [N m | N], if the machine
+        is watched.
         """
         with self._lock:
-            self._of_normal = of_normal or {}
+            self._of_normal, self._usual = of_normal or {}, usual or {}
             self._last = found
             both = [(v.value, v.stderr) for v in found.parameters]
             self._parameters.add(found.t, np.array(both, float).reshape(-1, 2))
-            errors = [e.relative for e in found.errors.values()]
-            self._errors.add(found.t, np.array(errors, float))
+            errors = [(self._of_normal or found.errors).get(joint) for joint in found.errors]
+            self._errors.add(found.t, np.array([e and e.relative for e in errors], float))
             self.add_forces(forces)
 
     def add_forces(self, forces: Forces | None) -> None:
@@ -378,14 +396,27 @@ class MonitorHistory:
         )  # fmt: skip
         if self.alarms:  # its own model is fitted to the changed machine
             count = f"{n} alarms, the last" if (n := len(self.alarms)) > 1 else "1 alarm"
-            how = "Identify the log of normal operation with --out DIR: `ident diagnose "
-            how += "DIR/identified` on this log then compares the machine with its normal values."
             noise = self._last.noise
-            normal = [Bar(n, e, noise=noise.get(n)) for n, e in self._of_normal.items()]
+            normal = [self._bar(n, e, noise.get(n)) for n, e in self._of_normal.items()]
             bars = tuple(normal) or tuple(map(Bar.of, a.errors))  # not those of the refitted model
-            return Card(f"{head}{count}: {self.alarms[-1].headline}", how, bars)
+            fitted = replace(self._request, logs=self._request.like, folder="")
+            command = fitted.line(Step("identify")) if self._request.like else ""
+            how = "What has changed with its values: identify the log of normal running"
+            how += " by this command" * bool(command) + ", then run `ident diagnose` with the "
+            how += "folder identified/ that it writes and this log."
+            change = "in normal running → now" * bool(normal)
+            return Card(
+                f"{head}{count}: {self.alarms[-1].headline}.", "", bars, command, how, change
+            )
         size = f"; {error_words(a)}" if a.now else ""
         return card_of(a, self._request, line=f"{head}{self._silent or 'no alarm'}{size}.")
+
+    def _bar(self, joint: str, now: Error, noise: float | None) -> Bar:
+        """Return the error of the model of normal running now, beside the usual one."""
+        usual = self._usual.get(joint)
+        if not usual or not now.relative:
+            return Bar(joint, now, noise=noise)
+        return Bar(joint, Error(usual, usual / now.rms * now.relative, now.unit), now, noise)
 
     @property
     def sections(self) -> tuple[Section, ...]:
@@ -395,35 +426,45 @@ class MonitorHistory:
             return ()
         rows = [["alarm", "sure at", "named at"]]
         rows += [[x.headline, moment(x.detected), moment(x.named)] for x in self.alarms]
-        bodies = set(self._mechanism.bodies.names)  # what has changed and may wear comes first
-        suspects = [s.removeprefix("payload:") for x in self.alarms for s in x.suspects]
-        changed = tuple(f"{suspect.replace(':', '.', 1)}." for suspect in suspects)
-        identified = sorted(
-            result.identified, key=lambda v: (not v.name.startswith(changed), v.name in bodies)
-        )
-        names = {v.name: (i, v.unit) for i, v in enumerate(result.parameters)}
-        known = {v.name: names[v.name] for v in identified}
+        known = self._identified(result)
         forces: dict[str, tuple[int, str]] = {}
         if (x := self._last_forces) is not None:
             forces = dict(zip(x.names, enumerate(x.units), strict=True))
+        over_time = self._charts("Parameters", self._parameters, known, PANELS)
+        count = sum(len(item.rows) for item in over_time)
+        now = [paragraph(f"{count} of these have a chart.")] * (0 < count < len(known))
+        reactions = self._charts("Reaction forces λ", self._forces, forces, FORCES)
+        return (
+            Section("Alarms", [table(rows, "Alarms", tied=False)] if rows[1:] else []),
+            Section("Parameters over time", over_time),
+            Section("Reaction forces", reactions),
+            Section("Error of the predicted torque", [self._error_chart(result)]),
+            Section("Now", [*now, *snapshot_sheet(result).blocks()]),
+        )
+
+    def _identified(self, result: Snapshot) -> dict[str, tuple[int, str]]:
+        """Return place and unit of identified parameters, those that have changed first."""
+        bodies = set(self._mechanism.bodies.names)
+        labels = [part for x in self.alarms for label in x.suspects for part in label.split(" + ")]
+        suspects = [label.removeprefix("payload:") for label in labels]
+        changed = tuple(f"{suspect.replace(':', '.', 1)}." for suspect in suspects)
+        order = sorted(
+            result.identified, key=lambda v: (not v.name.startswith(changed), v.name in bodies)
+        )
+        names = {v.name: (i, v.unit) for i, v in enumerate(result.parameters)}
+        return {v.name: names[v.name] for v in order}
+
+    def _error_chart(self, result: Snapshot) -> Chart:
+        """Draw the error of each joint over time, of the model of normal running if any."""
         t, errors = self._errors.series
         lines = (
             Line(t, 100 * errors[:, u], joint, u, dotted=len(t) < 3)
             for u, joint in enumerate(result.errors)
         )
         panel = Panel((*lines, *self._marks(t)), "t [s]", "error [%]", height=3.0)
-        drawn = Chart("Error of the torque over time", ((panel,),), True, clock="log")
-        over_time = self._charts("Parameters", self._parameters, known, PANELS)
-        count = sum(len(item.rows) for item in over_time)
-        now = [paragraph(f"{count} of these have a chart.")] * (0 < count < len(identified))
-        reactions = self._charts("Reaction forces λ", self._forces, forces, FORCES)
-        return (
-            Section("Alarms", [table(rows, "Alarms", tied=False)] if rows[1:] else []),
-            Section("Parameters over time", over_time),
-            Section("Reaction forces", reactions),
-            Section("Error of the predicted torque", [drawn]),
-            Section("Now", [*now, *snapshot_sheet(result).blocks()]),
-        )
+        whose = " of the model of normal running" * bool(self._of_normal)
+        words = f"Error of the torque{whose} over time"
+        return Chart(words, ((panel,),), True, clock="log")
 
     def _marks(self, t: np.ndarray) -> list[Level]:
         """Return an upright line at each alarm among times t (n,) [s]."""
@@ -463,7 +504,13 @@ class MonitorHistory:
         logs = [Path(name) for name in (*self._request.logs, *self._request.like)]
         files = [log for log in logs if log.is_file()]
         went_in = made_of(self._mechanism, None, files, self._request.command)
-        return report_page(f"{self._mechanism.name}: monitor", self.card, (*self.sections, went_in))
+        front: list[Block] = []
+        if (result := self._last) is not None:
+            known = self._identified(result)
+            front = [self._error_chart(result)]
+            front += self._charts("Parameters", self._parameters, known, SEEN)
+        title = f"{self._mechanism.name}: monitor"
+        return report_page(title, self.card, (*self.sections, went_in), front)
 
     def live(self) -> str:
         """Return what the live page shows now, as JSON."""

@@ -41,9 +41,7 @@ def verdict_line(d: Diagnosis, a: Assessment | None = None) -> str:
     if d.best is not None:
         clock = " or another scale of time" * clock_is_a_rival(d)
         apart = ", which this data cannot tell apart" * (bool(clock) and not d.rivals)
-        return _sentences(
-            a, f"{error_words(a)} with it", f"Missing: {causes_words(a.causes)}{clock}{apart}"
-        )
+        return _sentences(a, error_words(a), f"Missing: {causes_words(a.causes)}{clock}{apart}")
     if then := incomplete_before(d):
         joints = [f"{joint} ({percent(error.relative)})" for joint, error in then.items()]
         return (
@@ -114,7 +112,9 @@ def certainty(d: Diagnosis) -> str:
         what = "It is certain" if rare else "It is not certain"
         sure = f"Which of these it is remains open. {what} that one is missing ({level})"
     known = f", in the model {known_values(best)}" * bool(best.known)
-    text = f"{sure}. {_capital_values(d)}{known}."
+    # values of an effect are not to be relied on while much beside it is missing
+    values = f" {_capital_values(d)}{known}." * (not d.also)
+    text = f"{sure}.{values}"
     by_label = {x.effect.label: x.evidence.p for x in d.every}
     weak = [x for x in d.group if by_label.get(x.label, 0.0) > d.decision.alpha]
     if weak:
@@ -135,24 +135,25 @@ def _capital_values(d: Diagnosis) -> str:
     by_label = {x.effect.label: x for x in d.every}
     if len(labels) == 1 and not is_open(d):
         return numbers(by_label[labels[0]].parameters)
-    texts = [f"{_place(by_label[x].effect)}: {numbers(by_label[x].parameters)}" for x in labels]
+    kinds = {by_label[label].effect.kind for label in labels}
+    texts = []
+    for effect in (by_label[label].effect for label in labels):
+        site = places(effect.joints)
+        place = site if site and len(kinds) == 1 else " of ".join(filter(None, (effect.kind, site)))
+        texts.append(f"{place} {numbers(by_label[effect.label].parameters)}")
     return shortlist(texts, VALUES)
-
-
-def _place(effect: Effect) -> str:
-    return f"{effect.kind} of {places(effect.joints)}" if effect.joints else effect.kind
 
 
 def _unnamed(d: Diagnosis) -> str:
     """Return how many effects were tried, and what comes nearest."""
     tried = sum(not candidate.curve for candidate in d.selection.first.contest.candidates)
     more = [item for item in d.every if item.evidence.p < d.decision.alpha]
-    text = f"{tried} effects were tried; none helps more than chance"
+    text = f"{tried} more effects were tried; none of them helps more than chance"
     if d.selection.members or d.laws:
         text = f"{tried} effects were tried; none explains it"
     elif more:
         near = _not_named(d, [element.evidence for element in more[:NEAREST]])
-        text = f"{tried} effects were tried; none is named. Nearest: {near}"
+        text = f"{tried} more effects were tried; none is named. Nearest: {near}"
     turns = [] if d.reversing else joints_at_reversals(d)
     where = f" What is left in {places(turns)} is near reversals, where friction does not jump "
     return f"{text}.{f'{where}as in the model.' * bool(turns)}"

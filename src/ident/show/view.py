@@ -64,6 +64,9 @@ LONGEST = 0.4  # of the mechanism's size, for the largest reaction
 ANGLE = np.radians(35.0)  # vertical angle of view
 MARGIN = 1.05  # room around
 LOOKED_AT = 40  # moments of a film that decide what the camera sees
+WAYS = 64  # numerics: directions in which what it sees is bounded
+ASPECT = 1.5  # shown: width over height of the picture in whose middle the machine is
+CENTRED = 5  # work: steps to that middle
 FLAT = 0.35  # thickness over width below which a mechanism is looked at face on
 
 
@@ -109,6 +112,24 @@ class Ghosts:
     positions: Sequence[np.ndarray]
     window: float
     names: Sequence[str] = tuple(GHOSTS)
+
+
+def outermost(points: np.ndarray) -> np.ndarray:
+    """Return those of some points (n, 3) that are farthest in one of many directions."""
+    n = np.arange(WAYS) + 0.5
+    z, turn = 1 - 2 * n / WAYS, np.pi * (1 + np.sqrt(5.0)) * n  # a spiral over the sphere
+    ways = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+    axes = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
+    chosen = (points @ np.concatenate([axes, ways], axis=1)).argmax(axis=0)
+    return np.array(points[np.unique(chosen)])
+
+
+def distance_of(outline: np.ndarray, aspect: float) -> float:
+    """Return from how far [m] a pinhole camera sees all points (k, 3), in a picture `aspect` as
+    wide as high; `drawScene` does the same with the picture that it has.
+    """
+    half = np.maximum(np.abs(outline[:, 1]), np.abs(outline[:, 0]) / aspect)
+    return float((outline[:, 2] + half / np.tan(ANGLE / 2)).max())
 
 
 def film_of(
@@ -262,9 +283,10 @@ class View:
         )  # fmt: skip
 
     @cached_property
-    def camera(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+    def camera(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Direction to a camera that sees all films, a flat mechanism face on, its target [m] and
-        direction upwards (3,), half the width and height (2,) and the depth of what it sees [m].
+        direction upwards (3,), and the outermost points (k, 3) of what it sees from the target [m]:
+        to the right, upwards and towards the camera.
         """
         g = np.array(self.mechanism.model.gravity.linear)
         up = -g / np.linalg.norm(g) if g.any() else np.array([0.0, 0.0, 1.0])
@@ -297,14 +319,21 @@ class View:
         right = np.cross(up, direction)
         right /= np.linalg.norm(right)
         above = np.cross(direction, right)
+        frame = np.stack([right, above, direction], axis=1)
         for axis in (right, above):
             along = (cloud - target) @ axis
             target = target + 0.5 * (along.min() + along.max()) * axis
-        # in a window `aspect` as wide as high every point is within the angle of view from
-        # depth + max(half height, half width / aspect) / tan(ANGLE / 2), which drawScene takes
-        half = np.abs((cloud - target) @ np.stack([right, above], axis=1)).max(axis=0)
-        half = MARGIN * np.maximum(half, 1e-3 * self.size)
-        return direction, target, up, half, float(((cloud - target) @ direction).max())
+        seen = outermost((cloud - target) @ frame)
+        for _ in range(CENTRED):  # what is near looks larger: the middle of the picture
+            middle, mean = np.zeros(3), float(seen[:, 2].mean())
+            distance = distance_of(seen, ASPECT)
+            for i in (0, 1):
+                along = seen[:, i] / (distance - seen[:, 2])
+                middle[i] = 0.5 * (along.min() + along.max()) * (distance - mean)
+            seen, target = seen - middle, target + frame @ middle
+        least = 1e-3 * self.size
+        seen[:, :2] = MARGIN * np.where(np.abs(seen[:, :2]) < least, least, seen[:, :2])
+        return direction, target, up, seen
 
     def data(self) -> str:
         """Return the scene as JSON, safe inside a <script> element; what `drawScene` takes."""
@@ -317,13 +346,12 @@ class View:
             }
             for x in self.shapes
         ]  # fmt: skip
-        *places, depth = self.camera
-        direction, target, up, half = (place.tolist() for place in places)
+        direction, target, up, outline = (each.tolist() for each in self.camera)
         content = {
             "shapes": shapes, "films": [self._film(film, arrays) for film in self.films],
             "marks": dict(self.marks), "ramp": _ramp(SHADES), "unknown": UNKNOWN,
             "fov": float(ANGLE), "misfit": self.largest_misfit, "up": up, "direction": direction,
-            "target": target, "half": half, "depth": depth, "arrays": list(arrays),
+            "target": target, "outline": outline, "arrays": list(arrays),
             "ghosts": self._ghosts, "stretch": self._played,
         }  # fmt: skip
         return script_json(content)
@@ -336,12 +364,21 @@ class View:
 
     @property
     def _played(self) -> list[float] | None:
-        """Number of the film, first and last time of its stretch as charts count them [s]."""
+        """Number of the film, first and last time of its stretch as charts count them [s], and that
+        at which the ghost of the model before is farthest from the machine, which stays to be seen.
+        """
         if self.stretch is None:
             return None
-        number, *ends = self.stretch
-        zero = zero_of(self.films[number].t)
-        return [number, *(x - zero for x in ends)]
+        number, first, last = self.stretch
+        film = self.films[number]
+        away = np.zeros(len(film))
+        for q in film.ghosts.values():
+            travel = np.maximum(np.ptp(film.q, axis=0), 1e-300)
+            away = np.maximum(away, np.nan_to_num(np.abs(q - film.q) / travel).max(axis=1))
+        inside = (film.t >= first) & (film.t <= last)
+        farthest = film.t[np.where(inside, away, -1.0).argmax()]
+        zero = zero_of(film.t)
+        return [number, *(float(x - zero) for x in (first, last, farthest))]
 
     def _film(self, film: Film, arrays: Arrays) -> dict[str, Any]:
         """Return times, poses, colours, gaps and arrows of a film, times as charts count them."""

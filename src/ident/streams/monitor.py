@@ -271,6 +271,13 @@ class Monitor(Displayed):
             for name, error, torque, count, unit in sums
         }
 
+    @property
+    def usual_errors(self) -> dict[str, float]:
+        """Rms [N m | N] of the error in normal running, by joint."""
+        normal = self.design.normal
+        rms = normal.sigma * np.sqrt(normal.energy)
+        return dict(zip(self.watched.joints, map(float, rms), strict=True))
+
     def finish(self) -> list[Alarm]:
         """Return the alarm that waits for its name, named by what there is."""
         if self.raised is None or self.raised.named < np.inf:

@@ -6,7 +6,7 @@ from functools import cache
 
 import ident
 from helpers import ROBOTS
-from ident.show.exploration import Exploration
+from ident.assess.exploration import Exploration
 
 
 @cache

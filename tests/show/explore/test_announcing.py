@@ -10,9 +10,9 @@ import pytest
 from explored import grown, judged, screened
 
 import ident
+from ident.assess.exploration import Exploration, PredictedGain, rows_of
 from ident.diagnosis.selection import PARSIMONY
 from ident.show.board import GROUPS, effect_rows
-from ident.show.exploration import Exploration, PredictedGain, rows_of
 
 ARM = ["viscous:elbow", "coulomb:wrist", "spring:shoulder", "coupling:elbow,wrist"]
 

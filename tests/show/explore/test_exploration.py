@@ -147,7 +147,7 @@ def test_it_prints_as_a_ladder():
 
 def test_the_noun_needs_no_page():
     code = (
-        "import sys, ident; from ident.show.exploration import Exploration; import ident.cli.app; "
+        "import sys, ident, ident.cli.app; from ident.assess.exploration import Exploration; "
         "bad = {'websockets', 'bokeh', 'viser', 'matplotlib'} & set(sys.modules); "
         "sys.exit(str(bad) if bad else 0)"
     )

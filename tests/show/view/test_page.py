@@ -19,7 +19,7 @@ from moving import view_of
 
 import ident
 from ident.show.bodies import BODIES, ENDS
-from ident.show.view import ANGLE, LONGEST, MAP, SHADES, _ramp
+from ident.show.view import LONGEST, MAP, SHADES, _ramp, distance_of
 
 STRICT = 6.0  # [deg] of hue, within which an arrow is blue and a blue body is not
 
@@ -81,8 +81,8 @@ def tip_of(mechanism: ident.Mechanism, q: np.ndarray) -> np.ndarray:
 def pixel(camera, drawing, point) -> np.ndarray:
     """Where a pinhole camera with 35° from top to bottom sees a point, x and y."""
     x0, y0, width, height = drawing
-    away, target, _, (wide, tall), depth = camera
-    distance = depth + max(tall, wide * height / width) / np.tan(ANGLE / 2)
+    away, target, _, outline = camera
+    distance = distance_of(outline, width / height)
     position = target + distance * away
     right = np.cross([0.0, 0.0, 1.0], away)
     right /= np.linalg.norm(right)

@@ -15,8 +15,8 @@ function drawScene(scene, place, told) {
   const choice = make("select", {title: "Which log"}), now = make("span")
   films.forEach((film, i) => choice.append(new Option(film.name, i)))
   bar.append(play, time, now, ...(films.length > 1 ? [choice] : []))
-  const [wide, tall] = scene.half // half of what is seen of the whole motion [m]
-  canvas.style.aspectRatio = wide / tall
+  const half = [0, 1].map((i) => Math.max(...scene.outline.map((p) => Math.abs(p[i])))) // of what is seen [m]
+  canvas.style.aspectRatio = half[0] / half[1]
   place.append(canvas, ...(films.some((film) => film.t.length > 1) ? [bar] : []))
 
   // --- vectors and camera -------------------------------------------------------------------------
@@ -77,7 +77,8 @@ function drawScene(scene, place, told) {
     height = canvas.clientHeight || 350
     if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio)
     if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio)
-    fit = scene.depth + Math.max(tall, wide * height / width) / Math.tan(scene.fov / 2)
+    const tan = Math.tan(scene.fov / 2)
+    fit = Math.max(...scene.outline.map(([x, y, z]) => z + Math.max(Math.abs(y), Math.abs(x) * height / width) / tan))
     art.setTransform(ratio, 0, 0, ratio, 0, 0)
     art.clearRect(0, 0, width, height)
     back = unit(away)
@@ -219,14 +220,17 @@ function drawScene(scene, place, told) {
   }
   let playing = 0
   const stop = () => { cancelAnimationFrame(playing); playing = 0; play.textContent = "▶"; play.title = "Play" }
-  function start(until = +time.max) {
+  function start(until = +time.max, rest = until) {
     let before = performance.now(), x = +time.value >= until ? +time.min : +time.value
     const step = (clock) => {
       x += (clock - before) / 1000
       before = clock
       at(Math.min(x, until))
       told(film.name, +time.value)
-      if (x >= until) stop(); else playing = requestAnimationFrame(step)
+      if (x < until) { playing = requestAnimationFrame(step); return }
+      stop()
+      at(rest)
+      told(film.name, rest)
     }
     play.textContent = "❚❚"
     play.title = "Pause"
@@ -256,10 +260,11 @@ function drawScene(scene, place, told) {
   paint()
   load(film)
   if (scene.stretch) {
-    const [number, first, last] = scene.stretch
+    const [number, first, last, farthest] = scene.stretch
     load(films[number])
     at(first)
-    if (!matchMedia("(prefers-reduced-motion: reduce)").matches) start(last) // once, and stands where the stretch ends
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches) at(farthest)
+    else start(last, farthest) // once, and stands where the ghosts are farthest from the machine
   }
   return (log, x) => {
     const other = films.find((each) => each.name === log)

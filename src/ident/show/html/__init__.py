@@ -20,6 +20,10 @@ from ident.text import merged, wrapped
 from ident.text import table as text_table
 
 ROWS = 4  # of panels in one chart: what a window shows
+# shown: px of the first screen, of a chart and the machine in it; of the card: its title, a line of
+# about so many letters of the headline or of other text, and a row of its table
+SCREEN, CHART, SCENE = 880, 250, 345
+TITLE, HEADLINE, LINE, LETTERS, ROW = 80, 27, 25, 62, 31
 LOGS = 12  # whose curves are in a report
 SHORT = 32  # characters of a cell that stays on one line
 NUMBER = re.compile(r"[-−+≈<–]? ?\d")  # the beginning of one
@@ -60,6 +64,7 @@ def _macros() -> Any:
         "code": _code,
         "whole": _unbroken,
         "tied": _tied,
+        "dotted": lambda name: Markup(re.sub(r"[._]", r"\g<0><wbr>", str(escape(name)))),
         "worded": lambda rows: [
             not any(map(NUMBER.match, x)) for x in zip(*rows[1:], strict=False)
         ],
@@ -165,6 +170,7 @@ def report_page(
     sections: Sequence[Section],
     front: Sequence[Block] = (),
     below: Sequence[Block] = (),
+    machine: Sequence[Block] = (),
 ) -> bytes:
     """Return a report as one file that opens without a network.
 
@@ -172,8 +178,24 @@ def report_page(
         title: of the page; top: its first lines, with the error by joint.
         sections: below the first screen, folded unless they are to be seen at once.
         front: right of the first lines; below: below these, on the first screen too.
+        machine: below the shorter of both columns.
     """
+    charts = [block for block in front if isinstance(block, Chart)]
+    full = len(charts) < len(front) or len(charts) * CHART + SCENE > SCREEN
+    if full or (not below and _height(top) + SCENE < SCREEN):
+        below = [*below, *machine]
+    else:
+        front = [*front, *machine]
     return piece("page", title, top, sections, [], scripts, front, below).encode()
+
+
+def _height(top: Card | str) -> int:
+    """Return about how high [px] the first lines are in the left column."""
+    if isinstance(top, str):
+        return TITLE
+    texts = [(top.line, HEADLINE), (top.sure, LINE), (top.then, LINE), (top.command, LINE)]
+    lines = sum(size * -(-len(text) // LETTERS) for text, size in texts if text)
+    return TITLE + lines + ROW * (len(top.bars) + 2)
 
 
 def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, ...]:

@@ -11,13 +11,14 @@ judges nothing.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from ident.diagnosis import Diagnosis, History, diagnose
+from ident.diagnosis import Diagnosis, diagnose
 from ident.diagnosis.candidates import Contest, candidates_of, possible
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.grow import Step
@@ -25,21 +26,19 @@ from ident.diagnosis.result import Law, announced_errors, errors_of
 from ident.diagnosis.search import Search
 from ident.diagnosis.selection import Evidence, Ranking, as_good, rank, simplicity
 from ident.diagnosis.unobservable import invisible, unsupported
-from ident.display import Displayed, Progress, no_progress
+from ident.display import Displayed, Progress, no_progress, render
 from ident.effects import KINDS, Effect
-from ident.effects.library import named
 from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
-from ident.files import write_all
 from ident.fit import Fit, identify
 from ident.information.blocks import Error
 from ident.information.chance import Chance
+from ident.log import Log
 from ident.mechanism import Mechanism
-from ident.motion import Motion
-from ident.show.ladder import cells, changed, model_files, refuse_own
-from ident.show.ladder import write as write_history
-from ident.text import table
+from ident.motion import Motion, complete
 
+File = str | os.PathLike[str]
+Logs = Log | File | Sequence[Log | File]
 CREDIBLE_Z = 2.0  # standard errors from which a gain is one
 LEAST_GAIN = 0.01  # of the held-out squares: a shape that gains less is not refined
 
@@ -177,13 +176,15 @@ class Exploration(Displayed):
 
     @classmethod
     def of(
-        cls, mechanism: Mechanism, motion: Motion, progress: Progress | None = None
+        cls, mechanism: Mechanism, log: Motion | Logs, progress: Progress | None = None
     ) -> Exploration:
-        """Fit the mechanism as it is given to a motion: the first rung; progress is reported.
+        """Fit the mechanism as it is given to a motion, or to logs that are completed: the first
+        rung; progress is reported.
 
         Raises:
-            FitError: if there are no equations to identify with.
+            IdentError: for a log that does not fit the mechanism, or without equations.
         """
+        motion = log if isinstance(log, Motion) else complete(mechanism, log)
         fit = identify(mechanism, motion, estimator="least-squares", progress=progress)
         return cls((Step((), (), (), fit, errors_of(fit)),))
 
@@ -208,19 +209,6 @@ class Exploration(Displayed):
         d = self.diagnosis
         every: tuple[Law | FoundCurve, ...] = () if d is None else (*d.laws, *d.curves)
         return tuple(law for law in every if law.effect.label not in self.refused)
-
-    @property
-    def summary(self) -> str:
-        """What is offered or announced first, in a sentence, and what to do about it."""
-        if self.offered:
-            return "What no effect explains has a law or a curve: accept it or refuse it."
-        best, has_verdict = self.first, self.diagnosis is not None
-        if best is None:
-            sure = "the verdict is under Verdict" if has_verdict else "judge it to be sure"
-            return f"No effect lowers the error by more than chance would; {sure}."
-        proof = ". A falling error is no proof: judge it"
-        rest = "; the verdict on it is under Verdict" if has_verdict else proof
-        return f"The first candidate is {named([best.effect])}{rest}."
 
     @property
     def first(self) -> PredictedGain | None:
@@ -325,15 +313,13 @@ class Exploration(Displayed):
         Raises:
             IdentError: if it is the folder of the mechanism itself, or cannot be written.
         """
-        if self.diagnosis is not None:
-            return write_history(History(self.rungs, self.diagnosis), folder)
-        refuse_own(self.mechanism, Path(folder))
-        return write_all(Path(folder), model_files(self.fit))
+        written: list[Path] = render(self, "files", folder)
+        return written
 
     def table(self) -> list[list[str]]:
-        """The ladder: the change, and every joint's held-out error."""
-        joints = self.fit.motion.independent
-        return [["model", *joints], *([changed(r), *cells(r.errors, joints)] for r in self.rungs)]
+        """Return the ladder: the change, and every joint's held-out error."""
+        rows: list[list[str]] = render(self, "ladder")
+        return rows
 
     @property
     def _past(self) -> Exploration:
@@ -350,11 +336,6 @@ class Exploration(Displayed):
         return Exploration(
             (*self.rungs, step), before=self._past, refused=self.refused, contest=self.contest
         )
-
-    def __str__(self) -> str:
-        return "\n".join(table(self.table(), ""))
-
-    __repr__ = __str__
 
 
 def fit_of(rung: Step) -> Fit:
