@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from ident.assess.assessment import Assessment, Remainder
 from ident.assess.errors import joint_errors, largest_change
 from ident.assess.good_enough import good_enough
+from ident.assess.machine import watching_step
 from ident.fit.identify import Comparison
 from ident.fit.residual import floor_of
 from ident.information.blocks import Error
@@ -75,7 +76,8 @@ def assess_comparison(
         )
         compared = names[first.name], names[last.name]
     differs = bool(changed)
-    verb = "diagnose" if differs or not answer.fits else "monitor"
+    watch = watching_step(last.motion)
+    step = Step("diagnose", known=differs) if differs or not answer.fits else watch
     joints = [] if alone else largest_change(first.errors, last.errors)
     worst = next(iter([*changed, *joints]), "")
     models = names[first.name] if alone else f"{names[first.name]} → {names[last.name]}"
@@ -86,7 +88,7 @@ def assess_comparison(
         compared=compared,
         left=Remainder.of(errors, floor, material=MATERIAL),
         good_enough=answer,
-        next=Step(verb, known=differs),
+        next=step,
         worst=worst,
         changed=tuple(changed),
         unmeasured_before=tuple(blind),

@@ -9,6 +9,7 @@ from ident.assess.errors import JointErrors, joint_errors
 from ident.assess.experiment import next_experiment
 from ident.assess.fit import worst_on_validation
 from ident.assess.good_enough import Answer, good_enough
+from ident.assess.machine import watching_step
 from ident.assess.verdict import (
     errors_with_named,
     incomplete_before,
@@ -112,8 +113,10 @@ def assess_growth(history: History, *, acceptable: float | None = None) -> Asses
         held, floor = worst_on_validation(fit, lambda e, x: e.rms / (x or 1e-300))
         answer = good_enough(held, floor, acceptable=acceptable, logs=[*fit.validation])
     if d.verdict == "nothing":
-        verb = "monitor" if answer.answer is Answer.YES else "compare"
-        step = Step(verb, tuple(effect.label for effect in history.added), grown=True)
+        labels = tuple(effect.label for effect in history.added)
+        step = Step("compare", labels, grown=True)
+        if answer.answer is Answer.YES:
+            step = watching_step(fit.motion, labels, grown=True)
     elif step.verb == "explore":
         step = Step("explore", step.effects, grown=True)
     return Assessment(

@@ -11,6 +11,7 @@ import numpy as np
 from ident.assess.assessment import Assessment, Cause, Remainder
 from ident.assess.errors import JointErrors, joint_errors
 from ident.assess.good_enough import GoodEnough, good_enough
+from ident.assess.machine import watching_step
 from ident.assess.verdict import doubts_of, faults_that_explain
 from ident.effects.library import by_kind
 from ident.fit import Fit
@@ -172,7 +173,9 @@ def next_step(fit: Fit, answer: GoodEnough) -> Step:
     if fit.changes is not None and fit.changes.changed:
         return Step("diagnose", known=True)  # with the earlier bodies known, which names the cause
     if answer.fits:
-        return Step("compare" if len(fit.columns) and not fit.validation else "monitor")
+        if len(fit.columns) and not fit.validation:
+            return Step("compare")
+        return watching_step(fit.motion)
     if rubs(fit):
         return Step("identify", FRICTION)
     return Step("diagnose")

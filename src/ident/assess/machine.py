@@ -9,6 +9,7 @@ import numpy as np
 from ident.assess.assessment import Assessment, Remainder
 from ident.assess.errors import JointErrors
 from ident.assess.good_enough import good_enough
+from ident.motion import Motion
 from ident.request import Step
 from ident.streams.many_logs import Disagreement, LogComparison
 from ident.streams.monitor import Alarm
@@ -16,6 +17,7 @@ from ident.streams.online import Snapshot
 
 # shown: of the torque: a model that leaves more hides differences between logs
 POOR = 0.05
+WATCHED = 60.0  # shown: s of normal running, from which on alarms can be offered
 MOSTLY = 0.9  # shown: of a log's difference, that a part must explain to be named
 
 
@@ -46,6 +48,14 @@ def assess_machine(
     floor = {joint: x for joint, x in noise.items() if x}
     left = Remainder.of(errors, floor)
     return Assessment(name, verdict, bars, left=left, good_enough=answer, next=step)
+
+
+def watching_step(motion: Motion, effects: Sequence[str] = (), *, grown: bool = False) -> Step:
+    """Return the step that watches the machine from now on; none where the logs are too short to
+    tell what is normal.
+    """
+    long = motion.duration * len(motion.names) >= WATCHED
+    return Step("monitor", tuple(effects), grown=grown) if long else Step()
 
 
 def typical_error(x: LogComparison) -> float | None:

@@ -14,6 +14,10 @@ from ident.show.headline import good_enough_words, headline
 from ident.text import percent, places, significant, width, wrapped
 
 STRIP = 34  # shown: characters of the axis of errors in a terminal that has room for it
+GOOD = (
+    "Nothing is left to do with this model. To watch the machine, log a minute or more of normal "
+    "running, which `ident monitor --like` compares with what comes."
+)
 BARS = 8  # shown: joints that a terminal shows at most
 
 
@@ -141,6 +145,8 @@ def card_of(
     `sentences`, the errors by joint, and the next step in the language of its reader.
     """
     change = " → ".join(filter(None, a.compared))
+    if not a.next and a.good_enough.fits:
+        then = then or GOOD
     words = [good_enough_words(a.good_enough) * bool(a.errors), *sentences]
     return Card(
         line or headline(a),

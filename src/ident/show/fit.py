@@ -30,6 +30,7 @@ from ident.show.motion import made_of, understood
 from ident.show.residual import compared, error_rows, errors_section, residual_sections
 from ident.text import listed, percent, rounded, shortened, shortlist, significant, two_digits
 
+SHORT_FOREST = 6  # shown: rows of values, its head among them, beside two charts
 MOST = 60  # parameters in one chart
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
 TOGETHER = "Combinations that only together can be identified"
@@ -279,10 +280,7 @@ def card(fit: Fit, request: Request = PYTHON) -> Card:
     else:
         line, sentences = headline(a), wrong
     increase = increase_of(fit)
-    if increase.in_fit:
-        names = listed(increase.joints)
-        sentences.append(f"The error of the identified numbers is larger in {names}.")
-    elif increase.joints:  # in its own rows the fit is better
+    if increase.joints and not increase.in_fit:  # in its own rows the fit is better
         names = listed(
             f"{j} ({percent(fit.train[j].relative)} in the fit)" for j in increase.joints
         )
@@ -365,7 +363,9 @@ def report(
     sections = fit_sections(fit, known, more, request=request)
     before = residual_before(fit) if len(fit.columns) else fit.residual
     screen = first_screen(before, fit.residual)
-    front = [*screen.front[:1], forest(fit)]
+    values = forest(fit)
+    short = values.count("<tr>") <= SHORT_FOREST  # leaves room for what the residual depends on
+    front = [*(screen.front if short else screen.front[:1]), values]
     title = f"{fit.mechanism.name}: identification"
     return report_page(title, card(fit, request), sections, front, machine=screen.machine)
 

@@ -148,12 +148,13 @@ def _unnamed(d: Diagnosis) -> str:
     """Return how many effects were tried, and what comes nearest."""
     tried = sum(not candidate.curve for candidate in d.selection.first.contest.candidates)
     more = [item for item in d.every if item.evidence.p < d.decision.alpha]
-    text = f"{tried} more effects were tried; none of them helps more than chance"
+    further = f"{tried}{' more' * bool(d.fit.mechanism.effects)} effects were tried"
+    text = f"{further}; none of them helps more than chance"
     if d.selection.members or d.laws:
         text = f"{tried} effects were tried; none explains it"
     elif more:
         near = _not_named(d, [element.evidence for element in more[:NEAREST]])
-        text = f"{tried} more effects were tried; none is named. Nearest: {near}"
+        text = f"{further}; none is named. Nearest: {near}"
     turns = [] if d.reversing else joints_at_reversals(d)
     where = f" What is left in {places(turns)} is near reversals, where friction does not jump "
     return f"{text}.{f'{where}as in the model.' * bool(turns)}"
