@@ -39,8 +39,8 @@ from ident.motion import Motion, complete
 
 File = str | os.PathLike[str]
 Logs = Log | File | Sequence[Log | File]
-CREDIBLE_Z = 2.0  # standard errors from which a gain is one
-LEAST_GAIN = 0.01  # of the held-out squares: a shape that gains less is not refined
+CREDIBLE_Z = 2.0  # level: standard errors from which a gain is one
+LEAST_GAIN = 0.01  # work: of the held-out squares: a shape that gains less is not refined
 
 
 @dataclass(frozen=True, eq=False)

@@ -324,7 +324,7 @@ def read_fit(path: str | Path, mechanism: Mechanism, *, allow_code: bool = False
     try:
         data = json.loads(regular(path).read_text(encoding="utf-8"), parse_constant=_refuse)
     except (OSError, ValueError, RecursionError) as error:
-        why = f"is no JSON: {error}"
+        why = "is no JSON"
         if isinstance(error, FileNotFoundError):
             why = missing_file(path)
         elif isinstance(error, OSError):

@@ -24,7 +24,7 @@ from ident.motion.state import State
 
 SHARE = 1e-7  # range: of the machine's mass, and less than any torque sensor resolves of its weight
 SIZE = 0.1  # range: of a mean link, a ball's radius
-GYRATION = 0.2  # Σ of a ball with the radius 1: ∫ x² dm / m
+GYRATION = 0.2  # numerics: Σ of a ball with the radius 1: ∫ x² dm / m
 SAMPLES = 1000  # work: of a log, at which the change of the torques is evaluated
 
 

@@ -144,6 +144,8 @@ def rows(history: History) -> list[list[str]]:
         errors = [f"{'' if step.fit else '≈ '}{cell}" for cell in cells(step.errors, joints)]
         rivals = named(step.rivals, "or") if step.rivals else ""
         table_rows.append([changed(step), *errors, rivals])
+        held = step.fit.validation.items() if step.fit else ()
+        table_rows += [[f"on {log}", *cells(by_joint, joints), ""] for log, by_joint in held]
     return [*table_rows, [NOISE, *cells(noise_errors(history.fit), joints), ""]]
 
 
@@ -276,7 +278,10 @@ def write(history: History, place: str | Path, request: Request = PYTHON) -> lis
     sections = (ladder, *diagnosis_sections(history.diagnosis, request))
     title = f"{history.mechanism.name}: grown model"
     screen, top = screen_of(history), history_card(history, request)
-    below = [table(rows(history), CAPTION, tied=False)]  # so the machine has room on the right
+    ladder_rows = rows(history)
+    if not any(row[-1] for row in ladder_rows[1:]):  # without rivals
+        ladder_rows = [row[:-1] for row in ladder_rows]
+    below = [table(ladder_rows, CAPTION, tied=False)]  # so the machine has room on the right
     report = report_page(title, top, sections, screen.front, below, screen.machine)
     data = {**diagnosis_files(history.diagnosis), "report.html": report}
     data["grow.json"] = json_bytes(history_json(history))

@@ -148,6 +148,9 @@ function drawScene(scene, place, told) {
     art.font = "600 13px system-ui, sans-serif"
     // near its joint, where least is behind it
     const triangles = faces.filter(({order}) => order < 3).map(({points}) => points), taken = [] // boxes of the words written already
+    if (Object.keys(scene.ghosts).length) { // the words in the corner
+      for (const i of [0, 1, 2]) taken.push([10, height - 10 - 18 * i, 70])
+    }
     const inside = ([x, y]) => triangles.filter((t) => t.every(([x0, y0], i) => {
       const [x1, y1] = t[(i + 1) % 3] // seen from the front all turn alike
       return (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) <= 0
