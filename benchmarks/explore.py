@@ -22,8 +22,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import arm7
 
 import ident
+from ident.assess.exploration import Exploration
 from ident.show.board import Board, contents
-from ident.show.exploration import Exploration
 
 ADDRESS = 3.0  # s from the command to the address of the page
 FIRST, TARGET = 0.5, 3.0  # s from a click to errors and ladder, and to all that is new

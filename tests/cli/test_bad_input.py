@@ -168,7 +168,7 @@ def edited(key, value):
 STRANGE = [{"name": "leg.Ixx", "value": 1.0}]
 EFFECT = {"kind": "viscos", "joint": "theta", "parameters": []}
 FITS = {
-    "no JSON": (lambda text: "fit", ("no JSON", "line 1")),
+    "no JSON": (lambda text: "fit", ("no JSON", "ident identify")),
     "cut off": (lambda text: text[:200], ("no JSON",)),
     "empty": (lambda text: "", ("no JSON",)),
     "a list": (lambda text: "[]", ("schema", "ident.fit/1")),

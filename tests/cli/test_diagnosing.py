@@ -182,9 +182,10 @@ def test_grow_prints_the_ladder_and_writes_a_mechanism(arm_folder, tmp_path, don
     outcome = done("grow", arm_folder, log, *words, "--validate", log, "--out", out)
     assert snapshot(arm_folder) == before
     lines = outcome.out.splitlines()
-    assert lines[1].split() == ["effect", "yaw", "shoulder", "elbow", "wrist"]
-    assert lines[2].startswith("as given")
-    assert lines[3].startswith("  on run.csv")
+    head = next(i for i, line in enumerate(lines) if line.startswith("effect"))
+    assert lines[head].split() == ["effect", "yaw", "shoulder", "elbow", "wrist"]
+    assert lines[head + 1].startswith("as given")
+    assert lines[head + 2].startswith("  on run.csv")
     rungs = [line for line in lines if line.startswith("+ ")]
     assert rungs
     assert "elbow" in rungs[0]
@@ -212,7 +213,7 @@ def test_grow_prints_the_ladder_and_writes_a_mechanism(arm_folder, tmp_path, don
 
 def test_grow_where_nothing_is_missing_has_one_rung(arm_folder, done):
     outcome = done("grow", arm_folder, arm_folder / "run.csv", *given(*FRICTION))
-    assert outcome.out.splitlines()[2].startswith("as given")
+    assert any(line.startswith("as given") for line in outcome.out.splitlines())
     assert "Left: noise of the sensors" in " ".join(outcome.out.split())
     assert not [line for line in outcome.out.splitlines() if line.startswith("+ ")]
 

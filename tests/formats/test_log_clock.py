@@ -51,7 +51,7 @@ NAMELESS = {
     "quotes in its name": ('"time ""rig"""', T, (r'"t" = "time \"rig\""',)),
     "not even increasing": ("timestamp", [1, 2] * 6, ("'timestamp' looks", '"t" = "timestamp"')),
     "text": ("timestamp", ["12:00"] * 12, ("a column t [s] is needed", "'timestamp' holds text")),
-    "none": ("q.b", [0, 1] * 6, ("none that looks like a time", "q.b, tau")),
+    "none": ("q.b", [0, 1] * 6, ("none that looks like a time", "q.b and tau")),
 }
 
 

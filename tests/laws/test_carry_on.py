@@ -65,7 +65,7 @@ def test_a_law_is_added_as_an_effect_is():
 
 
 def test_values_on_the_command_line():
-    assert parse("curve:elbow:q:pieces=8") == ("curve", ("elbow",), "q", {"pieces": 8.0})
+    assert parse("curve:elbow:q:pieces=8") == ("curve", ("elbow",), "q", {"pieces": 8.0}, "")
     assert parse("coupling:a,b:Im=1,Fcm=2")[3] == {"Im": 1, "Fcm": 2}
     assert ident.load(ROBOTS / "arm").with_effect("curve:elbow:q:pieces=8").effects[0].pieces == 8
     for text in ("curve:elbow:q:pieces=x", "curve:elbow:q:pieces=", "curve:elbow:q:pieces=2,=3"):

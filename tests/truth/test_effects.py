@@ -113,7 +113,7 @@ def test_every_kind_has_finite_columns_with_names(kind, rotational):
     assert effect.units == tuple(p.units[0 if rotational else 1] for p in effect.parameters)
     label = ":".join(filter(None, (kind, ",".join(effect.joints), effect.signal)))
     assert effect.label == str(effect) == label
-    _, joints, signal, _ = parse(label)
+    _, joints, signal, *_ = parse(label)
     assert create(kind, joints, signal=signal) == create(kind, effect.joints, signal=effect.signal)
 
 
@@ -375,7 +375,7 @@ def test_effects_by_text(mechanism):
     ],
 )
 def test_parse(text, kind, joints):
-    assert parse(text) == (kind, joints, "q*sign" if kind == "curve" else "", {})
+    assert parse(text) == (kind, joints, "q*sign" if kind == "curve" else "", {}, "")
 
 
 @pytest.mark.parametrize(

@@ -92,6 +92,7 @@ CASES = [
     Case("arm", "ripple:elbow", {"A": 0.5, "B": 0.3, "N": 20.0}),
     Case("four_bar", "ripple:crank", {"A": 0.1, "B": 0.05, "N": 7.0}),
     Case("five_bar", "ripple:left", {"A": 0.1, "B": 0.05, "N": 30.0}),
+    Case("arm", "direction_friction:elbow", {"dFc": 0.3, "dFv": 0.2}),
     Case("arm", "torque_offset:elbow", {"c": 0.5}),
     Case("four_bar", "torque_offset:crank", {"c": 0.05}, ("coulomb",)),  # it turns one way only
     Case("arm", "torque_gain:elbow", {"g": 0.05}),

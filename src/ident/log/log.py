@@ -348,7 +348,7 @@ class Log(Displayed):
         mapping = columns or {}
         table = renamed(table, mapping)
         if poses is None:
-            poses = are_poses(table.columns, timed="t" in table.columns)
+            poses = are_poses(table.columns, table.columns.get("t"))
         table = without_clock(table) if poses else with_clock(table, mapping.get("t"))
         values = {key: x for key, x in table.columns.items() if key != "t"}
         return cls(name, values, table.columns["t"], table.repairs, sha256, poses)

@@ -26,14 +26,20 @@ def order(columns: Mapping[str, Array]) -> float | None:
     etas = []
     for name, x in columns.items():
         known = x[np.isfinite(x)] if name.startswith("q.") else x[:0]
-        if len(known) >= FEWEST_POSES and np.std(known) > MOVED:
-            etas.append(float(np.mean(np.diff(known) ** 2) / np.var(known)))
+        if len(known) < FEWEST_POSES:
+            continue
+        size = float(np.abs(known).max()) or 1.0
+        known = known / size  # a number near the largest has a square too
+        spread = float(np.std(known))
+        if spread * size > MOVED:
+            etas.append(float(np.mean(np.diff(known) ** 2)) / spread**2)
     return float(np.mean(etas)) if etas else None
 
 
-def are_poses(columns: Mapping[str, Array], *, timed: bool) -> bool:
-    """Return whether rows are poses: positions without order, or velocities and accelerations that
-    are all logged as 0 while positions change; without a time (`timed`), unless they have an order.
+def are_poses(columns: Mapping[str, Array], t: Array | None) -> bool:
+    """Return whether rows are poses: velocities and accelerations that are all logged as 0 while
+    positions change; or positions without order whose `t` only counts them, in any order; without
+    a `t` (None), unless they have an order. Stamps of a clock are those of a motion.
     """
     eta = order(columns)
     if eta is None or not any(name.startswith("tau.") for name in columns):
@@ -41,10 +47,13 @@ def are_poses(columns: Mapping[str, Array], *, timed: bool) -> bool:
     moved = [
         name[2:]
         for name, x in columns.items()
-        if name.startswith("q.") and len(known := x[np.isfinite(x)]) and np.ptp(known) > 0
+        if name.startswith("q.") and len(known := x[np.isfinite(x)]) and known.min() < known.max()
     ]
     rates = [columns.get(f"{letter}.{name}") for name in moved for letter in "va"]
     at_rest = bool(rates) and all(
         x is not None and np.nanmax(np.abs(x), initial=0.0) <= REST for x in rates
     )
-    return at_rest or eta > (UNORDERED if timed else ORDERED)
+    if t is None:
+        return at_rest or eta > ORDERED
+    counted = np.isfinite(t).all() and np.array_equal(np.sort(t), t.min() + np.arange(len(t)))
+    return at_rest or (bool(counted) and eta > UNORDERED)

@@ -301,7 +301,7 @@ def log_of(mechanism: Mechanism, given: Given, poses: bool | None = None) -> Log
         for name, source in mechanism.sources.items():
             if name not in columns and source.column in columns:
                 columns[name] = source.scale * columns[source.column] + source.offset
-        look = poses is None and not given.poses and are_poses(columns, timed=True)
+        look = poses is None and not given.poses and are_poses(columns, given.t)
         return given.as_poses() if (poses or look) and not given.poses else given
     try:
         if isinstance(given, str | os.PathLike):

@@ -206,10 +206,13 @@ class Computed:
 
 def computed_torques(mechanism: Mechanism, states: Sequence[State]) -> Computed | None:
     """Return the model's terms that the torques of all measured joints of a tree or loop are, to
-    the digits; None where they are a measurement.
+    the digits; None where they are a measurement, or where nothing of the bodies is unknown: values
+    of an earlier fit give the torques that they were fitted to.
     """
     states = [e for e in states if not e.poses]
-    if mechanism.drives or mechanism.unmeasured or not mechanism.prior.any() or not states:
+    if mechanism.drives or mechanism.unmeasured or not mechanism.unknown or not states:
+        return None
+    if not mechanism.prior.any():
         return None
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     driven = [mechanism.joint_index[name] for name in mechanism.driven]

@@ -20,7 +20,7 @@ from ident.show.board import NAMED_MARK, VIEWS, Board, top
 from ident.show.ladder import changed
 from ident.text import percent
 
-EXPLORATION = "ident.show.exploration"
+EXPLORATION = "ident.assess.exploration"
 ELBOW = {"label": "viscous:elbow"}
 
 
@@ -238,12 +238,6 @@ def test_explore_takes_logs_files_and_motions():
         assert ident.explore(mechanism, log).exploration.candidates
     with pytest.raises(MechanismError, match="explore needs a mechanism, given: str"):
         ident.explore("arm", file)
-
-
-def test_a_motion_that_cannot_be_fitted_is_refused():
-    mechanism = ident.load(ROBOTS / "arm")
-    with pytest.raises(FitError, match="needs a motion"):
-        ident.Exploration.of(mechanism, ident.read_log(ROBOTS / "arm" / "run.csv"))
 
 
 def test_laws_and_curves_are_offered_accepted_and_refused(tmp_path):
