@@ -266,7 +266,8 @@ def test_the_identified_folder_is_a_mechanism(fitted, done):
     assert "\nrank " not in outcome.out
     assert "Nothing is missing" in " ".join(done("diagnose", folder, log).out.split())
     urdf = api.load(out / "identified.urdf")
-    assert np.allclose(urdf.prior, api.load(folder).prior)
+    # frames without mass have the least body that a simulator takes
+    assert np.allclose(urdf.prior, api.load(folder).prior, atol=1e-3)
 
 
 # --- compare -----------------------------------------------------------------------------------

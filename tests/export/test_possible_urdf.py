@@ -50,7 +50,8 @@ def test_links_that_move_without_mass_get_the_least_body(name, robots):
     rms = np.sqrt(np.mean(np.square(change), axis=0))
     nearest = 0.0 if fit.possible is None else max(fit.possible.difference.values())
     np.testing.assert_allclose(rms, [*least.difference.values()], rtol=0.1, atol=2 * nearest + 1e-5)
-    assert max(least.difference.values()) < 1e-5 * np.sqrt(np.mean(e.tau**2))  # exact logs
+    size = np.sqrt(np.mean(e.tau**2)) if e.tau.size else 1.0  # exact logs
+    assert max(least.difference.values()) < 1e-5 * size
 
 
 @pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar"])
