@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,9 +12,12 @@ from ident.assess.errors import JointErrors
 from ident.assess.good_enough import good_enough
 from ident.motion import Motion
 from ident.request import Step
-from ident.streams.many_logs import Disagreement, LogComparison
-from ident.streams.monitor import Alarm
-from ident.streams.online import Snapshot
+
+if TYPE_CHECKING:  # they take time to import, and a fit needs none of them
+    from ident.faults.disagreements import Disagreement
+    from ident.streams.many_logs import LogComparison
+    from ident.streams.monitor import Alarm
+    from ident.streams.online import Snapshot
 
 # shown: of the torque: a model that leaves more hides differences between logs
 POOR = 0.05

@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.diagnosis import Diagnosis, diagnose
-from ident.diagnosis.candidates import Decision
 from ident.display import Displayed, Progress, part, render
 from ident.equations.problem import Problem
 from ident.errors import FitError, check_whole
@@ -34,6 +32,8 @@ from ident.streams.logs import Given, excerpt, log_paths, summarise
 
 if TYPE_CHECKING:
     import polars as pl
+
+    from ident.diagnosis import Diagnosis
 else:
     pl = lazy("polars")
 
@@ -268,6 +268,9 @@ def diagnose_each(
     if done is not None and not isinstance(done, list):
         raise FitError(f"done is a {type(done).__name__}; give a list, which gets the verdicts")
     check_whole("seed", seed)
+    from ident.diagnosis import diagnose  # without it `identify` starts sooner
+    from ident.diagnosis.candidates import Decision
+
     Decision(alpha, material, rival_se)
     paths = log_paths(logs, scheduler)
     names = distinct(path.name or str(path) for path in paths)
@@ -307,6 +310,8 @@ def diagnose_each(
 
 def _verdict(common: tuple[Mechanism, Any, Any], task: tuple[str, Path]) -> Verdict:
     """Diagnose one log."""
+    from ident.diagnosis import diagnose
+
     (mechanism, settings, rule), (name, path) = common, task
     motion = complete(mechanism, path, **settings)
     d = diagnose(identify(mechanism, motion, estimator="least-squares"), **rule)
