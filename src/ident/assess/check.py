@@ -18,7 +18,7 @@ from ident.fit.findings import POOR, excitation
 from ident.fit.identify import identify
 from ident.fit.shapes import initial
 from ident.fit.values import absorbed_by, base_names
-from ident.information.chance import LEAVES
+from ident.information.chance import EXPLAINED_BELOW
 from ident.information.estimate import estimate
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
@@ -28,7 +28,7 @@ from ident.request import Step
 from ident.text import significant
 
 IMPOSSIBLE = 10.0  # shown: times a drive's effort limit, which is nominal in many URDFs
-ROUNDING = 1e-6  # numerics: of positions and speeds beyond a limit
+LIMIT_ROUNDING = 1e-6  # numerics: of positions and speeds beyond a limit
 BESIDE = "with friction, rotors and offsets of all joints"  # the effects that every machine has
 CONTRADICTS = "disagree with the positions"  # in a note of a motion, on its other channels
 
@@ -131,12 +131,12 @@ def beyond_limits(mechanism: Mechanism, motion: Motion) -> list[str]:
     """
     result, torques = list[str](), list[str]()
     for x in joints_json(mechanism, motion):
-        off = ROUNDING + ROUNDING * abs(x["to"] - x["from"])
+        off = LIMIT_ROUNDING + LIMIT_ROUNDING * abs(x["to"] - x["from"])
         unit, lower, upper, most = x["unit"], x["lower"], x["upper"], x["speed_limit"]
         if lower < upper and not (lower - off <= x["from"] and x["to"] <= upper + off):
             span = f"{significant(x['from'], 4)} to {significant(x['to'], 4)} {unit}"
             result.append(f"{x['joint']} {span} (limits {lower:.4g} to {upper:.4g})")
-        if 0 < most < x["top_speed"] * (1 - ROUNDING):  # 0: not stated
+        if 0 < most < x["top_speed"] * (1 - LIMIT_ROUNDING):  # 0: not stated
             result.append(f"{x['joint']} {x['top_speed']:.3g} {unit}/s (limit {most:.3g})")
     for i, name in enumerate(mechanism.driven):
         limit, unit = mechanism.joint(name).effort, mechanism.joint(name).force_unit
@@ -191,7 +191,7 @@ def data_findings(mechanism: Mechanism, motion: Motion | None) -> list[Finding]:
             model = model + effect if effect.common else model
         with suppress(FitError):
             fit = identify(model, motion, estimator="least-squares")
-            hardly = (x for x in fit.checks.poor() if x.threshold == LEAVES)
+            hardly = (x for x in fit.checks.poor() if x.threshold == EXPLAINED_BELOW)
             return [
                 *fit.health.findings,
                 *(replace(x, meaning=f"{BESIDE}, {x.meaning}") for x in hardly),

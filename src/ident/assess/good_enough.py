@@ -9,7 +9,7 @@ from enum import StrEnum
 from ident.assess.errors import NOISY, share_range, times_noise, too_large
 from ident.finding import Finding
 from ident.information.blocks import Error
-from ident.information.chance import LEAVES
+from ident.information.chance import EXPLAINED_BELOW
 from ident.information.estimate import MATERIAL
 
 # shown: share of a joint's torque below which a model describes its own log, in what is said of it
@@ -125,7 +125,7 @@ def good_enough(
         joint: max(error.relative or 0.0, noise[joint] or 0.0) for joint, error in known.items()
     }
     hiding = max(share, key=lambda joint: share[joint])  # a cause could hide there
-    if share[hiding] > max(LEAVES, least):
+    if share[hiding] > max(EXPLAINED_BELOW, least):
         return result(Answer.NOT_TESTED, Reason.HIDDEN, [hiding])
     doubts = [*doubts]
     if any(finding.code == "computed" for finding in doubts):

@@ -136,13 +136,13 @@ def change_within(first: Ranking) -> Change | None:
     if not p < contest.decision.alpha:
         return None
     # the times of the best ones, and the simplest of those that do as well
-    tried = dict[int, Change]()
+    timed = dict[int, Change]()
     for i in np.argsort(-gains).tolist():
         cause, number, time = where[i]
-        if id(cause) not in tried and len(tried) < COMPARED:
-            tried[id(cause)] = _with_time(contest, cause, number, time, boundaries, p)
-    most = max(change.gain for change in tried.values())
-    equal = [change for change in tried.values() if change.gain >= (1 - PARSIMONY) * most]
+        if id(cause) not in timed and len(timed) < COMPARED:
+            timed[id(cause)] = _with_time(contest, cause, number, time, boundaries, p)
+    most = max(change.gain for change in timed.values())
+    equal = [change for change in timed.values() if change.gain >= (1 - PARSIMONY) * most]
     change = min(equal, key=lambda change: (len(change.cause.names), -change.gain))
     always = [e.refit.loss[:, change.coordinate] for e in first.evidence]
     least = min(always, key=lambda loss: float(loss.sum()), default=None)

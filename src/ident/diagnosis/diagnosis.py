@@ -41,7 +41,7 @@ from ident.finding import Finding
 from ident.fit import Fit, identify
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
-from ident.information.chance import ALPHA, LEAVES, LOUD, RIVAL
+from ident.information.chance import ALPHA, EXCESS, EXPLAINED_BELOW, RIVAL
 from ident.information.estimate import MATERIAL
 
 FORMULAS_TRIED = 3  # work: rivals of a formula whose constants are not determined
@@ -312,7 +312,7 @@ def _explains(explanation: Explanation, selection: Selection) -> bool:
     first, last = selection.first.regression, selection.last.regression
     assert contest.draws is not None
     remaining = last.losses.sum(axis=0) - last.rows * (last.weight * contest.draws.floor) ** 2
-    explained = remaining < LEAVES**2 * contest.torque
+    explained = remaining < EXPLAINED_BELOW**2 * contest.torque
     squares = explanation.evidence.squares(first) * first.weight**2
     acts = squares > contest.decision.material**2 * selection.first.contest.torque
     acts[explanation.evidence.coordinate] = True
@@ -331,7 +331,7 @@ def _clock(fit: Fit, explanation: Explanation) -> Iterator[Finding]:
     with suppress(IdentError):
         motion = replace(fit.motion, experiments=logs)
         errors = errors_of(identify(fit.mechanism, motion, estimator="least-squares"))
-        if all(e.rms < LOUD * explanation.after[name].rms for name, e in errors.items()):
+        if all(e.rms < EXCESS * explanation.after[name].rms for name, e in errors.items()):
             after = errors[explanation.joint].relative or 0.0
             yield fault_finding(fit.mechanism, fault, before, after)
 
@@ -358,7 +358,7 @@ def excess(contest: Contest, white: bool = False) -> np.ndarray:
     size = np.sqrt(np.maximum(regression.rows, 1)) * regression.weight
     rms, torque = np.sqrt(regression.losses.sum(axis=0)) / size, np.sqrt(contest.torque) / size
     excess_rms = np.sqrt(np.maximum(rms**2 - draws.floor**2, 0.0))
-    significant = (rms > LOUD * draws.ceiling) & (excess_rms > contest.decision.material * torque)
+    significant = (rms > EXCESS * draws.ceiling) & (excess_rms > contest.decision.material * torque)
     return np.where(significant, excess_rms, 0.0)
 
 

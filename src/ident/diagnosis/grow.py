@@ -245,16 +245,16 @@ def grow(
     for number in range(begun, ROUNDS + 1):
         done_before = 1 - 0.5 ** (number - begun)  # nobody knows how many rounds
         rest = part(on_progress, done_before, 1.0)
-        here = part(rest, 0.0, 0.5)
-        contest = contest_of(fit, part(here, 0.0, 0.4), contest)
-        search = Search(contest, given, part(here, 0.4, 0.6), visited, to_refit=True)
+        on_round = part(rest, 0.0, 0.5)
+        contest = contest_of(fit, part(on_round, 0.0, 0.4), contest)
+        search = Search(contest, given, part(on_round, 0.4, 0.6), visited, to_refit=True)
         grown, turning = None, None
         if number < ROUNDS and not stopped:
             effect_set = carried(search.run(), given)
-            here("refitting", 0.6)
+            on_round("refitting", 0.6)
             grown = refit_set(fit, search, effect_set, validate)
-            if grown is None and (turning := contest.at_reversals(part(here, 0.6, 0.65))):
-                elsewhere, turns = seen_elsewhere(search.first), part(here, 0.65, 0.9)
+            if grown is None and (turning := contest.at_reversals(part(on_round, 0.6, 0.65))):
+                elsewhere, turns = seen_elsewhere(search.first), part(on_round, 0.65, 0.9)
                 search = Search(with_noise(turning), given, turns)
                 leading_set = led_at_reversals(search, search.run(), elsewhere)
                 if leading_set is not None:

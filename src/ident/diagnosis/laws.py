@@ -20,7 +20,7 @@ from ident.display import part
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import IMMOBILE, largest_transmission
-from ident.information.chance import LOUD, PARSIMONY, paired
+from ident.information.chance import EXCESS, PARSIMONY, paired
 from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.information.projection import EXACT
 
@@ -215,7 +215,7 @@ def _law(
     assert contest.draws is not None
     noise = regression.rows * (contest.draws.floor * regression.weight) ** 2
     search = LawSearch(
-        one, joint, "", limit, LOUD**2 * noise, part(on_progress, 0.0, 0.5), drawn=drawn,
+        one, joint, "", limit, EXCESS**2 * noise, part(on_progress, 0.0, 0.5), drawn=drawn,
         alpha=decision.alpha / regression.d,
     )  # fmt: skip
     formulas = _formulas(search, part(on_progress, 0.5, 1.0))
@@ -304,7 +304,7 @@ def _takes_place(
     """
     if once and law.formula.terms == (PLAIN_WAVE,):
         return False
-    ratio = LOUD**2 if chance is None else 1 + chance
+    ratio = EXCESS**2 if chance is None else 1 + chance
     if compare.clear(with_names.losses, law.refit.loss, ratio):
         return True
     numbers = sum(len(m.effect.parameters) for m in named)

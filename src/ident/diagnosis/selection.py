@@ -38,7 +38,7 @@ SAME_PART = (
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 STARTS = 4  # work: of a searched shape, from which it is refined
-ROUNDING = 1e-12  # numerics: of a share, from one
+SHARE_ROUNDING = 1e-12  # numerics: of a share, from one
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
 
 
@@ -169,7 +169,7 @@ def limit_by_coordinate(chance: Chance, gain: float, place: int, shares: Array) 
     ratio = max(odds_ratio(x, chance.limit(at)) for x, at in own_shares)
     if ratio <= odds_ratio(gain, limit):
         return limit
-    odds = gain / max(1 - gain, ROUNDING) / ratio
+    odds = gain / max(1 - gain, SHARE_ROUNDING) / ratio
     return odds / (1 + odds)
 
 
@@ -281,8 +281,8 @@ def _limits(
         most = {int(u): null[at & (place[of] == u)].max(axis=0) for u in {*place[of[at]]}}
         several = at & (place[of] == regression.d)
         if several.any() and regression.d > 1:
-            each = null_by_coordinate(regression, measured.null[several]).max(axis=0)
-            most |= {regression.d + 1 + u: x for u, x in enumerate(each)}
+            strongest = null_by_coordinate(regression, measured.null[several]).max(axis=0)
+            most |= {regression.d + 1 + u: x for u, x in enumerate(strongest)}
         residual = {u: x[:SURROGATES] for u, x in most.items()}
         return Chance(residual, {u: x[SURROGATES:] for u, x in most.items()}, alpha)
 

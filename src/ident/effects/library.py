@@ -163,7 +163,7 @@ SIGNALS = {
 PREDICTED = {"a": 2, "torque": 3, "load": 4}  # `Effect.asks`, by their place among the inputs
 DIRECTION, TEMPERATURE, TIME = 5, 6, 7  # range: their places among the inputs
 STARTS = 12  # work: of the search, for each shape
-MOST = 3  # work: joints whose signals a function is tried with
+MOST_SIGNAL_JOINTS = 3  # work: joints whose signals a function is tried with
 UserFunction = Callable[..., Mapping[str, Any]]
 
 
@@ -281,7 +281,9 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
     }
     kind: type[UserEffect] = type(name, (UserEffect,), members)
     first: MechanismError | None = None
-    for joints in range(1, MOST + 1):  # a function of two joints' signals fails with one
+    for joints in range(
+        1, MOST_SIGNAL_JOINTS + 1
+    ):  # a function of two joints' signals fails with one
         try:
             columns, inputs = _evaluated(kind, joints)
             break

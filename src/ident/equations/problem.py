@@ -38,7 +38,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import COUNT, split
 from ident.motion import Motion
 
-FEWEST, MOST, LENGTH = 10, 96, 12  # work: blocks of a log, and rows that make one
+FEWEST_BLOCKS, MOST_BLOCKS, LENGTH = 10, 96, 12  # work: blocks of a log, and rows that make one
 BOUNDLESS = 1e30  # numerics: stands for infinity, with which 0 may be multiplied
 TORQUE = 10.0  # range: times the largest torque, by which an effect's unknown is bounded
 FINEST = 20.0  # work: knots a sample; more say nothing, and fill the memory
@@ -112,24 +112,26 @@ class Problem:
         """The rows from which parameters are estimated: reduced ones, or those of stacks."""
         stacks = [*self.bands, *self.runs]
         return (
-            self.with_held(stacks_information(stacks, self.motion)) if stacks else self.information
+            self.with_rest_rows(stacks_information(stacks, self.motion))
+            if stacks
+            else self.information
         )
 
-    def with_held(self, stacks: Information) -> Information:
+    def with_rest_rows(self, stacks: Information) -> Information:
         """Add the rows at rest, divided by their noise, to information of one coordinate."""
         if self.sigma is None:
             return stacks
         blocks, numbers = [*stacks], dict[int, int]()
         for block in self.information:
-            if block.held is None or not block.resting:
+            if block.rest_rows is None or not block.resting:
                 continue
             numbers[block.log] = numbers.get(block.log, max(b.block for b in blocks)) + 1
-            rows = block.held.scaled(1 / self.sigma[block.coordinate])
+            rows = block.rest_rows.scaled(1 / self.sigma[block.coordinate])
             rows, none = rows.embedded(block.support, stacks.k), Triangle.empty(stacks.k)
             key, every = (block.log, numbers[block.log], 0), np.arange(stacks.k)
             torque = rows.rhs_norm() ** 2, 0.0
             block = Block(*key, rows, none, none, every, torque, block.span)
-            blocks.append(replace(block, held=rows, stretches=1.0, resting=True))
+            blocks.append(replace(block, rest_rows=rows, stretches=1.0, resting=True))
         return Information.of(blocks, stacks.k, 1)
 
     @property
@@ -201,8 +203,8 @@ def block_edges(
     poses each is one.
     """
     rate = cutoff * 4 if cutoff else (samples - 1) / (last - first)
-    count = int(np.clip((last - first) * rate / LENGTH, FEWEST, MOST))
-    count = min(samples, MOST) if poses else count
+    count = int(np.clip((last - first) * rate / LENGTH, FEWEST_BLOCKS, MOST_BLOCKS))
+    count = min(samples, MOST_BLOCKS) if poses else count
     return np.linspace(first, last, count + 1)[1:-1]
 
 
@@ -235,18 +237,18 @@ def blocks_of(log: int, block: int, rows: Rows, supports: Sequence[np.ndarray]) 
             Triangle.of_columns(columns[:, mask]) if mask.any() else Triangle.empty(len(support))
             for mask in (informs & ~moves & ~at_rest, ~informs)
         )
-        held, resting = None, False
+        rest_rows, resting = None, False
         if at_rest.any():
             resting = bool(informs[at_rest].all())  # they are weighed already
             weight = np.ones(1) if resting else rows.rest[at_rest, u]
-            held = Triangle.of_columns(columns[:, at_rest] * weight)
+            rest_rows = Triangle.of_columns(columns[:, at_rest] * weight)
         informing_rows = Triangle.empty(len(support))
         if informs.any():
             informing_rows = Triangle.of_columns(columns if informs.all() else columns[:, informs])
         torque = float(tau[moves] @ tau[moves]), float(tau[~moves] @ tau[~moves])
         made = Block(log, block, u, informing_rows, open_rows, still, support, torque, span)
         count = float((rows.rest[:, u] ** 2).sum())
-        blocks.append(replace(made, held=held, stretches=count, resting=resting))
+        blocks.append(replace(made, rest_rows=rest_rows, stretches=count, resting=resting))
     return blocks
 
 

@@ -61,8 +61,8 @@ def with_rest(problem: Problem, fitted: Estimate) -> tuple[Problem, Estimate]:
 
     `fitted`: the estimate by the rows in motion. Both as they are where no row is at rest.
     """
-    held = problem.information.held
-    rows = np.array([count for _, count in held])
+    rest_rows = problem.information.rest_rows
+    rows = np.array([count for _, count in rest_rows])
     if problem.stacked or problem.motion.poses or not rows.any():
         return problem, fitted
     in_motion = np.array([t.rows > 0 for t in problem.information.totals])
@@ -73,7 +73,7 @@ def with_rest(problem: Problem, fitted: Estimate) -> tuple[Problem, Estimate]:
         return problem, fitted
     noise, now, at_rest = np.hypot(WIDTH * limit, sigma), fitted, problem
     for _ in range(PASSES):
-        left = [t.residual_norm(now.x) / np.sqrt(max(n, 1.0)) for t, n in held]
+        left = [t.residual_norm(now.x) / np.sqrt(max(n, 1.0)) for t, n in rest_rows]
         before, noise = noise, np.where(limit > 0, noise, np.maximum(sigma, left))
         noise = np.where(noise > 0, noise, 1.0)
         weights = np.where(in_motion & (sigma > 0), sigma, noise)

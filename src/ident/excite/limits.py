@@ -16,7 +16,7 @@ from ident.motion import State
 
 CROSSING = 1.0  # range: [s] in which a joint without a limit of speed may cross its range
 TURN = 6.29  # range: [rad] a larger range is more than one turn, however 2 π is rounded in a URDF
-ROUNDING = 1e-9  # numerics: of the box's width: a joint may stand at its limit
+EDGE_ROUNDING = 1e-9  # numerics: of the box's width: a joint may stand at its limit
 Given = float | Mapping[str, float] | None
 
 
@@ -194,7 +194,7 @@ class LimitBox:
     def broken(self, z: np.ndarray) -> int | None:
         """Return the index of the quantity that is farthest outside; None if none is."""
         excess = self.excess(z)
-        return int(excess.argmax()) if excess.max() > ROUNDING else None
+        return int(excess.argmax()) if excess.max() > EDGE_ROUNDING else None
 
     def uses(self, z: np.ndarray) -> tuple[LimitUse, ...]:
         """Return how z (n, Z) uses each limit."""

@@ -132,8 +132,8 @@ def excite_poses(
     chosen = random.permutation(chosen)
     M = np.einsum("nji,njk->ik", W[chosen], W[chosen])
     stderr = np.sqrt(np.diag(np.linalg.inv(M)))
-    held = {f"q.{name}": q[chosen, i] for name, i in zip(names, at, strict=True)}
-    log = Log.from_arrays("poses", np.arange(float(count)), held).as_poses()
+    positions = {f"q.{name}": q[chosen, i] for name, i in zip(names, at, strict=True)}
+    log = Log.from_arrays("poses", np.arange(float(count)), positions).as_poses()
     prior = base.combined(mechanism.prior[rigid])
     values = zip(base_names(columns, base), prior, stderr, base.independent, strict=True)
     return PosePlan(

@@ -72,10 +72,10 @@ def with_controllers(
         spec.delete(actuator)
     for name in dict.fromkeys((*gains, *constant)):
         kp, kd = gains.get(name, (0.0, 0.0))
-        each = spec.add_actuator(name=name, target=name, trntype=module.mjtTrn.mjTRN_JOINT)
-        each.gainprm[0] = 1.0
-        each.biastype = module.mjtBias.mjBIAS_AFFINE
-        each.biasprm[:3] = [-constant.get(name, 0.0), -kp, -kd]
+        added = spec.add_actuator(name=name, target=name, trntype=module.mjtTrn.mjTRN_JOINT)
+        added.gainprm[0] = 1.0
+        added.biastype = module.mjtBias.mjBIAS_AFFINE
+        added.biasprm[:3] = [-constant.get(name, 0.0), -kp, -kd]
     for key in list(spec.keys):
         spec.delete(key)
     return spec.compile()

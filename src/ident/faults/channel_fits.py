@@ -22,7 +22,7 @@ import numpy as np
 from ident.effects import Effect
 from ident.equations.table import Table
 from ident.faults.fault import Fault
-from ident.information.chance import BEYOND, LEAVES, LOUD
+from ident.information.chance import BEYOND, EXCESS, EXPLAINED_BELOW
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.information.lapack import lapack
@@ -41,7 +41,7 @@ SAME_SHAPE = 0.98
 DOUBT = BEYOND * SMALL  # level: relative error of some torque from which a fit is doubted
 SEVERAL = 3  # range: joints from which on torques of another run are told from a missing effect
 ROUNDS = 3  # work: in which weights settle
-ROUNDING = 1e-12  # numerics: of the largest torque's squares: a smaller torque is none
+SQUARES_ROUNDING = 1e-12  # numerics: of the largest torque's squares: a smaller torque is none
 RIDGE = 1e-10  # numerics: of unit columns' squares: settles what no row determines
 POSTURES = 40  # work: samples at which the mean inertia must be positive
 
@@ -166,7 +166,7 @@ class ChannelEquations:
         of_channels = self.total[:, self.k + 1 :, self.k + 1 :]
         torque, logged = squares(of_channels, c[:, 1:]), squares(of_channels, np.sign(c[:, 1:]))
         least = torque.max() or 1.0  # of a joint without torque: what it leaves is small beside it
-        return c, np.where(logged > ROUNDING * (logged.max() or 1.0), torque, least)
+        return c, np.where(logged > SQUARES_ROUNDING * (logged.max() or 1.0), torque, least)
 
     def errors(self, cause: Fault, noise: Array, block: int | None = None) -> Array:
         """Squared errors (d,) of all rows as shares of the torque's squares, everything fitted with
@@ -250,11 +250,11 @@ class ChannelEquations:
         """
         names, turned = [], range(self.near, len(self.lags))
         several = len(self.drive_of_coordinate) >= SEVERAL and turned
-        for u in np.flatnonzero(noise > LEAVES) if several else ():
+        for u in np.flatnonzero(noise > EXPLAINED_BELOW) if several else ():
             drive = self.drive_of_coordinate[u]
             name = self.driven[drive]
-            causes = (self.as_logged.with_("delay", 0.0, shift={drive: k}) for k in turned)
-            if LOUD * noise[u] > min(self.noise(cause, noise)[u] for cause in causes):
+            causes = (self.as_logged.replaced("delay", 0.0, shift={drive: k}) for k in turned)
+            if EXCESS * noise[u] > min(self.noise(cause, noise)[u] for cause in causes):
                 names.append(name)
         return names if len(names) >= max(SEVERAL, len(self.drive_of_coordinate) / 2) else []
 
@@ -265,7 +265,7 @@ class ChannelEquations:
         i = int(np.flatnonzero(order == shift)[0])
         near, noise = order[i - 1 : i + 2], self.noise(cause)
         scores = [
-            self.score(cause.with_("delay", 0.0, shift=dict.fromkeys(joints, int(s))), noise)
+            self.score(cause.replaced("delay", 0.0, shift=dict.fromkeys(joints, int(s))), noise)
             for s in near
         ]
         lag = float(self.lags[shift])

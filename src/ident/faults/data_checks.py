@@ -24,7 +24,7 @@ from ident.faults.disagreements import differing_logs
 from ident.faults.fault import exact_factor, fault_finding, log_entry
 from ident.faults.search import FaultSearch
 from ident.finding import Finding
-from ident.information.chance import BEYOND, CONTRIBUTES, FEWEST_EQUATIONS, LEAVES
+from ident.information.chance import BEYOND, CONTRIBUTES, EXPLAINED_BELOW, FEWEST_EQUATIONS
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import rigid_forces
@@ -109,17 +109,17 @@ class DataChecks(FaultSearch):
 
     def _computed(self) -> Finding | None:
         """Return a finding on torques that the file's own bodies give to the digits."""
-        found = computed_torques(self.mechanism, self.problem.motion.experiments)
-        if found is None:
+        computed = computed_torques(self.mechanism, self.problem.motion.experiments)
+        if computed is None:
             return None
-        where = tuple(f"tau.{name}" for name in found.joints)
+        where = tuple(f"tau.{name}" for name in computed.joints)
         text = (
-            f"{listed(where)}: {found.terms} of {self.mechanism.urdf.name or 'the model'} to "
-            f"{percent(found.difference)}: computed by the controller's own model or a simulator, "
-            "not measured; a fit returns that model"
+            f"{listed(where)}: {computed.terms} of {self.mechanism.urdf.name or 'the model'} to "
+            f"{percent(computed.difference)}: computed by the controller's own model or a "
+            "simulator, not measured; a fit returns that model"
         )
         remedy = "log what sensors or motor currents show, and map these columns in [log]"
-        return Finding("computed", text, remedy, where, found.difference, COMPUTED)
+        return Finding("computed", text, remedy, where, computed.difference, COMPUTED)
 
     def _matters(self, finding: Finding) -> bool:
         """Whether the steps of a torque, if the finding is of these, have a part in the squared
@@ -158,7 +158,7 @@ class DataChecks(FaultSearch):
             rows = self.use[:, u]
             left = table.b[rows, u] - table.A[rows, u] @ x
             gravity = float(np.sqrt(np.mean(np.concatenate(squares))))
-            if not rows.any() or np.sqrt(np.mean(left**2)) > LEAVES * gravity:
+            if not rows.any() or np.sqrt(np.mean(left**2)) > EXPLAINED_BELOW * gravity:
                 return False
         return True
 
@@ -228,7 +228,7 @@ class DataChecks(FaultSearch):
 
     def _strangers(self, noise: Array) -> list[Finding]:
         names = [f"tau.{name}" for name in self.equations.strangers(noise)] if noise.any() else []
-        if not names or self.reference.max() <= LEAVES:
+        if not names or self.reference.max() <= EXPLAINED_BELOW:
             return []
         text = (
             f"{', '.join(names)}: explained no better by this motion than at another time of the "
@@ -237,7 +237,7 @@ class DataChecks(FaultSearch):
         return [Finding("another run", text, "check columns and files", tuple(names))]
 
     def poor(self) -> Iterator[Finding]:
-        """Report torques of which more than LEAVES is left, or DOUBT where sensors make less."""
+        """Report torques of which EXPLAINED_BELOW or more is left, or DOUBT where sensors leave less."""
         problem, x, names = self.problem, self.estimate.x, self.problem.motion.independent
         errors = np.array([self.errors[name] for name in names])
         if errors.max(initial=0.0) < DOUBT or not self.use.any():
@@ -246,7 +246,7 @@ class DataChecks(FaultSearch):
         states, cutoff = problem.motion.experiments, problem.motion.band.cutoff
         floor = noise_floor(problem.mechanism, states, problem.point_at(x), cutoff)
         beyond = np.array(rms) / np.maximum(floor, 1e-150)  # over what noise of the sensors makes
-        bad = errors > LEAVES
+        bad = errors > EXPLAINED_BELOW
         if not problem.motion.poses:  # of which friction at rest makes most, not noise of sensors
             bad |= (errors > DOUBT) & (beyond > BEYOND)
         if not bad.any():
@@ -254,7 +254,7 @@ class DataChecks(FaultSearch):
         where = tuple(f"tau.{name}" for name, x in zip(names, bad, strict=True) if x)
         worst, most = errors[bad].max(), np.argsort(-errors[bad])
         largest_errors = shortlist([f"{percent(errors[bad][i])} of {where[i]}" for i in most], 2)
-        least = ", far more than noise of the sensors makes" if worst < LEAVES else ""
+        least = ", far more than noise of the sensors makes" if worst < EXPLAINED_BELOW else ""
         if self.faults[0]:
             why = ": what is named above explains it"
         else:
@@ -262,12 +262,19 @@ class DataChecks(FaultSearch):
                 f" (with all linear effects {percent(self.reference[bad][most[0]])}): an effect is "
                 "missing, or data, a length or a known body is wrong"
             )
-            why += "; parameters are not to be trusted" if worst > LEAVES else ""
+            why += "; parameters are not to be trusted" if worst > EXPLAINED_BELOW else ""
         text, remedy = (
             f"the model leaves {largest_errors}{least}{why}",
             "ident diagnose shows where it fails",
         )
-        yield Finding("poor fit", text, remedy, where, None, LEAVES if worst > LEAVES else DOUBT)
+        yield Finding(
+            "poor fit",
+            text,
+            remedy,
+            where,
+            None,
+            EXPLAINED_BELOW if worst > EXPLAINED_BELOW else DOUBT,
+        )
 
     def _magnitudes(self) -> Iterator[Finding]:
         """Report torques of another size or shape than the URDF's bodies need: a hint, for a URDF
@@ -300,8 +307,8 @@ class DataChecks(FaultSearch):
                 gains[name] = float(needed @ logged / (needed @ needed))
                 correlation = min(correlation, c)
             many = self.estimate.triangle.rows > FEWEST_EQUATIONS * self.estimate.base.rank
-            least = LEAVES * float(np.linalg.norm(tau))
-            if not (many and sizes[0] > least and self.errors[name] < LEAVES):
+            least = EXPLAINED_BELOW * float(np.linalg.norm(tau))
+            if not (many and sizes[0] > least and self.errors[name] < EXPLAINED_BELOW):
                 continue
             if like < -LIKE and sizes[1] <= least:
                 scaled[f"tau.{name}"] = like, sizes[0] / max(sizes[1], 1e-300)
@@ -355,7 +362,7 @@ class DataChecks(FaultSearch):
         """Return the errors without and with torques over their gains, if that explains them."""
         equations = self.equations
         factors = {equations.driven.index(name): 1 / x for name, x in gains.items()}
-        scaled = equations.as_logged.with_("scale", gain=factors)
+        scaled = equations.as_logged.replaced("scale", gain=factors)
         mine, both = equations.rows_of(scaled), (equations.as_logged, scaled)
         before, after = (float(np.exp(np.log(equations.noise(x)[mine]).mean())) for x in both)
         return None if before < DOUBT or after > HALF * before else (before, after)

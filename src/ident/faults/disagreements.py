@@ -193,10 +193,10 @@ class _Logs:
         W, h = W[:, known], h[known]
         M, noise = np.eye(len(H)) - share, sum(self.noise[i] * self.H[i] for i in others)
         white = self.noise[log] * M @ H @ M.T + share @ noise @ share.T
-        each = np.array([_along(S, W) for S in self.S.values()])
-        longer = each.sum(axis=0) / _along(np.sum(list(self.H.values()), axis=0), W)
+        by_log = np.array([_along(S, W) for S in self.S.values()])
+        longer = by_log.sum(axis=0) / _along(np.sum(list(self.H.values()), axis=0), W)
         nus = np.array(list(self.nu.values()))[:, None]
-        nu = BELIEVED * each.sum(axis=0) ** 2 / np.maximum((each**2 / nus).sum(axis=0), 1e-300)
+        nu = BELIEVED * by_log.sum(axis=0) ** 2 / np.maximum((by_log**2 / nus).sum(axis=0), 1e-300)
         delta, stderr = W.T @ r / h, np.sqrt(np.maximum(longer, 1.0) * _along(white, W)) / h
         p = 2 * stdtr(np.maximum(nu, FEWEST_SQUARES), -np.abs(delta / stderr))
         chance = float(min(1.0, len(known) * p.min()))

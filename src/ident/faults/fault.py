@@ -67,7 +67,7 @@ class Fault:
         J = len(driven)
         return cls(driven, tuple(range(J)), (1.0,) * J, (0,) * J)
 
-    def with_(
+    def replaced(
         self,
         kind: str,
         *number: float,
@@ -95,24 +95,24 @@ def torque_faults(now: Fault, lags: Array, J: Sequence[int]) -> Iterator[Fault]:
     torque is measured.
     """
     for j in J:
-        yield now.with_("sign", -1.0, gain={j: -now.gain[j]})
+        yield now.replaced("sign", -1.0, gain={j: -now.gain[j]})
     if len(J) > 2:
-        yield now.with_("sign", -1.0, gain={j: -now.gain[j] for j in J})
+        yield now.replaced("sign", -1.0, gain={j: -now.gain[j] for j in J})
     for j in J:
         for i in (i for i in J if i < j):
             both = now.driven[j], now.driven[i]
-            yield now.with_("swapped", 1.0, joints=both, take={i: now.take[j], j: now.take[i]})
-            yield now.with_("sign", -1.0, gain={i: -now.gain[i], j: -now.gain[j]})
+            yield now.replaced("swapped", 1.0, joints=both, take={i: now.take[j], j: now.take[i]})
+            yield now.replaced("sign", -1.0, gain={i: -now.gain[i], j: -now.gain[j]})
     sets = [(j,) for j in J] + ([tuple(J)] if len(J) > 1 else [])
     if now.take == tuple(range(len(now.take))):
         for shift, lag in [*enumerate(lags)][1:]:
             for joints in sets:
-                yield now.with_("delay", float(lag), shift=dict.fromkeys(joints, shift))
+                yield now.replaced("delay", float(lag), shift=dict.fromkeys(joints, shift))
 
 
 def scale_of_torque(now: Fault, j: int, factor: float) -> Fault:
     """Return a fault with another factor of the torque of a driven joint."""
-    scaled = now.with_("scale", factor, gain={j: factor * now.gain[j]})
+    scaled = now.replaced("scale", factor, gain={j: factor * now.gain[j]})
     return replace(scaled, at=lambda x: scale_of_torque(now, j, x))
 
 
@@ -140,7 +140,7 @@ def motion_faults(
             return mechanism.with_same_kinematics(model=model), e
 
         if np.linalg.norm(g - given) >= 0.05 * EARTH:
-            faults.append(none.with_("gravity", *map(float, g), state=turned))
+            faults.append(none.replaced("gravity", *map(float, g), state=turned))
     faults += (scale_of_time(none, s) for s in CLOCKS)
     faults += _positions(none, mechanism, states, poor) if poor else ()
     # without what alone moves a base, masses of 0 would fit exactly
@@ -150,7 +150,7 @@ def motion_faults(
         def wrenched(mechanism: Mechanism, e: State, f: float = factor) -> tuple[Mechanism, State]:
             return mechanism, replace(e, wrench=None if e.wrench is None else f * e.wrench)
 
-        faults.append(none.with_("wrench", factor, state=wrenched))
+        faults.append(none.replaced("wrench", factor, state=wrenched))
     return faults
 
 
@@ -162,7 +162,7 @@ def scale_of_time(none: Fault, s: float) -> Fault:
             e, t=s * e.t, v=e.v / s, a=e.a / s**2, yd=e.yd / s, ydd=e.ydd / s**2, still=e.still / s
         )
 
-    return replace(none.with_("time", s, state=state), at=lambda x: scale_of_time(none, x))
+    return replace(none.replaced("time", s, state=state), at=lambda x: scale_of_time(none, x))
 
 
 def _positions(
@@ -188,13 +188,13 @@ def _positions(
 
     for j, name in enumerate(names):
         turned = with_positions({j: {j: -1.0}})
-        yield none.with_("position sign", -1.0, joints=(name,), state=turned)
+        yield none.replaced("position sign", -1.0, joints=(name,), state=turned)
         if name in driven:
-            yield none.with_("axis", -1.0, state=turned, gain={driven[name]: -1.0})
+            yield none.replaced("axis", -1.0, state=turned, gain={driven[name]: -1.0})
         at = mechanism.joint_index[name]
         if max(float(np.ptp(e.y[:, at])) for e in states) > DEGREES:
             state = with_positions({j: {j: np.pi / 180}})
-            yield none.with_("position scale", np.pi / 180, joints=(name,), state=state)
+            yield none.replaced("position scale", np.pi / 180, joints=(name,), state=state)
         row = {j: 1.0}
         for other, sign in joints_before(mechanism, name):
             if other not in names:
@@ -203,7 +203,7 @@ def _positions(
             joints = tuple(names[i] for i in row)
             if set(joints) & set(poor):
                 state = with_positions({j: row})
-                yield none.with_("position from", *row.values(), joints=joints, state=state)
+                yield none.replaced("position from", *row.values(), joints=joints, state=state)
     count = len(names)
     orders = [{i: j, j: i} for i, j in combinations(range(count), 2)]
     if count > 2 and set(names) <= set(driven):  # a column too few, or another sorting
@@ -219,10 +219,10 @@ def _positions(
             continue
         state = with_positions({i: {j: 1.0} for i, j in order.items()})
         if len(order) == 2:
-            yield none.with_("position swapped", 1.0, joints=joints, state=state)
+            yield none.replaced("position swapped", 1.0, joints=joints, state=state)
         if set(joints) <= set(driven):
             torques = {driven[names[i]]: driven[names[j]] for i, j in order.items()}
-            yield none.with_("joints swapped", 1.0, joints=joints, state=state, take=torques)
+            yield none.replaced("joints swapped", 1.0, joints=joints, state=state, take=torques)
 
 
 def joints_before(mechanism: Mechanism, name: str) -> Iterator[tuple[str, float]]:

@@ -31,7 +31,7 @@ from ident.faults.fault import (
     torque_faults,
 )
 from ident.faults.small_errors import away_from_reversals
-from ident.information.chance import LEAVES, LOUD, RIVAL, credible_t, zscore
+from ident.information.chance import EXCESS, EXPLAINED_BELOW, RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
@@ -258,7 +258,11 @@ class FaultSearch:
         return best if best and self._explains(best, every) else None
 
     def _best(
-        self, faults: Sequence[Fault], trial: Callable[[Fault], FaultTrial], base: Array, was: Array
+        self,
+        faults: Sequence[Fault],
+        trial: Callable[[Fault], FaultTrial],
+        base: Array,
+        before_rows: Array,
     ) -> FaultTrial | None:
         """Return the best of some faults, if it is credible; `base` (blocks, d) and `was` (d,): log
         density of blocks that are left out, and relative errors, without a fault.
@@ -290,9 +294,9 @@ class FaultSearch:
         if identity[0] in NUMBERED:
             rivals_by_kind.pop(identity, None)
         rivals = tuple(rivals_by_kind.values())
-        before = rms(was[rows])
-        most = min(LEAVES, max(HALF * before, DOUBT))
-        if len(was) == 1 or any(rival.kind != best.fault.kind for rival in rivals):
+        before = rms(before_rows[rows])
+        most = min(EXPLAINED_BELOW, max(HALF * before, DOUBT))
+        if len(before_rows) == 1 or any(rival.kind != best.fault.kind for rival in rivals):
             most = DOUBT  # nothing else holds it, or nobody can tell by which of two faults
         fault = _determined(best, trial)
         if fault is None or t <= credible_t(len(faults), len(base)) or best.error > most:
@@ -310,7 +314,7 @@ class FaultSearch:
         with_kinds = (self._with_common(every, kind) for kind in sorted(kinds))
         errors = (x.noise(x.as_logged) for x in with_kinds)
         rows = (slice(None), last.rows)
-        return not any(all(rms(x[u]) < LOUD * rms(last.noise[u]) for u in rows) for x in errors)
+        return not any(all(rms(x[u]) < EXCESS * rms(last.noise[u]) for u in rows) for x in errors)
 
     def _away_too(self, fault: Fault) -> bool:
         """Whether a delay explains rows away from reversals, too: friction that builds up over some
@@ -356,7 +360,7 @@ def _determined(best: FaultTrial, trial: Callable[[Fault], FaultTrial]) -> Fault
         if zscore((best.held_out_density - neighbour.held_out_density).sum(axis=1)) < RIVAL:
             # a factor takes the joint out
             return None
-        if fault.kind == "time" and neighbour.error < LOUD * best.error:
+        if fault.kind == "time" and neighbour.error < EXCESS * best.error:
             return None
     return fault
 

@@ -26,7 +26,7 @@ import numpy as np
 from ident.effects import Effect
 from ident.equations.rows import largest_transmission, of_joints
 from ident.equations.table import Table
-from ident.faults.channel_fits import HALF, ROUNDING, ROUNDS, SMALL, columns_of
+from ident.faults.channel_fits import HALF, ROUNDS, SMALL, SQUARES_ROUNDING, columns_of
 from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.chance import RIVAL, credible_t, zscore
@@ -141,7 +141,7 @@ def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
     squares = (np.where(use, table.tau, 0.0) ** 2).sum(axis=0)
     residual = np.where(use, table.b - table.A @ x, 0.0)
     late = np.where(use, -_rates(table, table.A[:, :, :rigid] @ x[:rigid] + table.tau - table.b), 0)
-    weight = 1 / np.sqrt((residual**2).sum(axis=0) + ROUNDING * squares + 1e-300)
+    weight = 1 / np.sqrt((residual**2).sum(axis=0) + SQUARES_ROUNDING * squares + 1e-300)
     X = (table.A[:, :, free] * np.where(use, weight, 0.0)[:, :, None]).reshape(use.size, -1)
     y = np.stack([(late * weight).ravel(), (residual * weight).ravel()], axis=1)
     column, residual = (y - X @ np.linalg.lstsq(X, y, rcond=None)[0]).T
@@ -183,7 +183,7 @@ def common_delay(
     sigma = np.sqrt(squares / use.sum(axis=0))
     for _ in range(ROUNDS):
         model = PartialRegression(tuple(parts), np.arange(k), 1 / sigma)
-        sigma *= np.sqrt(model.losses.sum(axis=0) / use.sum(axis=0) + SMALL**2 * ROUNDING)
+        sigma *= np.sqrt(model.losses.sum(axis=0) / use.sum(axis=0) + SMALL**2 * SQUARES_ROUNDING)
     x, known = estimate.solution.x, table.tau - table.b
     rigid = len(table.columns.rigid)
 

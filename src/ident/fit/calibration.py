@@ -173,9 +173,11 @@ def _marginal(
         rms = [t.residual_norm(start) / np.sqrt(max(t.rows, 1)) for t in totals]
         sigma = np.maximum(rms, floor)
     sigma = np.where(sigma > 0, sigma, 1.0)
-    held = [sum(b.held_rows for b in information if b.coordinate == u) for u in range(len(sigma))]
+    rest_rows = [
+        sum(b.rest_count for b in information if b.coordinate == u) for u in range(len(sigma))
+    ]
     at_rest = np.array(
-        [not rows.poses and t.rows == count for t, count in zip(totals, held, strict=True)]
+        [not rows.poses and t.rows == count for t, count in zip(totals, rest_rows, strict=True)]
     )
     for _ in range(PASSES):
         total = Triangle.merge([information.total(sigma), prior])

@@ -234,14 +234,14 @@ def _calibration(fit: Fit) -> list[dict[str, Any]]:
     """Return the causes that a fit carries, with priors, and what the data say of each."""
     if fit.budget is None:
         return []
-    each = zip(fit.budget.causes, fit.budget.values, fit.budget.errors, strict=True)
+    causes = zip(fit.budget.causes, fit.budget.values, fit.budget.errors, strict=True)
     return [
         {
             "name": cause.name, "kind": cause.kind, "place": cause.place, "prior": cause.scale,
             "unit": cause.unit, "source": cause.source,
             "value": float(value * cause.scale), "stderr": float(error * cause.scale),
         }
-        for cause, value, error in each
+        for cause, value, error in causes
     ]  # fmt: skip
 
 

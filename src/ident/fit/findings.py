@@ -20,7 +20,7 @@ from ident.fit.prediction import identifiable_multipliers, multiplier_errors
 from ident.fit.shapes import initial
 from ident.fit.values import EffectValues, ParameterValues, absorbed_by
 from ident.information.blocks import Error
-from ident.information.chance import CERTAIN, FEWEST_EQUATIONS, LEAVES, MATTERS
+from ident.information.chance import CERTAIN, EXPLAINED_BELOW, FEWEST_EQUATIONS, MATTERS
 from ident.information.estimate import Estimate, estimate, term_sizes
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import pseudo_inertia
@@ -285,13 +285,13 @@ def _driving(effects: Effects, errors: Errors) -> Iterator[Finding]:
         if error is None or not error.relative or not value.stderr:
             continue
         share = -value.value / (error.rms / error.relative)
-        if share > LEAVES and value.value < -CERTAIN * value.stderr:
+        if share > EXPLAINED_BELOW and value.value < -CERTAIN * value.stderr:
             text = (
                 f"tau.{joint}: dry friction would drive the joint, with {100 * share:.2g} % of its "
                 "torque: the sign of the torque is wrong, or another effect is missing"
             )
             remedy = f'if it is the sign, [log] "tau.{joint}" = {{ column = …, scale = -1 }}'
-            yield Finding(DRIVING, text, remedy, (f"tau.{joint}",), share, LEAVES)
+            yield Finding(DRIVING, text, remedy, (f"tau.{joint}",), share, EXPLAINED_BELOW)
 
 
 def predicts_better(log: str, before: Errors, after: Errors) -> list[Finding]:

@@ -28,7 +28,7 @@ from ident.equations.motion_noise import (
 from ident.equations.problem import Problem, stacks_information
 from ident.errors import FitError
 from ident.finding import Finding
-from ident.information.chance import LOUD, MATTERS
+from ident.information.chance import EXCESS, MATTERS
 from ident.information.estimate import Estimate, estimate
 from ident.motion import Motion, State
 from ident.motion.smoothing import along, finer
@@ -38,7 +38,7 @@ FINER = 3  # work: knots of the likelihood for one of smoothing: torques tell mo
 AGREED = 1.2  # numerics: the same, for the noise that a refined fit takes for the torques'
 TRIALS = 6  # work: of the torques' noise
 STEPS = 12  # work
-ROUNDING = 1e-6  # numerics
+DESCENT_ROUNDING = 1e-6  # numerics
 CONVERGED = 0.05  # numerics: of a standard error: a smaller step is the last
 
 Weighed = tuple[Problem, Estimate, "Likelihood"]
@@ -76,13 +76,13 @@ class Likelihood(Displayed):
     def findings(self) -> list[Finding]:
         """Findings to read before the estimate is trusted."""
         findings = []
-        if self.raised > LOUD:
+        if self.raised > EXCESS:
             text = (
                 f"the torques' noise had to be taken {self.raised:.3g} times as large as the "
                 "sensors' to explain the residual: the model lacks something that the motion was "
                 "bent to hide, and standard errors do not know of it (ident diagnose)"
             )
-            findings.append(Finding("noise raised", text, number=self.raised, threshold=LOUD))
+            findings.append(Finding("noise raised", text, number=self.raised, threshold=EXCESS))
         if self.steps > 1 and not self.settled:
             text = (
                 f"the refined fit stopped after {self.steps} steps before it converged: the last "
@@ -102,7 +102,7 @@ class Likelihood(Displayed):
         """Return the mean of the blocks' covariance and that of rows with unit noise, (n, n) both,
         of which `squares` per row are left.
         """
-        return cov if self.raised > LOUD else 0.5 * (cov + max(1.0, squares) * white)
+        return cov if self.raised > EXCESS else 0.5 * (cov + max(1.0, squares) * white)
 
 
 def check_refinable(problem: Problem) -> None:
@@ -156,7 +156,7 @@ def weighed(
     at = Linearization.at(problem, estimate.x, problem.motion.experiments, on_progress)
     sigma = at.noise()[0]
     runs, now = at.whitened(estimate, sigma)
-    if squares_per_row(now) <= LOUD**2:
+    if squares_per_row(now) <= EXCESS**2:
         likelihood = Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x), at)
         return replace(at.problem, runs=runs), now, likelihood, likelihood.findings
     text = (
@@ -181,7 +181,7 @@ def refined(
     while step < STEPS and not converged:
         progress = part(on_progress, step / STEPS, (step + 1) / STEPS)
         after = Linearization.at(problem, now.x, at.with_motion(runs, now.x), progress, at)
-        if after.loss(sigma) > (1 + ROUNDING) * at.loss(sigma):
+        if after.loss(sigma) > (1 + DESCENT_ROUNDING) * at.loss(sigma):
             break  # no step lowers the loss: friction that jumps, or rounding
         if step == 1:  # the first motion was not yet one that the torques agree with
             sigma, runs, now = after.balanced(estimate)
@@ -296,5 +296,5 @@ class Linearization:
         """Return the runs without their motion, and the estimate from them."""
         problem, one = self.problem, np.ones(1)
         runs = tuple(part.eliminated(sigma) for part in self.parts)
-        information = problem.with_held(stacks_information(runs, problem.motion))
+        information = problem.with_rest_rows(stacks_information(runs, problem.motion))
         return runs, estimate(information.totals, problem.prior, one, sigma=one, fixed=first.fixed)

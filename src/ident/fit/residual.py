@@ -23,17 +23,17 @@ from ident.fit import residual_maps
 from ident.fit.prediction import Prediction, Trace, predict
 from ident.fit.values import Model
 from ident.information.blocks import Error, Squares
-from ident.information.chance import LOUD, credible_t, paired
+from ident.information.chance import EXCESS, credible_t, paired
 from ident.motion import Motion
 from ident.motion.signals import runs
 from ident.text import stamp
 
 FAR = 1e4  # shown: s, beyond which no experiment begins by its own clock
-ROUNDING = 1e-9  # numerics: of the torque: a smaller residual is none
+TORQUE_ROUNDING = 1e-9  # numerics: of the torque: a smaller residual is none
 PARTS = 50  # shown: of an experiment that one window is
 SHORTEST, LONGEST = 0.1, 1.0  # shown: s, of a window
 WINDOW_LARGER = 2.0  # shown: times the median of local rms values
-MOST = 5  # shown: windows
+MOST_WINDOWS = 5  # shown: windows
 LEAST = 30  # shown: rows from which an error away from reversals is one
 
 
@@ -167,7 +167,7 @@ class Residual(Displayed):
         """Return the joints whose error is above that of `then`, the most first: by more than it
         differs between blocks of time and motions, not because the torque or the noise is larger.
 
-            e² > (LOUD σ)² + MISFIT (e_then² − σ²)        σ: noise; what else it left may grow more
+            e² > (EXCESS σ)² + MISFIT (e_then² − σ²)        σ: noise; what else it left may grow
         """
         if not then:
             return []
@@ -186,7 +186,7 @@ class Residual(Displayed):
             torque = self.parts["measured"][u]
             sigma = noise.get(joint) or 0.0
             least = max(old.rms, (old.relative or 0.0) * torque, sigma)
-            allowed = (LOUD * sigma) ** 2 + MISFIT * (least**2 - sigma**2)
+            allowed = (EXCESS * sigma) ** 2 + MISFIT * (least**2 - sigma**2)
             usual = np.full(len(squares), allowed)
             if paired(np.array(squares), usual) > credible_t(len(then), len(squares)):
                 rises[joint] = self.errors[joint].rms / max(old.rms, 1e-300)
@@ -227,7 +227,7 @@ class Residual(Displayed):
         pieces = [trace.residual[run, u] for trace in self.traces for run in trace.runs()]
         memory = residual_maps.memory_of(pieces, self.motion.band.cutoff, self.rate)
         r = np.concatenate(pieces)
-        nothing = error.rms <= ROUNDING * float(self.parts["measured"].max(initial=0.0))
+        nothing = error.rms <= TORQUE_ROUNDING * float(self.parts["measured"].max(initial=0.0))
         steps: list[residual_maps.Dependence] = []
         threshold = 1.0
         if not nothing:
@@ -409,5 +409,7 @@ def _worst(residual: Residual, u: int, effective: float) -> tuple[Window, ...]:
                 windows.append((-float((r[run] ** 2).sum()), window))
     return tuple(
         window
-        for _, window in sorted(windows, key=lambda window_and_size: window_and_size[0])[:MOST]
+        for _, window in sorted(windows, key=lambda window_and_size: window_and_size[0])[
+            :MOST_WINDOWS
+        ]
     )

@@ -46,7 +46,7 @@ ERRORS = 4.0  # level: or so many of its standard errors
 FARTHEST = 400  # work: lags of the autocorrelation
 UNFILTERED = 2  # range: lags at which differentiated noise is correlated without any filter
 FINER = 10  # work: samples a row at which the filter's own correlation is computed
-ROUNDING = 1e-9  # numerics: of a signal: a smaller change is none
+SIGNAL_ROUNDING = 1e-9  # numerics: of a signal: a smaller change is none
 
 Signal = Callable[[str], tuple[Sequence[np.ndarray], str]]
 
@@ -140,14 +140,16 @@ def signal_maps(
         maps.append(SignalMap(f"sign(v).{joint}", direction))
         for kind in ("v", "q", "a", "load") if joint in independent else ("v", "q", "a"):
             x = np.concatenate(signal(f"{kind}.{joint}")[0])
-            if np.ptp(x) > ROUNDING * np.abs(x).max():
+            if np.ptp(x) > SIGNAL_ROUNDING * np.abs(x).max():
                 maps.append(_hats(f"{kind}.{joint}", x, KNOTS))
         if joint in independent:
             load = np.concatenate(signal(f"load.{joint}")[0])
             bands = np.abs(load)[:, None] / max(float(np.abs(load).max()), 1e-300)
             maps.append(SignalMap(f"load.{joint}", np.hstack([direction, bands * direction])))
     return [
-        signal_map for signal_map in maps if np.ptp(signal_map.columns, axis=0).max() > ROUNDING
+        signal_map
+        for signal_map in maps
+        if np.ptp(signal_map.columns, axis=0).max() > SIGNAL_ROUNDING
     ]
 
 

@@ -48,7 +48,7 @@ from ident.fit.values import (
     with_noise,
 )
 from ident.information.blocks import Error, Information, Squares
-from ident.information.chance import LOUD, prior_covariance
+from ident.information.chance import EXCESS, prior_covariance
 from ident.information.estimate import Estimate
 from ident.lazy import lazy
 from ident.log import Log
@@ -62,7 +62,7 @@ else:
     pl = lazy("polars")
 
 LONG = 40  # shown: characters of a name that tells where each effect is
-ROUNDING = 1e-6  # numerics: relative error below which a residual is rounding and interpolation
+EXACT_FIT = 1e-6  # numerics: relative error below which a residual is rounding and interpolation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -178,7 +178,7 @@ class Fit(Charted):
         more is left than white noise and depends on nothing that moves.
         """
         floor, errors = floor_of(self, self.motion), self.held_out or self.train
-        loud = [j for j, e in errors.items() if not e.unmeasured and e.rms > LOUD * floor[j]]
+        loud = [j for j, e in errors.items() if not e.unmeasured and e.rms > EXCESS * floor[j]]
         band = self.motion.band
         if not loud or not band.motion:
             return {}
@@ -186,7 +186,7 @@ class Fit(Charted):
         coloured = coloured_noise(self.mechanism, experiments, self.point, band.cutoff, band.motion)
         sizes = zip(self.motion.independent, coloured, strict=True)
         more = {joint: x / max(floor[joint], 1e-300) for joint, x in sizes}
-        failures = (self.residual.failure(joint) for joint in loud if more[joint] > LOUD)
+        failures = (self.residual.failure(joint) for joint in loud if more[joint] > EXCESS)
         return {f.joint: more[f.joint] for f in failures if not f.of_motion}
 
     @cached_property
@@ -232,7 +232,7 @@ class Fit(Charted):
         """What a repeated motion repeats of the residual; None where it is no more than chance."""
         motion, joints = self.motion, self.mechanism.joint_index
         places = np.array([joints[name] for name in motion.independent])
-        if all((error.relative or 0.0) < ROUNDING for error in self.train.values()) or not any(
+        if all((error.relative or 0.0) < EXACT_FIT for error in self.train.values()) or not any(
             period_of(e, places, motion.band.motion) for e in motion.experiments
         ):
             return None

@@ -23,7 +23,9 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-MOST = 256_000_000  # work: bytes of one chunk or message; recorders begin a new chunk at 4 MB
+LARGEST_CHUNK = (
+    256_000_000  # work: bytes of one chunk or message; recorders begin a new chunk at 4 MB
+)
 PIECE = 1 << 20  # work: bytes that are unpacked at a time
 LZ4_RATIO = 255  # level: bytes from one byte of LZ4, at most
 MAGIC, CHUNK = b"\x89MCAP0\r\n", 0x06  # of MCAP
@@ -41,14 +43,14 @@ def check_expansion(path: Path) -> None:
         with file.open("rb") as stream:
             if stream.read(len(MAGIC)) == MAGIC:
                 for compression, data in _chunks(stream):
-                    _check(file, "a chunk", compression, data, MOST)
+                    _check(file, "a chunk", compression, data, LARGEST_CHUNK)
             elif file.suffix == ".zstd":
                 stream.seek(0)
                 _count(file, "it", zstd.ZstdFile(stream), most_bytes())
         if file.suffix == ".db3":
             for data in _messages(file):
                 if data[:4] == b"\x28\xb5\x2f\xfd":  # zstandard's
-                    _check(file, "a message", "zstd", data, MOST)
+                    _check(file, "a message", "zstd", data, LARGEST_CHUNK)
 
 
 def _chunks(stream: BinaryIO) -> Iterator[tuple[str, bytes]]:

@@ -21,7 +21,7 @@ import pinocchio as pin
 from ident.errors import MechanismError
 from ident.files import regular
 from ident.mechanism.chains import pose_start
-from ident.mechanism.description import MOST, Description, parse_xml, words
+from ident.mechanism.description import MOST_JOINTS, Description, parse_xml, words
 from ident.mechanism.urdf import RigidBody, UrdfWriter, Visual, effect_notes, place_table
 
 if TYPE_CHECKING:
@@ -70,8 +70,8 @@ def _compiled(path: Path, data: bytes) -> tuple[mujoco.MjModel, list[str]]:
         mujoco.set_mju_user_warning(before)
     if model.nflex:
         raise MechanismError(f"{path}: has flexible bodies (flex); a mechanism is of rigid ones")
-    if model.njnt > MOST:
-        raise MechanismError(f"{path}: {model.njnt} joints; a mechanism has at most {MOST}")
+    if model.njnt > MOST_JOINTS:
+        raise MechanismError(f"{path}: {model.njnt} joints; a mechanism has at most {MOST_JOINTS}")
     return model, [*notes, *(f"MuJoCo: {' '.join(warning.split())}" for warning in warnings)]
 
 

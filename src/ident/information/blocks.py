@@ -114,7 +114,7 @@ class Block:
     support: Index  # columns that can appear
     torque: tuple[float, float]  # sums of squares, measured in motion and at standstill
     span: tuple[float, float]  # first and last t [s]
-    held: Triangle | None = None  # of rows at rest, weighed so that a stretch counts as one
+    rest_rows: Triangle | None = None  # of rows at rest, weighed so that a stretch counts as one
     stretches: float = 0.0  # how many rows they count as
     resting: bool = False  # whether `triangle` has them too
 
@@ -126,24 +126,26 @@ class Block:
     @property
     def rows(self) -> int:
         """Number of rows, those at standstill included."""
-        return self.triangle.rows - self.held_rows + self.rest.rows
+        return self.triangle.rows - self.rest_count + self.rest.rows
 
     @property
-    def held_rows(self) -> int:
+    def rest_count(self) -> int:
         """How many rows of `triangle` are at rest with open friction."""
-        return self.held.rows if self.held and self.resting else 0
+        return self.rest_rows.rows if self.rest_rows and self.resting else 0
 
     def __add__(self, other: Block) -> Block:
         """Return the block of both, which must have the same key."""
         span = min(self.span[0], other.span[0]), max(self.span[1], other.span[1])
         informing, rest, still = map(add, self.triangles, other.triangles)
         torque = self.torque[0] + other.torque[0], self.torque[1] + other.torque[1]
-        held = (
-            Triangle.merge([x.held for x in (self, other) if x.held]) if self.held else other.held
+        rest_rows = (
+            Triangle.merge([x.rest_rows for x in (self, other) if x.rest_rows])
+            if self.rest_rows
+            else other.rest_rows
         )
         return Block(
             *self.key, informing, rest, still, self.support, torque, span,
-            held, self.stretches + other.stretches, self.resting,
+            rest_rows, self.stretches + other.stretches, self.resting,
         )  # fmt: skip
 
     def scaled(self, w: float) -> Block:
@@ -151,14 +153,14 @@ class Block:
         informing, rest, still = (triangle.scaled(w) for triangle in self.triangles)
         torque = w**2 * self.torque[0], w**2 * self.torque[1]
         changed = replace(self, triangle=informing, rest=rest, still=still, torque=torque)
-        return replace(changed, held=self.held and self.held.scaled(w))
+        return replace(changed, rest_rows=self.rest_rows and self.rest_rows.scaled(w))
 
     def with_rest(self, w: float) -> Block:
         """Count the rows at rest among those that inform, each with the weight `w`."""
-        if self.held is None or self.resting or not w:
+        if self.rest_rows is None or self.resting or not w:
             return self
-        held = self.held.scaled(w)
-        return replace(self, triangle=self.triangle + held, held=held, resting=True)
+        rest_rows = self.rest_rows.scaled(w)
+        return replace(self, triangle=self.triangle + rest_rows, rest_rows=rest_rows, resting=True)
 
     @property
     def triangles(self) -> tuple[Triangle, Triangle, Triangle]:
@@ -215,7 +217,7 @@ class Information:
     @property
     def neighbours(self) -> list[tuple[int, int]]:
         """`times`, those of poses at rest alone with a log of their own: they follow no others."""
-        moving = {(b.log, b.block) for b in self if b.triangle.rows > b.held_rows}
+        moving = {(b.log, b.block) for b in self if b.triangle.rows > b.rest_count}
         return [time if time in moving else (~i, 0) for i, time in enumerate(self.times)]
 
     @property
@@ -238,11 +240,11 @@ class Information:
         return replace(self, blocks=blocks)
 
     @cached_property
-    def held(self) -> tuple[tuple[Triangle, float], ...]:
+    def rest_rows(self) -> tuple[tuple[Triangle, float], ...]:
         """The rows at rest of each coordinate on all k columns, and how many they count as."""
         totals = [(Triangle.empty(self.k), 0.0)] * self.d
         for u, blocks in self.by_coordinate.items():
-            if triangles := [block.held for block in blocks if block.held]:
+            if triangles := [block.rest_rows for block in blocks if block.rest_rows]:
                 merged = Triangle.merge(triangles).embedded(blocks[0].support, self.k)
                 totals[u] = merged, sum(block.stretches for block in blocks)
         return tuple(totals)
@@ -288,8 +290,8 @@ class Information:
                 _squares([block.triangles[i] for block in blocks], x[blocks[0].support])
                 for i in range(3)
             )
-            held = [block.held for block in blocks if block.held and block.resting]
-            informing -= _squares(held, x[blocks[0].support])
+            rest_rows = [block.rest_rows for block in blocks if block.rest_rows and block.resting]
+            informing -= _squares(rest_rows, x[blocks[0].support])
             idle = sum(block.rest.rows + block.still.rows for block in blocks)
             torque, torque_idle = np.sum([block.torque for block in blocks], axis=0)
             rows = sum(block.rows for block in blocks)

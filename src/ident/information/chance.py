@@ -51,14 +51,16 @@ ALPHA = 0.01  # level: chance that anything is named where nothing is missing, w
 RIVAL = 2.0  # level: standard errors of a paired difference within which two are rivals
 NEGATIVE = 2.0  # level: standard errors from zero at which a value has a sign
 CERTAIN = 3.0  # level: the same where a sign that cannot be is no accident
-LOUD = 1.25  # tuned: times a noise or an error, from which something is more than that
+EXCESS = 1.25  # tuned: times a noise or an error, from which something is more than that
 PARSIMONY = 0.1  # tuned: share of the best gain within which fewer numbers are preferred
 MATTERS = 0.05  # tuned: share of an error or of its squares, from which its cause is reported
 CONTRIBUTES = 0.1  # tuned: share of a fall, a lever or an excess, below which it is a by-product
 # tuned: times what is known (a noise, a named change), beyond which there is more; residuals of
 # good logs are 0.5 to 1.3 times the sensors' noise
 BEYOND = 3.0
-LEAVES = 0.3  # tuned: relative error at which nothing is explained: no cause or closure leaves it
+EXPLAINED_BELOW = (
+    0.3  # tuned: relative error at which nothing is explained: no cause or closure leaves it
+)
 FEWEST_EQUATIONS = 3.0  # level: equations a parameter below which values follow the noise
 FEWEST_SQUARES = 3.0  # level: ν below which the t-distribution's width means nothing
 

@@ -88,9 +88,9 @@ class LeftOut:
             white += variance * (rows_of_u.T @ rows_of_u)
             first += len(residual)
             for at_u in information.by_coordinate[u]:  # a few rows at rest may be met exactly
-                if at_u.held is not None and at_u.resting and variance < 1.0:
+                if at_u.rest_rows is not None and at_u.resting and variance < 1.0:
                     inside = place[at_u.support] >= 0
-                    at_rest = at_u.held.R[:, inside] / estimate.sigma[u]
+                    at_rest = at_u.rest_rows.R[:, inside] / estimate.sigma[u]
                     at_rest = at_rest @ T[place[at_u.support][inside]]
                     white += (1.0 - variance) * (at_rest.T @ at_rest)
         return cls(times, T, G, h, white)

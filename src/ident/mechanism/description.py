@@ -31,7 +31,7 @@ from ident.text import shortlist
 
 LARGEST = 50_000_000  # work: bytes of a file
 FORMATS = {"mujoco": ".mjcf", "mujocoinclude": ".mjcf"}  # by root element
-MOST = 500  # work: joints, those that are fixed among them
+MOST_JOINTS = 500  # work: joints, those that are fixed among them
 MOST_ATTRIBUTES = 1000  # work: of an element; listing them takes the square of their number
 TYPES = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating", "ball")
 SEVERAL = ("floating", "planar", "ball")  # joints of several coordinates
@@ -165,8 +165,8 @@ def parse_urdf(data: bytes, where: str) -> etree._Element:
         refuse(robot, where, f"the root element is <{given}>; {valid}")
     if not robot.get("name"):
         robot.set("name", "robot")
-    if (count := len(robot.findall("joint"))) > MOST:
-        raise MechanismError(f"{where}: {count} joints; a mechanism has at most {MOST}")
+    if (count := len(robot.findall("joint"))) > MOST_JOINTS:
+        raise MechanismError(f"{where}: {count} joints; a mechanism has at most {MOST_JOINTS}")
     _check_tree(robot, where)
     _check_values(robot, where)
     return robot

@@ -37,30 +37,30 @@ def measure_poses(mechanism: Mechanism, log: Log) -> LogSignals:
     for name in mechanism.unmeasured:
         columns.pop(f"tau.{name}", None)
     columns = {name: x for name, x in columns.items() if np.isfinite(x).any()}
-    whole = np.ones(len(log.t), dtype=bool)
+    complete_rows = np.ones(len(log.t), dtype=bool)
     for name, x in columns.items():
         if is_signal(name) and name.split(".")[0] not in ("v", "a"):
-            whole &= np.isfinite(x)
-    count = int(whole.sum())
+            complete_rows &= np.isfinite(x)
+    count = int(complete_rows.sum())
     if count < FEWEST_POSES:
         raise MotionError(
             f"{log.name}: {count} poses have all positions and torques; at least {FEWEST_POSES} "
             "are needed: fill their cells, or leave out columns that are mostly empty"
         )
     notes = [*log.repairs]
-    if lost := len(whole) - count:
-        notes.append(f"{lost} of {len(whole)} poses have an empty cell and are left out")
+    if lost := len(complete_rows) - count:
+        notes.append(f"{lost} of {len(complete_rows)} poses have an empty cell and are left out")
     notes.append(
         f"{count} poses at rest, each a row: velocities and accelerations are 0, and what friction "
         "holds is left of the torques"
     )
-    columns = {name: np.nan_to_num(x[whole]) for name, x in columns.items()}
+    columns = {name: np.nan_to_num(x[complete_rows]) for name, x in columns.items()}
     for joint in mechanism.joints:
         at_rest = {name: x for name, x in columns.items() if name[:2] not in ("v.", "a.")}
         check_units(log.name, at_rest, 1.0, joint)
     t = np.arange(count, dtype=float)
-    said = tuple(f"{log.name}: {note}" for note in notes)
-    return LogSignals(log, t, columns, np.ones(count, dtype=bool), True, said)
+    notes_of_log = tuple(f"{log.name}: {note}" for note in notes)
+    return LogSignals(log, t, columns, np.ones(count, dtype=bool), True, notes_of_log)
 
 
 def rest_of(signals: LogSignals, names: Sequence[str]) -> Derived:

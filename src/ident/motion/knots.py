@@ -30,7 +30,7 @@ from ident.motion.closures import best_conditioned
 from ident.motion.recipe import Band
 from ident.motion.signals import SLOW, LogSignals, runs
 from ident.motion.smoothing import MIN_INTERVALS, Derived, finest
-from ident.motion.spline import LOUD, basis_over, fitted
+from ident.motion.spline import EXCESS, basis_over, fitted
 from ident.motion.state import State
 
 STEPS = 5  # work: of the alternation between δ and the sizes of both noises
@@ -100,7 +100,7 @@ FILTER = 7.3  # level: knots that the filter of `equations.filter` spans at the 
 LOST = 2.0  # range: lengths of the filter that the usual run between gaps must last
 SAMPLES = 1000  # work: of a log, at which torques are predicted
 FOLDS = 10  # work: stretches of time that are left out in turn
-ROUNDING = 1e-9  # numerics: of the largest torque
+TORQUE_ROUNDING = 1e-9  # numerics: of the largest torque
 EQUATIONS = 12_000  # work: of all joints: with more than twelve fewer samples are taken
 
 
@@ -111,7 +111,7 @@ def doubtful(derived: Sequence[Derived], band: Band) -> bool:
         and (
             motion.smooth.spacing
             <= CLOSEST * max(finest(band, motion.smooth.channels), band.knots[0])
-            or any(c.spacing and c.residual > LOUD * c.noise for c in motion.table)
+            or any(c.spacing and c.residual > EXCESS * c.noise for c in motion.table)
         )
         for motion in derived
     )
@@ -222,5 +222,5 @@ def torque_errors(mechanism: Mechanism, e: State) -> np.ndarray:
     for _ in range(2):  # the second time with weights by the errors of the first
         regression = PartialRegression(tuple(blocks), np.arange(count), 1 / sigma)
         remaining = sigma * np.sqrt(regression.losses.sum(axis=0) / len(e))
-        sigma = np.maximum(remaining, ROUNDING * largest)
+        sigma = np.maximum(remaining, TORQUE_ROUNDING * largest)
     return sigma

@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.display import Displayed, Progress, render
 from ident.errors import LogError, MotionError, one_of
-from ident.information.chance import BEYOND, LEAVES
+from ident.information.chance import BEYOND, EXPLAINED_BELOW
 from ident.log import Log, read_log
 from ident.log.log import NoTime, entry_for
 from ident.log.poses import are_poses
@@ -44,7 +44,7 @@ COMMANDS = {"ref": "servo", "current": "current", "voltage": "voltage"}  # and d
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # numerics: share of its motion below which a logged joint differs by rounding only
 MOSTLY = 0.5  # level: of a residual's squares that steps make, from which it is theirs
-ROUNDING = 1e-6  # numerics: of a sampling step, within which two times are the same
+STEP_ROUNDING = 1e-6  # numerics: of a sampling step, within which two times are the same
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -422,7 +422,7 @@ def state_of(
         tau[:, i] = columns.get(name, 0.0)
     usable = signals.usable.copy()
     for run in runs(signals.usable):
-        t, ends = signals.t[run], derived.ends - ROUNDING * signals.dt
+        t, ends = signals.t[run], derived.ends - STEP_ROUNDING * signals.dt
         usable[run] = (t >= t[0] + ends) & (t <= t[-1] - ends)
     usable = usable if usable.any() else signals.usable
     noisy = [f"{channel}.{name}" for name in names for channel in "qva"] + driven
@@ -507,7 +507,7 @@ def _disagreements(
         # noise of this column is no contradiction, nor is any part of its spread a motion
         noise = min(experiment.noise.get(f"q.{name}", 0.0), spread)
         excursion = float(np.sqrt(spread**2 - noise**2))
-        if rms > LEAVES * excursion + 1.5 * noise:
+        if rms > EXPLAINED_BELOW * excursion + 1.5 * noise:
             raise MotionError(
                 f"{note}, while it moves by {spread:.3g} rms: the positions contradict the "
                 "closures; check sign, unit and zero of this column and the closures' frames"

@@ -36,7 +36,9 @@ SMOOTH_OVER_MOTION = 2.0 * ROWS_OVER_MOTION  # level: of splines: twice what the
 WHITE = 1 / 3  # tuned: of that resolution: differences over longer times may hold motion
 STILL = 0.004  # tuned: share of a joint's top speed below which it counts as standing still
 NOISE = 4.0  # level: or so many times the noise of speeds, where that is more
-HARDLY = 0.5  # level: noise that is this share of the top speed is all that moves the joint
+STANDSTILL_NOISE = (
+    0.5  # level: noise that is this share of the top speed is all that moves the joint
+)
 LOOKED_AT = 500  # work: samples from which the closures' transmission is taken
 
 
@@ -214,7 +216,7 @@ def still_speeds(e: State, noise: np.ndarray | float = 0.0) -> np.ndarray:
     """(J,) speeds of standstill, of top speeds and the speeds (J,) that noise feigns."""
     top = np.abs(e.yd[e.usable]).max(axis=0, initial=0.0)
     speed = np.maximum(STILL * top, noise)
-    return np.maximum(np.where(speed < HARDLY * top, speed, 1.01 * top), 1e-9)
+    return np.maximum(np.where(speed < STANDSTILL_NOISE * top, speed, 1.01 * top), 1e-9)
 
 
 def _speed_noise(signals: LogSignals, e: State, name: str) -> float:

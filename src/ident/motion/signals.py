@@ -35,7 +35,7 @@ SHARPEST = 1e-3  # numerics: noise of a derivative over that of what it derives,
 MOVES_BEYOND = 100.0  # range: times the noise of a position over which it has moved
 NO_MEASUREMENT = f"is no measurement: more than {ABSURD:g} times what is usual"
 NIL = 1e-12  # numerics: rad, m and their rates: what moves less stands still, but for rounding
-ROUNDING = 1e-9  # numerics: of its spread, or of 1 rad or m: no channel is trusted better
+SPREAD_ROUNDING = 1e-9  # numerics: of its spread, or of 1 rad or m: no channel is trusted better
 WINDOW = 0.01  # range: s; increments over it are compared, in which noise is small
 CLIPPED = 0.005  # tuned: share of a torque's samples at an extreme, in runs of 3 or more
 PILED = 5.0  # level: times as many at the extreme as one step below it; 2.4 where a sine turns
@@ -484,7 +484,7 @@ def channels_of(signals: LogSignals, names: Sequence[str]) -> list[Channel]:
             t, x = signals.log.series(column)
             spread = float(np.std(x)) if float(np.ptp(x)) > NIL else 0.0
             sigma = max(noise_level(signals.even(column)[0]), float(grain(x) / np.sqrt(12.0)))
-            sigma = max(sigma, ROUNDING * (spread or 1.0))
+            sigma = max(sigma, SPREAD_ROUNDING * (spread or 1.0))
             if channels and channels[-1].joint == name:  # beside noisy positions no rate is exact
                 sigma = max(sigma, SHARPEST * channels[-1].sigma / float(np.ptp(t)))
             channels.append(Channel(name, order, t, x, sigma, spread))

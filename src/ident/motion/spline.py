@@ -18,7 +18,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.information.chance import LOUD
+from ident.information.chance import EXCESS
 from ident.information.lapack import cholesky_banded, solve_cholesky_banded
 from ident.information.time_bases import Basis
 
@@ -35,7 +35,9 @@ VISIBLE = 200.0  # tuned: times the mean power of noise; real noise (steps, jitt
 NEIGHBOURS = 9
 LARGEST = 1e30  # numerics: ratio where there is no noise at all
 GRAINS = 20  # work: changes of a signal from which its quantisation can be known
-MOST = 1000.0  # numerics: steps between two samples beyond which multiples are no sign of anything
+LARGEST_STEP_RATIO = (
+    1000.0  # numerics: steps between two samples beyond which multiples are no sign of anything
+)
 ORDERS = "qva"
 
 
@@ -81,7 +83,7 @@ def is_white(x: np.ndarray, longest: int) -> bool:
             difference = difference[k:] - difference[:-k]
         sizes.append(float(np.median(np.abs(difference))))
         k *= 2
-    return len(sizes) > 1 and max(sizes) < LOUD * sizes[0]
+    return len(sizes) > 1 and max(sizes) < EXCESS * sizes[0]
 
 
 def noise_share(x: np.ndarray, differences: int = 0) -> float:
@@ -136,7 +138,7 @@ def grain(x: np.ndarray) -> float:
     stays = steps == 0
     again = np.count_nonzero(stays[1:] & ~stays[:-1]) >= GRAINS
     steps = steps[~stays]
-    if len(steps) < GRAINS or steps.min() * MOST < steps.max():
+    if len(steps) < GRAINS or steps.min() * LARGEST_STEP_RATIO < steps.max():
         return 0.0
     off = steps / steps.min()
     steps_off = np.round(off)
@@ -362,7 +364,9 @@ def weighted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) ->
             spline = fitted(basis, of_joint, (name,), known)
             off = residuals(spline, of_joint, (name,), known)
             rms = [spare * float(np.sqrt(np.mean(x**2))) for x in off]
-            late = [c.order == 0 and r > LOUD * c.sigma for c, r in zip(of_joint, rms, strict=True)]
+            late = [
+                c.order == 0 and r > EXCESS * c.sigma for c, r in zip(of_joint, rms, strict=True)
+            ]
             if not any(late) or len(of_joint) == 1:
                 break
             of_joint = [c if c.order == 0 else replace(c, sigma=2 * c.sigma) for c in of_joint]
@@ -373,7 +377,7 @@ def weighted(basis: Basis, channels: Sequence[Channel], names: Sequence[str]) ->
 def reweighted(channels: Sequence[Channel], rms: Sequence[float]) -> list[Channel]:
     """The channels with the rms of their residuals as noise, where that is clearly more."""
     return [
-        replace(channel, sigma=r) if r > LOUD * channel.sigma else channel
+        replace(channel, sigma=r) if r > EXCESS * channel.sigma else channel
         for channel, r in zip(channels, rms, strict=True)
     ]
 

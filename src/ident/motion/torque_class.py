@@ -225,19 +225,19 @@ def computed_torques(mechanism: Mechanism, states: Sequence[State]) -> Computed 
             rigid_forces(mechanism.model, state.q, v, a, mechanism.prior)
             for v, a in ((state.v, state.a), (rest, rest))
         )
-        whole, gravity = (_reduced(state, forces) for forces in both)
+        with_inertia, gravity = (_reduced(state, forces) for forces in both)
         parts.append(
-            (np.einsum("njd,nj->nd", state.leverage[:, driven], state.tau), whole, gravity)
+            (np.einsum("njd,nj->nd", state.leverage[:, driven], state.tau), with_inertia, gravity)
         )
-    tau, whole, gravity = (np.concatenate(x) for x in zip(*parts, strict=True))
+    tau, with_inertia, gravity = (np.concatenate(x) for x in zip(*parts, strict=True))
     size = np.sqrt(np.mean(tau**2, axis=0))
     loud = size > COMPUTED * size.max(initial=0.0)
     if not len(tau) or not size.max():
         return None
     models = {
-        "gravity and inertia": whole,
+        "gravity and inertia": with_inertia,
         "gravity alone": gravity,
-        "inertia alone": whole - gravity,
+        "inertia alone": with_inertia - gravity,
     }
     for terms, torque in models.items():
         off = np.sqrt(np.mean((tau - torque) ** 2, axis=0))

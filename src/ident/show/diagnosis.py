@@ -32,7 +32,7 @@ from ident.text import lines_of, listed, percent, places, shortlist, significant
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
 LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
 BRIEF = 4  # bars of joints that are worth more than further sentences
-MOST = 3  # joints and candidates that are described
+MOST_DESCRIBED = 3  # joints and candidates that are described
 CANDIDATES = (
     "what adding an effect would do: held-out error; share of all squares (what chance does)"
 )
@@ -182,7 +182,7 @@ def candidate_rows(d: Diagnosis) -> Rows:
         if len(group) > 1:
             sites = places(",".join(element.effect.joints) for element in group)
             name = f"{group[0].effect.kind} in {sites}"  # a code name, as in the rows below
-            best = max(group, key=lambda each: each.evidence.gain)
+            best = max(group, key=lambda explanation: explanation.evidence.gain)
             best = replace(best, after=d.after) if sign == "*" else best
             rows.append([f"{sign} {name}", *_cells(d, best)[:-1], ""])
         indent = "  " * (len(group) > 1)
@@ -198,24 +198,31 @@ def similar(d: Diagnosis, shown: Iterable[Explanation]) -> list[list[Explanation
     return list(groups.values())
 
 
-def bar_of(d: Diagnosis, each: Explanation) -> Bar:
+def bar_of(d: Diagnosis, explanation: Explanation) -> Bar:
     """Return the error of the joint that a candidate mends most, without it and with it."""
-    joint = each.joint
-    return Bar(joint, each.before[joint], each.after[joint], d.floor[joint])
+    joint = explanation.joint
+    return Bar(joint, explanation.before[joint], explanation.after[joint], d.floor[joint])
 
 
-def _cells(d: Diagnosis, each: Explanation) -> list[str]:
-    e = each.evidence
+def _cells(d: Diagnosis, explanation: Explanation) -> list[str]:
+    e = explanation.evidence
     visible = f"{100 * e.refit.visible:.0f} %"
     chance = f"< {100 * RAREST:g} %" if e.p < RAREST else f"{two_digits(100 * e.p)} %"
     chance = "–" if np.isnan(e.p) else chance
     share = f"{two_digits(100 * e.gain)} ({two_digits(100 * e.limit)}) %"
-    return [each.joint, bar_of(d, each).words, share, chance, visible, numbers(each.parameters)]
+    return [
+        explanation.joint,
+        bar_of(d, explanation).words,
+        share,
+        chance,
+        visible,
+        numbers(explanation.parameters),
+    ]
 
 
-def mark(d: Diagnosis, each: Explanation) -> str:
+def mark(d: Diagnosis, explanation: Explanation) -> str:
     """Return `*` for what is named, `=` for its rivals."""
-    label = each.effect.label
+    label = explanation.effect.label
     if any(effect.label == label for effect in d.group):
         return "*"
     return "=" if any(effect.label == label for effect in d.rivals) else " "
@@ -234,7 +241,10 @@ def words(d: Diagnosis, experiment: str | None = None) -> str:
     first, *more = experiment_steps(d.next_experiment if experiment is None else experiment)
     paragraphs = [
         *health_words(d),
-        *(failure_text(f, several, errors_of_fit(d.fit)) for f in failing_joints(d)[:MOST]),
+        *(
+            failure_text(f, several, errors_of_fit(d.fit))
+            for f in failing_joints(d)[:MOST_DESCRIBED]
+        ),
         *claim_words(d),
         *form,
         *_invisible(d),
@@ -310,7 +320,7 @@ def aside(d: Diagnosis) -> list[str]:
     """Return what is missing beside the effect that is named."""
     if d.best is None:
         return []
-    laws = [_relative(relative) for relative in d.relatives[:MOST]]
+    laws = [_relative(relative) for relative in d.relatives[:MOST_DESCRIBED]]
     result = [f"Over the travelled range {listed(laws, 'or')} would do as well."] if laws else []
     more = [named(group) for group in by_kind(m.effect for m in d.also if not m.curve)]
     more += [f"{named([m.effect])} (or a {curve_name(m.curve)})" for m in d.also if m.curve]
@@ -352,7 +362,7 @@ def _nearest(d: Diagnosis) -> list[str]:
     gains = {named([e.effect]): odds_ratio(e.gain, e.limit) for e in first.evidence if e.sensible}
     for curve, gain in (first.curves or d.selection.last.curves)[:1]:
         gains[f"a {curve_name(curve)}"] = odds_ratio(gain, first.limit_at(curve.joints[0]))
-    best = sorted(gains.items(), key=lambda pair: -pair[1])[:MOST]
+    best = sorted(gains.items(), key=lambda pair: -pair[1])[:MOST_DESCRIBED]
     if not best:
         return []
     return [

@@ -100,7 +100,7 @@ def plot_candidates(d: Diagnosis) -> Chart:
     marks = [Dots(at, before, none, "as it is", BEFORE)]
     labels = "with it: named, or not distinguishable from that", "with it: others"
     for label, part, colour in ((labels[0], named, NOW), (labels[1], others, 0)):
-        of = np.array([each in part for each in shown], dtype=bool)
+        of = np.array([explanation in part for explanation in shown], dtype=bool)
         if part:
             marks.append(Dots(at[of], after[of], none[of], label, colour))
     marks.append(Dots(at, noise, none, "noise alone", MEASURED, upright=True))
@@ -217,14 +217,14 @@ def _candidates(d: Diagnosis) -> list[Block]:
     return blocks
 
 
-def _option(d: Diagnosis, each: Explanation) -> list[Block]:
-    assert each.fit is not None
-    before, after = d.fit.residual, each.fit.residual
-    label, joint = each.effect.label, each.joint
-    change = f"held-out error of {joint}: {bar_of(d, each).words}"
-    lines = [type(each.effect).summary(), change, numbers(each.parameters)]
-    if each.rivals:
-        lines.append(f"not distinguishable from it in this data: {named(each.rivals, 'or')}")
+def _option(d: Diagnosis, explanation: Explanation) -> list[Block]:
+    assert explanation.fit is not None
+    before, after = d.fit.residual, explanation.fit.residual
+    label, joint = explanation.effect.label, explanation.joint
+    change = f"held-out error of {joint}: {bar_of(d, explanation).words}"
+    lines = [type(explanation.effect).summary(), change, numbers(explanation.parameters)]
+    if explanation.rivals:
+        lines.append(f"not distinguishable from it in this data: {named(explanation.rivals, 'or')}")
     blocks: list[Block] = [headed(f"With {label}"), items(lines)]
     models = Comparison({"as it is": before, "with it": after}, {})
     count = len(before.traces)
@@ -346,15 +346,15 @@ def diagnosis_json(d: Diagnosis) -> dict[str, Any]:
             ],
             "together": together,
             "left": [{"curve": curve.label, "gain": gain} for curve, gain in last.curves],
-            "invisible": [each.json() for each in d.invisible],
-            "unsupported": [each.json() for each in d.unsupported],
-            "curves": [curve_json(d, each) for each in d.curves],
+            "invisible": [explanation.json() for explanation in d.invisible],
+            "unsupported": [explanation.json() for explanation in d.unsupported],
+            "curves": [curve_json(d, explanation) for explanation in d.curves],
             "laws": [
                 {**law.json(), "same_form": [one.joint for one in d.of_same_form(law)]}
                 for law in d.laws
             ],
             "health": d.health.json(),
-            "judged": sum(not each.curve for each in first.contest.candidates),
+            "judged": sum(not explanation.curve for explanation in first.contest.candidates),
             "next_experiment": d.next_experiment,
             "assessment": assess_diagnosis(d).json(),
             "text": d.text,

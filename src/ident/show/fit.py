@@ -31,7 +31,7 @@ from ident.show.residual import compared, error_rows, errors_section, residual_s
 from ident.text import listed, percent, rounded, shortened, shortlist, significant, two_digits
 
 SHORT_FOREST = 6  # shown: rows of values, its head among them, beside two charts
-MOST = 60  # parameters in one chart
+MOST_CHARTED = 60  # parameters in one chart
 LAMBDA = "The reaction forces that the closures need for this motion; they rest on the model."
 TOGETHER = "Combinations that only together can be identified"
 Rows = list[list[str]]
@@ -318,11 +318,11 @@ def plot_parameters(fit: Fit) -> Chart:
     if not known:
         raise FitError(f"{fit.mechanism.name}: nothing was identified by itself")
     words = "Identified values with their 95 % intervals, beside what was assumed before"
-    if len(known) > MOST:
-        words += f"; the first {MOST} of {len(known)}, all are in the tables"
+    if len(known) > MOST_CHARTED:
+        words += f"; the first {MOST_CHARTED} of {len(known)}, all are in the tables"
     rows = []
-    for unit in dict.fromkeys(v.unit for v in known[:MOST]):
-        values = [v for v in known[:MOST] if v.unit == unit]
+    for unit in dict.fromkeys(v.unit for v in known[:MOST_CHARTED]):
+        values = [v for v in known[:MOST_CHARTED] if v.unit == unit]
         at = np.arange(len(values), dtype=float)
         prior, result = (np.array([getattr(v, key) for v in values]) for key in ("prior", "value"))
         half = np.array([1.96 * (v.stderr or 0.0) for v in values])

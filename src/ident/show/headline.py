@@ -117,17 +117,17 @@ def joints_words(joints: Sequence[str]) -> str:
     return names if len(joints) <= MANY or " to " in names else f"{len(joints)} joints"
 
 
-def left_words(left: Remainder) -> str:
+def left_words(remainder: Remainder) -> str:
     """Return how much is left beyond noise, in which joints, and where; empty where noise is all
     that is left.
     """
-    if not left.joints:
+    if not remainder.joints:
         return ""
-    size = f"{share_words(left.share)} of the torque" if left.share else "more than noise"
-    times = times_words(left.times) if left.times else ""
+    size = f"{share_words(remainder.share)} of the torque" if remainder.share else "more than noise"
+    times = times_words(remainder.times) if remainder.times else ""
     aside = f" ({times} the noise)" if times else ""
-    where = ", near reversals only" if left.near_reversals else ""
-    return f"{size}{aside} in {joints_words(left.joints)}{where}"
+    where = ", near reversals only" if remainder.near_reversals else ""
+    return f"{size}{aside} in {joints_words(remainder.joints)}{where}"
 
 
 def headline(a: Assessment) -> str:
@@ -143,18 +143,22 @@ def headline(a: Assessment) -> str:
 
 def remainder_sentence(a: Assessment) -> str:
     """Return what is left in a sentence without its full stop, and whether anything explains it."""
-    left = left_words(a.left)
-    if a.verdict == "identified" and left and not a.causes:
+    remainder = left_words(a.left)
+    if a.verdict == "identified" and remainder and not a.causes:
         return ""  # it is the error itself
     if a.verdict == "nothing":
-        return f"Left: {left}, too little to matter" if left else "Left: noise of the sensors"
-    if not left:
+        return (
+            f"Left: {remainder}, too little to matter"
+            if remainder
+            else "Left: noise of the sensors"
+        )
+    if not remainder:
         return "Left: noise of the sensors" if a.floor and a.verdict != "unexplained" else ""
     why = {
         "unexplained": "; no effect of the library explains that",
         "undecided": "; this log cannot tell whether that is noise or physics",
     }.get(a.verdict, "")
-    return f"Left: {left}{why}"
+    return f"Left: {remainder}{why}"
 
 
 def good_enough_words(answer: GoodEnough) -> str:

@@ -29,7 +29,7 @@ NONE = (
     "at the maps of the residual, and at what the log does not hold: temperature, contact, play, "
     "cables, another load."
 )
-MOST = 3  # rivals that are named
+MOST_RIVALS = 3  # rivals that are named
 CLEARLY = 0.8  # times the error with a formula: a curve that leaves less shows that it is not all
 
 
@@ -96,14 +96,18 @@ def laws(d: Diagnosis, request: Request = PYTHON) -> list[str]:
     for law in d.laws:
         formula = law.found
         before, after = (errors[law.felt].relative for errors in (law.before, law.after))
-        with_ = f" with {listed(e.label for e in law.beside)} beside it" if law.beside else ""
+        given = f" with {listed(e.label for e in law.beside)} beside it" if law.beside else ""
         falls = (after or 0.0) < (before or 0.0)
         way = f"{'falls' if falls else 'rises'} from {percent(before)} to {percent(after)}"
         share = f"; {100 * formula.explained:.0f} % of what exceeds the noise away from reversals"
         share *= falls
-        error = f"{with_} the error of {law.felt} {way}{share}"
+        error = f"{given} the error of {law.felt} {way}{share}"
         rivals = [f"`{one.formula.text}`" for one in formula.rivals]
-        or_ = f" This motion cannot tell it from {listed(rivals[:MOST], 'or')}." if rivals else ""
+        or_ = (
+            f" This motion cannot tell it from {listed(rivals[:MOST_RIVALS], 'or')}."
+            if rivals
+            else ""
+        )
         instead = f" It takes the place of {listed(formula.replaced)}." if formula.replaced else ""
         head = f"A formula {does}:" if d.best is None else "A formula explains more:"
         head = head if law.beside or d.best is None else "A formula could stand in its place:"

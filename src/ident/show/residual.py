@@ -38,8 +38,8 @@ from ident.show.html import LOGS, Block, Choice, Section, Sheet, by_log, paragra
 from ident.show.html import table as html_table
 from ident.text import listed, percent, significant
 
-ROUNDING = 1e-12  # of the measured torque: below, a part is nil
-MOST = 3  # windows that are shown; all are in compare.json
+NEGLIGIBLE_PART = 1e-12  # of the measured torque: below, a part is nil
+MOST_WINDOWS_SHOWN = 3  # windows that are shown; all are in compare.json
 LABEL = 28  # characters of a model's name in a chart or table
 FILM = 400  # moments of the mechanism in a report
 BINS = 30  # of the mean that is drawn through a cloud
@@ -84,7 +84,7 @@ def parts_rows(residual: Residual) -> list[list[str]]:
     total["residual"] = residual.parts["residual"]
     columns = [["joint", *residual.joints], ["unit", *residual.units]]
     for name, values in total.items():
-        nil = values < ROUNDING * measured
+        nil = values < NEGLIGIBLE_PART * measured
         columns.append([name, *(significant(x) for x in np.where(nil, 0.0, values))])
     return [list(row) for row in zip(*columns, strict=True)]
 
@@ -107,7 +107,10 @@ def failure_text(failure: Failure, several: bool = True, counted: NamedErrors | 
     elif not failure.white:
         parts.append("depends on no single signal that was tried; but it is correlated in time")
     if failure.worst and not failure.white:
-        windows = (f"{x} of {x.experiment}" if several else str(x) for x in failure.worst[:MOST])
+        windows = (
+            f"{x} of {x.experiment}" if several else str(x)
+            for x in failure.worst[:MOST_WINDOWS_SHOWN]
+        )
         parts.append(f"worst in {', '.join(windows)}")
     return "; ".join(parts)
 

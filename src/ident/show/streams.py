@@ -167,8 +167,8 @@ def forces_text(x: Forces) -> str:
     """Return the multipliers of the last sample."""
     if not len(x):
         return "no multipliers"
-    each = zip(x.names, x.values[-1], x.stderr[-1], x.units, strict=True)
-    parts = [f"{name} = {rounded(v, error)} {unit}" for name, v, error, unit in each if v == v]
+    values = zip(x.names, x.values[-1], x.stderr[-1], x.units, strict=True)
+    parts = [f"{name} = {rounded(v, error)} {unit}" for name, v, error, unit in values if v == v]
     return ", ".join(parts) or "no multiplier is determined"
 
 
@@ -308,7 +308,7 @@ def monitor_sheet(x: Monitor) -> Sheet:
     return Sheet(title, facts=facts)
 
 
-MOST = 1000  # moments of a curve; beyond, every second one is forgotten
+MOST_MOMENTS = 1000  # moments of a curve; beyond, every second one is forgotten
 SEEN = 2  # shown: parameters that are seen beside the headline
 PANELS = 8  # parameters that have a chart; all are in the tables
 FORCES = 6  # multipliers that have one
@@ -329,7 +329,7 @@ class ThinnedSeries:
         if self._every and self._seen % self._every:
             return
         self.rows.append((t, values))
-        if len(self.rows) > MOST:
+        if len(self.rows) > MOST_MOMENTS:
             self.rows, self._every = self.rows[::2], 2 * max(self._every, 1)
 
     @property
@@ -357,7 +357,7 @@ class MonitorHistory:
 
     def add(
         self,
-        found: Snapshot,
+        snapshot: Snapshot,
         forces: Forces | None,
         of_normal: Mapping[str, Error] | None = None,
         usual: Mapping[str, float] | None = None,
@@ -368,11 +368,11 @@ class MonitorHistory:
         """
         with self._lock:
             self._of_normal, self._usual = of_normal or {}, usual or {}
-            self._last = found
-            both = [(v.value, v.stderr) for v in found.parameters]
-            self._parameters.add(found.t, np.array(both, float).reshape(-1, 2))
-            errors = [(self._of_normal or found.errors).get(joint) for joint in found.errors]
-            self._errors.add(found.t, np.array([e and e.relative for e in errors], float))
+            self._last = snapshot
+            both = [(v.value, v.stderr) for v in snapshot.parameters]
+            self._parameters.add(snapshot.t, np.array(both, float).reshape(-1, 2))
+            errors = [(self._of_normal or snapshot.errors).get(joint) for joint in snapshot.errors]
+            self._errors.add(snapshot.t, np.array([e and e.relative for e in errors], float))
             self.add_forces(forces)
 
     def add_forces(self, forces: Forces | None) -> None:

@@ -28,7 +28,7 @@ from ident.show.charts import Arrays, script_json
 from ident.show.html import Block, piece, report_page
 from ident.show.local import Place
 
-MOST = 1000  # pictures of all films
+MOST_PICTURES = 1000  # pictures of all films
 WIDTH = 0.1  # [s] over which a residual is averaged, so that colours do not flicker
 CLOSED = 1e-7  # [m | rad] |Φ| of a closure that nobody would call open
 SHOWN = 6  # closures and notes that are listed
@@ -323,17 +323,19 @@ class View:
         for axis in (right, above):
             along = (cloud - target) @ axis
             target = target + 0.5 * (along.min() + along.max()) * axis
-        seen = outermost((cloud - target) @ frame)
+        outline_points = outermost((cloud - target) @ frame)
         for _ in range(CENTRED):  # what is near looks larger: the middle of the picture
-            middle, mean = np.zeros(3), float(seen[:, 2].mean())
-            distance = distance_of(seen, ASPECT)
+            middle, mean = np.zeros(3), float(outline_points[:, 2].mean())
+            distance = distance_of(outline_points, ASPECT)
             for i in (0, 1):
-                along = seen[:, i] / (distance - seen[:, 2])
+                along = outline_points[:, i] / (distance - outline_points[:, 2])
                 middle[i] = 0.5 * (along.min() + along.max()) * (distance - mean)
-            seen, target = seen - middle, target + frame @ middle
+            outline_points, target = outline_points - middle, target + frame @ middle
         least = 1e-3 * self.size
-        seen[:, :2] = MARGIN * np.where(np.abs(seen[:, :2]) < least, least, seen[:, :2])
-        return direction, target, up, seen
+        outline_points[:, :2] = MARGIN * np.where(
+            np.abs(outline_points[:, :2]) < least, least, outline_points[:, :2]
+        )
+        return direction, target, up, outline_points
 
     def data(self) -> str:
         """Return the scene as JSON, safe inside a <script> element; what `drawScene` takes."""
@@ -346,7 +348,7 @@ class View:
             }
             for x in self.shapes
         ]  # fmt: skip
-        direction, target, up, outline = (each.tolist() for each in self.camera)
+        direction, target, up, outline = (vector.tolist() for vector in self.camera)
         content = {
             "shapes": shapes, "films": [self._film(film, arrays) for film in self.films],
             "marks": dict(self.marks), "ramp": _ramp(SHADES), "unknown": UNKNOWN,
@@ -371,12 +373,14 @@ class View:
             return None
         number, first, last = self.stretch
         film = self.films[number]
-        away = np.zeros(len(film))
+        distances = np.zeros(len(film))
         for q in film.ghosts.values():
             travel = np.maximum(np.ptp(film.q, axis=0), 1e-300)
-            away = np.maximum(away, np.nan_to_num(np.abs(q - film.q) / travel).max(axis=1))
+            distances = np.maximum(
+                distances, np.nan_to_num(np.abs(q - film.q) / travel).max(axis=1)
+            )
         inside = (film.t >= first) & (film.t <= last)
-        farthest = film.t[np.where(inside, away, -1.0).argmax()]
+        farthest = film.t[np.where(inside, distances, -1.0).argmax()]
         zero = zero_of(film.t)
         return [number, *(float(x - zero) for x in (first, last, farthest))]
 
@@ -479,7 +483,7 @@ def view_of(
     mechanism: Mechanism,
     experiments: Sequence[Any] = (),
     predictions: Sequence[Any] = (),
-    most: int = MOST,
+    most: int = MOST_PICTURES,
     ghosts: Mapping[int, Ghosts] | None = None,
 ) -> View:
     """Return the mechanism along experiments, with reactions and residuals of their predictions,

@@ -28,7 +28,10 @@ REST = 1e-11  # numerics: [rad/s | m/s] speed below which a joint is at rest
 SURE = 1e-14  # numerics: of the largest acceleration, above which one has a sign
 LOOKS, HALVINGS = 8, 60  # work: instants of a step at which modes are checked; bisections
 WATCHED = 0.01  # range: [s] longest step where a joint has dry friction
-MOST = 100_000, 30_000  # work: evaluations of the right side, in all cases and a simulated second
+MOST_EVALUATIONS = (
+    100_000,
+    30_000,
+)  # work: evaluations of the right side, in all cases and a simulated second
 LOOSE = 1e-9  # numerics: tolerance above which a method of order 5 is cheaper than one of order 8
 WILD = 1e4  # range: [rad | m | …/s] beyond which no machine moves
 States = Callable[[float], np.ndarray]  # the states within a step by time [s]
@@ -81,7 +84,7 @@ class Integration:
         Refuses a motion that cannot go on: singular, unstable, or chattering.
         """
         t, x, end = float(times[0]), np.concatenate(start), float(times[-1])
-        self._most = MOST[0] + MOST[1] * (end - t)
+        self._most = MOST_EVALUATIONS[0] + MOST_EVALUATIONS[1] * (end - t)
         self._decide(t, x, np.abs(self._speeds(x)) <= REST, broke=False)
         x = self._projected(t, x)
         self._sample(t, x)

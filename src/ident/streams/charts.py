@@ -50,7 +50,7 @@ FELT = 1e-5  # numerics: of the largest column, singular value or component: les
 KNOWN = 0.03  # tuned: of unit columns' largest singular value: what is known less well stays
 STREAMS, STEPS = 20, 2000  # work: simulated beside each other, and intervals of each
 OFTEN = 20.0  # work: alarms that a calibration has at the stated rate, at a lower threshold
-WIDER, MOST = 1.15, 12  # work: factor of φ² a step, and steps
+WIDER, MOST_STEPS = 1.15, 12  # work: factor of φ² a step, and steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,7 +320,7 @@ def calibrated(
     first = random.integers(0, len(intervals) - length + 1, (-(-STEPS // length), 1, STREAMS))
     order = (first + np.arange(length)[:, None]).reshape(-1, STREAMS)[:STEPS]
     threshold, raised = float(np.log(STEPS * STREAMS / OFTEN)), 1.0
-    for _ in range(MOST):
+    for _ in range(MOST_STEPS):
         wider = {"spread": raised * normal.spread, "least": raised**0.5 * normal.least}
         wide = replace(normal, freedom=normal.freedom / raised, **wider)
         design, alarms = Design.of(wide, mask), 0
