@@ -4,7 +4,6 @@ import json
 import re
 
 import numpy as np
-import pytest
 
 import ident
 from helpers import ROBOTS
@@ -107,9 +106,6 @@ def test_good_enough_names_the_log_it_was_validated_on(tmp_path, spoken):
     assert spoken("identify", ARM, RUN, *friction, *locked)[0] == 0
 
 
-@pytest.mark.xfail(
-    strict=False, reason="with coarse knots identify takes what they lose for noise, compare not"
-)
 def test_one_answer_on_every_page(tmp_path, spoken):
     """Of an exact model whose wrist turns back within noise of its speed: good enough with the
     knots that the positions ask for, and not with coarser ones.

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import firwin, lfilter
 
 from ident.equations.filter import Decimator
-from ident.equations.noise_spectrum import _passed
+from ident.equations.noise_spectrum import _passed, has_line
 
 RATE, BAND = 200.0, 1.2
 
@@ -26,5 +26,27 @@ def test_what_the_motion_makes_is_no_noise():
     noise = 0.01 * np.random.default_rng(0).standard_normal(4000)
     taps = Decimator.of(5 * BAND, RATE).taps
     alone = _passed(noise, RATE, taps, BAND)
-    waves = sum(np.sin(2 * np.pi * f * t) for f in (0.3, 0.7, 1.1))
-    assert _passed(noise + waves, RATE, taps, BAND) == pytest.approx(alone, rel=0.3)
+    slow = firwin(801, 0.8 * BAND, fs=RATE)
+    made = np.convolve(np.random.default_rng(1).standard_normal(4800), slow, "valid")
+    assert _passed(noise + made, RATE, taps, BAND) == pytest.approx(alone, rel=0.3)
+
+
+def powers(r):
+    window = np.hanning(len(r))
+    return np.abs(np.fft.rfft((r - r.mean()) * window))[1:] ** 2
+
+
+def test_noise_of_any_colour_has_no_line():
+    lines = 0
+    for seed in range(300):
+        white = np.random.default_rng(seed).standard_normal(2000)
+        lines += has_line(powers(lfilter([1.0], [1.0, -(0.0, 0.6, 0.95)[seed % 3]], white)))
+    assert lines <= 2
+
+
+def test_a_sine_is_a_line_and_no_noise():
+    t = np.arange(4000) / RATE
+    noise = np.random.default_rng(0).standard_normal(4000)
+    disturbed = noise + 0.5 * np.sin(2 * np.pi * 2.345 * t)
+    assert has_line(powers(disturbed))
+    assert _passed(disturbed, RATE, None, BAND) == 0.0

@@ -172,9 +172,6 @@ def diagnosed(name: str, place: Path, progress: Progress | None = None) -> ident
     return ident.diagnose(fit, progress=progress)
 
 
-@pytest.mark.xfail(
-    strict=False, reason="with the noise of the spectrum above the motion no law is credible here"
-)
 def test_the_next_motion_tells_forms_apart(tmp_path: Path) -> None:
     """A wave of position times the sign of speed, over a third of a turn: so are other curves."""
     steps: list[str] = []

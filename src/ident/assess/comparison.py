@@ -10,7 +10,6 @@ from ident.assess.errors import joint_errors, largest_change
 from ident.assess.good_enough import good_enough
 from ident.assess.machine import watching_step
 from ident.fit.identify import Comparison
-from ident.fit.residual import floor_of
 from ident.information.blocks import Error
 from ident.information.estimate import MATERIAL
 from ident.request import Step
@@ -53,7 +52,7 @@ def assess_comparison(
         acceptable: share of the torque that the user accepts.
     """
     first, last = (list(c.residuals.values())[i] for i in (0, -1))
-    alone, floor = first is last, floor_of(last.model, last.motion)
+    alone, floor = first is last, last.noise
     errors = errors_that_count(c, last.name)[1]
     before = fitted_errors(c, first.name) if alone else errors_that_count(c, first.name)[1]
     now = {joint for joint, e in errors.items() if not e.unmeasured}

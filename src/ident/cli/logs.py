@@ -265,7 +265,6 @@ def compare(
     from ident.files import write_all
     from ident.fit.files import read_fit
     from ident.fit.identify import compare as compare_
-    from ident.fit.residual import floor_of
     from ident.show.comparison import comparison_files, comparison_json, comparison_sheet
 
     request = model.request(logs, out=out, good_enough=good_enough)
@@ -304,7 +303,7 @@ def compare(
     conclude(outcome, written, motion.notes, verbose=verbose)
     if good_enough is not None:
         residual = [*comparison.residuals.values()][-1]
-        floor = floor_of(residual.model, residual.motion)
+        floor = residual.noise
         _judge({"": (errors_that_count(comparison, residual.name)[1], floor)}, good_enough)
 
 

@@ -164,7 +164,9 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
     contest, last = selection.first.contest, selection.last.regression
     fit = contest.fit
     loud = _loud(selection.contest)
-    beyond_white = bool(_loud(selection.contest, white=True))
+    beyond_white = _loud(selection.contest, white=True)
+    # halves of the log say whether the motion determines what is left; if so it is no noise
+    by_motion = bool(beyond_white) and determined_by_motion(selection.contest)
     # a wrong channel must explain more than the effects that were found
     squares = last.losses / last.weight**2
     checks = DataChecks(
@@ -177,7 +179,8 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
     change = change_within(selection.first) if beyond_white and not data.faults else None
     if change is not None:  # no noise, whatever its colour
         data = Health((change.finding(), *data.findings))
-        loud = loud or _loud(selection.contest, white=True)
+    if by_motion or change is not None:
+        loud = loud or beyond_white
     laws: tuple[Law, ...] = ()
     unsearched: tuple[str, ...] = ()
     if not data.faults:
@@ -202,9 +205,8 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
         data = Health((*data.findings, *_clock(fit, candidates[0])))
     residual = residual_of(fit)
     verdict = _verdict(selection, best, bool(loud), bool(laws), residual.periods)
-    if verdict in ("nothing", "undecided") and beyond_white:
-        # halves of the log say whether the motion determines what is left
-        verdict = "unexplained" if determined_by_motion(selection.contest) else verdict
+    if verdict in ("nothing", "undecided") and by_motion:
+        verdict = "unexplained"
     curves = found_curves(selection, [law.found for law in laws], verdict)
     on_progress("where it fails", 0.8)
     diagnosis = Diagnosis(
@@ -352,7 +354,7 @@ def excess(contest: Contest, white: bool = False) -> np.ndarray:
     regression, draws = contest.regression, contest.draws
     assert draws is not None
     if not white:
-        more = contest.fit.noise_over_white
+        more = contest.fit.residual.noise_over_white
         times = np.array([more.get(joint, 1.0) for joint in contest.fit.motion.independent])
         draws = replace(draws, floor=times * draws.floor, ceiling=times * draws.ceiling)
     size = np.sqrt(np.maximum(regression.rows, 1)) * regression.weight

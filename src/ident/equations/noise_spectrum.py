@@ -9,7 +9,8 @@ P of n frequencies each, and what it has below, f_c no lower than a part of the 
 too. What the rows' filter passes of S, and not of white noise alone, is the rms that noise makes.
 
 Of a model that lacks what the motion determines, S is no noise: ask whether the residual depends on
-the motion first.
+the motion first. A residual with a line, which a disturbance of one frequency makes and no noise
+has, is not taken for noise either.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from scipy.stats import f as f_distribution
 
 from ident.equations.filter import Decimator
 from ident.equations.rows import corrected, residual
@@ -32,6 +34,11 @@ CORNERS = 16  # work: values of f_c
 LOWEST = 0.25  # range: of the motion's band, that f_c is above: what is slower is not seen
 FEWEST = 32  # work: frequencies above the motion, from which a spectrum can be told
 ROUNDS = 8  # work: of weights of the likelihood
+NEIGHBOURS = (
+    10  # work: frequencies on either side of a line, of which the median is its surrounding
+)
+LEAKED = 2  # numerics: frequencies beside a line that a Hann window's main lobe spreads it over
+LINE = 1e-3  # level: chance of a line anywhere in the spectrum of noise without any
 
 
 def coloured_noise(
@@ -61,7 +68,9 @@ def _passed(r: np.ndarray, rate: float, taps: np.ndarray | None, band: float) ->
         return 0.0
     window = np.hanning(n)
     P = np.abs(np.fft.rfft((r - r.mean()) * window)) ** 2 / (window @ window)  # variance a sample
-    # the median is not moved by lines, which no noise has
+    if has_line(P[f > 0]):
+        return 0.0
+    # the median is not moved by what a few frequencies have more
     edges = [0]
     while edges[-1] + FEWEST_IN_BIN <= above.sum():
         edges.append(edges[-1] + max(FEWEST_IN_BIN, int(WIDER * edges[-1])))
@@ -74,6 +83,23 @@ def _passed(r: np.ndarray, rate: float, taps: np.ndarray | None, band: float) ->
     gain = 1.0 if taps is None else np.abs(np.fft.rfft(taps, n)) ** 2
     S = s + a / (1 + (f / corner) ** 2)
     return float(np.mean(S * gain))
+
+
+def has_line(P: np.ndarray) -> bool:
+    """Return whether one power P (n,) of a Hann-windowed spectrum stands out of its neighbours.
+
+    Power of noise over the mean of its neighbours has F's law with 2 degrees of freedom, and 2 for
+    each neighbour; a median, which a second line does not move, is as sure as a mean of half as
+    many.
+    """
+    reach = LEAKED + NEIGHBOURS
+    if len(P) <= 2 * reach:
+        return False
+    windows = np.lib.stride_tricks.sliding_window_view(P, 2 * reach + 1)
+    around = np.delete(windows, np.s_[NEIGHBOURS : NEIGHBOURS + 2 * LEAKED + 1], axis=1)
+    mean = np.median(around, axis=1) / np.log(2)
+    limit = f_distribution.isf(LINE / len(P), 2, 2 * NEIGHBOURS)
+    return bool((windows[:, reach] > limit * mean).any())
 
 
 def _spectrum(f: np.ndarray, P: np.ndarray, n: np.ndarray, band: float) -> tuple[float, ...]:

@@ -237,7 +237,7 @@ class DataChecks(FaultSearch):
         return [Finding("another run", text, "check columns and files", tuple(names))]
 
     def poor(self) -> Iterator[Finding]:
-        """Report torques of which EXPLAINED_BELOW or more is left, or DOUBT where sensors leave less."""
+        """Report torques of which EXPLAINED_BELOW is left, or DOUBT where sensors leave less."""
         problem, x, names = self.problem, self.estimate.x, self.problem.motion.independent
         errors = np.array([self.errors[name] for name in names])
         if errors.max(initial=0.0) < DOUBT or not self.use.any():

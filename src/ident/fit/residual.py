@@ -17,6 +17,7 @@ import numpy as np
 
 from ident.display import Displayed, Plotted, render
 from ident.equations.motion_noise import noise_floor
+from ident.equations.noise_spectrum import coloured_noise
 from ident.equations.problem import block_edges, too_short
 from ident.errors import FitError
 from ident.fit import residual_maps
@@ -163,6 +164,43 @@ class Residual(Displayed):
                 sizes[joint] = float(np.sqrt(np.mean(rest**2)))
         return sizes
 
+    @cached_property
+    def noise(self) -> dict[str, float]:
+        """By joint, the rms that noise of the sensors alone would leave [N m | N]."""
+        more = self.noise_over_white
+        return {joint: x * more.get(joint, 1.0) for joint, x in self._white_noise.items()}
+
+    @cached_property
+    def noise_over_white(self) -> dict[str, float]:
+        """By joint, times white noise that the residual's spectrum above the motion makes, where
+        more is left than white noise and depends on nothing that moves.
+
+        Empty where knots are coarser than the positions ask for: what they take off is no noise.
+        """
+        floor, band = self._white_noise, self.motion.band
+        loud = [
+            joint
+            for joint, e in self.errors.items()
+            if not e.unmeasured
+            and e.rms > EXCESS * floor[joint]
+            # what gathers where dry friction jumps is what a smooth speed misses of it
+            and self.errors_away_from_reversals.get(joint, e.rms) > EXCESS * floor[joint]
+        ]
+        experiments, model = self.motion.experiments, self.model
+        channels = (channel for e in experiments for channel in e.channels)
+        coarse = any(c.spacing and c.residual > EXCESS * c.noise for c in channels)
+        if not loud or not band.motion or coarse:
+            return {}
+        noise = coloured_noise(model.mechanism, experiments, model.point, band.cutoff, band.motion)
+        sizes = zip(self.motion.independent, noise, strict=True)
+        more = {joint: x / max(floor[joint], 1e-300) for joint, x in sizes}
+        failures = (self.failure(joint) for joint in loud if more[joint] > EXCESS)
+        return {f.joint: more[f.joint] for f in failures if not f.of_motion}
+
+    @cached_property
+    def _white_noise(self) -> dict[str, float]:
+        return floor_of(self.model, self.motion)
+
     def increased_errors(self, then: Mapping[str, Error]) -> list[str]:
         """Return the joints whose error is above that of `then`, the most first: by more than it
         differs between blocks of time and motions, not because the torque or the noise is larger.
@@ -171,7 +209,7 @@ class Residual(Displayed):
         """
         if not then:
             return []
-        noise = floor_of(self.model, self.motion)
+        noise = self._white_noise
         rises, cutoff = dict[str, float](), self.motion.band.cutoff
         for u, joint in enumerate(self.joints):
             if (old := then.get(joint)) is None:

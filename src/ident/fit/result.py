@@ -13,7 +13,6 @@ import numpy as np
 from ident.display import render
 from ident.effects import Effect
 from ident.effects.effect import Estimates
-from ident.equations.noise_spectrum import coloured_noise
 from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, IdentError, one_of
@@ -35,7 +34,7 @@ from ident.fit.prediction import (
     multiplier_errors,
     predict,
 )
-from ident.fit.residual import Charted, Residual, floor_of, residual_of
+from ident.fit.residual import Charted, Residual, residual_of
 from ident.fit.residual_maps import Periods, period_of
 from ident.fit.values import (
     BaseValue,
@@ -48,7 +47,7 @@ from ident.fit.values import (
     with_noise,
 )
 from ident.information.blocks import Error, Information, Squares
-from ident.information.chance import EXCESS, prior_covariance
+from ident.information.chance import prior_covariance
 from ident.information.estimate import Estimate
 from ident.lazy import lazy
 from ident.log import Log
@@ -162,32 +161,14 @@ class Fit(Charted):
     @cached_property
     def noise(self) -> dict[str, float]:
         """By joint, the rms that noise of the sensors alone would leave of its torque [N m | N]."""
-        white, more = floor_of(self, self.motion), self.noise_over_white
-        return {joint: x * more.get(joint, 1.0) for joint, x in white.items()}
+        return self.residual.noise
 
     def noise_on(self, log: str) -> Mapping[str, float]:
         """Return the same for a validation log, of its own sensors; read in portions, the fit's."""
         if log not in self.floors:
             return self.noise
-        more = self.noise_over_white
+        more = self.residual.noise_over_white
         return {joint: x * more.get(joint, 1.0) for joint, x in self.floors[log].items()}
-
-    @cached_property
-    def noise_over_white(self) -> dict[str, float]:
-        """By joint, times white noise that the residual's spectrum above the motion makes, where
-        more is left than white noise and depends on nothing that moves.
-        """
-        floor, errors = floor_of(self, self.motion), self.held_out or self.train
-        loud = [j for j, e in errors.items() if not e.unmeasured and e.rms > EXCESS * floor[j]]
-        band = self.motion.band
-        if not loud or not band.motion:
-            return {}
-        experiments = self.motion.experiments
-        coloured = coloured_noise(self.mechanism, experiments, self.point, band.cutoff, band.motion)
-        sizes = zip(self.motion.independent, coloured, strict=True)
-        more = {joint: x / max(floor[joint], 1e-300) for joint, x in sizes}
-        failures = (self.residual.failure(joint) for joint in loud if more[joint] > EXCESS)
-        return {f.joint: more[f.joint] for f in failures if not f.of_motion}
 
     @cached_property
     def checks(self) -> DataChecks:

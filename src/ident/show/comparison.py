@@ -20,7 +20,7 @@ from ident.effects.library import named
 from ident.files import json_bytes
 from ident.fit.identify import Comparison
 from ident.fit.prediction import identifiable_multipliers
-from ident.fit.residual import floor_of, zero_of
+from ident.fit.residual import zero_of
 from ident.fit.result import Fit
 from ident.fit.values import Change, Changes
 from ident.information.blocks import Error
@@ -223,7 +223,7 @@ def comparison_json(c: Comparison, replay: Plotted | None = None) -> dict[str, A
         name: {
             "error": residual.errors, "fitted": c.fitted[name],
             "changed": residual.increased_errors(fitted_errors(c, name)),
-            "noise": floor_of(residual.model, residual.motion),
+            "noise": residual.noise,
             "parts": {
                 part: dict(zip(residual.joints, values, strict=True))
                 for part, values in residual.parts.items()
