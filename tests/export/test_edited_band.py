@@ -41,7 +41,7 @@ def test_the_band_holds_the_motion_under_another_gravity(fitted):
     )
     motion = ident.complete(true.mechanism, run.log)
     edited = machine_of(fit, gravity=MOON)
-    widths = band(edited, covariance_of(fit), motion, (), 0.4)
+    widths = band(edited, covariance_of(fit), motion, {}, 0.4)
     saved = Saved("ident", edited.mechanism, edited.point)
     (ours,) = replay(saved, motion=motion, window=0.4).with_band("ident", widths).runs["ident"]
     assert min(ours.within.values()) > 0.6

@@ -19,6 +19,13 @@ NOMINAL = """<mujoco model="arm2"><compiler angle="radian"/><option timestep="0.
 <inertial pos=".01 0 .12" mass="{d}" diaginertia="{e} {e} {f}"/></body></body></worldbody>
 <actuator><motor name="a1" joint="j1"/><motor name="a2" joint="j2"/></actuator></mujoco>
 """
+LINK = """<link name="l{k}"><inertial><origin xyz="0 0 .15"/><mass value="2"/>
+<inertia ixx=".03" iyy=".03" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j{k}" type="revolute"><parent link="l{before}"/><child link="l{k}"/>
+<origin xyz="0 0 {z}"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="99" velocity="9"/></joint>"""
+URDF = f"""<robot name="arm2"><link name="l0"/>{LINK.format(k=1, before=0, z=0.1)}
+{LINK.format(k=2, before=1, z=0.3)}</robot>"""
 SIZES = {"a": 2.4, "b": 0.03, "c": 0.004, "d": 1.1, "e": 0.008, "f": 0.001}
 TRUE = {"Fv": (0.6, 0.25), "Fc": (0.9, 0.35), "Ia": (0.15, 0.06)}
 KP, KD = np.array([300.0, 120.0]), np.array([12.0, 4.0])
@@ -154,6 +161,50 @@ def test_what_bad_input_gets(identified, spoken, tmp_path, monkeypatch):
     status, _, err = spoken(*words)  # the physical values, with a note
     assert status == 0
     assert 'pip install "ident[mjcf]"' in err
+
+
+def test_a_share_of_an_identified_value(identified, spoken, tmp_path):
+    folder, fit = identified
+    out = tmp_path / "x.xml"
+    words = ["export", folder / "fit", "--to", "mjcf", "--out", out, "--physical", "--set"]
+    status, _, err = spoken(*words, "coulomb.j1.Fc=50%")
+    assert status == 0, err
+    model = mujoco.MjModel.from_xml_path(str(out))
+    assert model.dof_frictionloss[0] == pytest.approx(0.5 * fit.point.values["coulomb.j1.Fc"])
+    for change, text in (("coulomb.j1.Fv=50%", "no parameter"), ("coulomb.j1.Fc=half", "50%")):
+        status, _, err = spoken(*words, change)
+        assert status == 1
+        assert text in err
+
+
+def test_a_fit_in_ratios_is_refused_where_gravity_acts(robots, tmp_path, spoken):
+    mechanism = ident.load(robots / "servo_arm" / "servo_arm.urdf").with_effect("coulomb")
+    log = robots / "servo_arm" / "run.csv"
+    for gain in (1, 14):
+        model = mechanism.with_drives("servo", f"elbow:kp={gain}")
+        fit = ident.identify(model, ident.complete(model, log))
+        fit.write(tmp_path / f"kp_{gain}")
+        words = ["export", tmp_path / f"kp_{gain}", "--to", "c", "--out", tmp_path / "x.h"]
+        if gain == 14:
+            assert spoken(*words)[0] == 0
+            continue
+        with pytest.raises(ident.MechanismError, match="ratios to kp = 1 of 'elbow'"):
+            fit.export("mjcf")
+        status, _, err = spoken(*words)
+        assert status == 1
+        assert "--gravity 0,0,0" in err
+        assert spoken(*words, "--gravity", "0,0,0")[0] == 0
+
+
+def test_without_drakes_wheel(identified, spoken, tmp_path, monkeypatch):
+    folder, _ = identified
+    (tmp_path / "arm2.urdf").write_text(URDF)
+    monkeypatch.setitem(sys.modules, "pydrake", None)
+    words = ["export", tmp_path / "arm2.urdf", "--to", "drake", "--replay", folder / "run.csv"]
+    status, _, err = spoken(*words, "--out", tmp_path / "x.urdf")
+    assert status == 1
+    assert 'pip install "ident[drake]"' in err
+    assert not (tmp_path / "x.urdf").exists()
 
 
 def test_a_mechanism_without_values_is_refused(robots):

@@ -46,7 +46,9 @@ def export(
     replay: Path | None = setting("Run the file under this log's torques or commands.", "LOG"),
     window: float | None = setting("Restart the replay so often. Default: 0.5 s.", "S"),
     without: Texts = setting("Leave an effect out, as payload:tool.", "EFFECT"),
-    set_: Texts = setting("A parameter's value: coulomb.elbow.Fc=0.4.", "NAME=VALUE", "--set"),
+    set_: Texts = setting(
+        "A parameter's value: coulomb.elbow.Fc=0.4, or =50% of what it is.", "NAME=VALUE", "--set"
+    ),
     float_: bool = flag("Single precision, of c and fmu.", "--float"),
     fmi: int | None = setting("Version of the FMU, 2 or 3. Default: 3.", "N"),
     gravity: str | None = setting("Another one [m/s²]: 0,0,-1.62.", "X,Y,Z"),
@@ -78,13 +80,16 @@ def export(
         settings["real"] = "float"
     if fmi is not None:
         settings["fmi"] = fmi
-    values = named(set_, "--set", "write NAME=NUMBER, as coulomb.elbow.Fc=0.4", finite)
+    remedy = "write NAME=NUMBER, as coulomb.elbow.Fc=0.4 or coulomb.elbow.Fc=50%"
+    changes = named(set_, "--set", remedy, _value_or_share)
+    values = {name: x for name, (x, is_share) in changes.items() if not is_share}
+    shares = {name: x for name, (x, is_share) in changes.items() if is_share}
     if window is not None:
         settings["window"] = window
     with progress() as on_progress:
         made = export_(
             saved or mechanism, to, out=out, like=like, step=step, log=replay or log,
-            replayed=replay is not None, values=values, without=without or (),
+            replayed=replay is not None, values=values, shares=shares, without=without or (),
             gravity=_vector(gravity), fitted=not physical, progress=on_progress, **settings,
         )  # fmt: skip
     written = made.write()
@@ -99,6 +104,13 @@ def export(
         return
     if largest_error(made.replays, made.simulator) > good_enough / 100:
         sys.exit(3)
+
+
+def _value_or_share(text: str) -> tuple[float, bool]:
+    """Return the number of a text, and whether it is a share of the present value: `50%`."""
+    if text.endswith("%"):
+        return finite(text[:-1]) / 100, True
+    return finite(text), False
 
 
 def _vector(text: str | None) -> list[float] | None:

@@ -42,8 +42,8 @@ def covariance_of(model: Fit | Saved | Mechanism) -> Covariance | None:
 
 
 def band(
-    machine: Machine, errors: Covariance, motion: Motion, edited: Sequence[str], window: float,
-    progress: Progress | None = None,
+    machine: Machine, errors: Covariance, motion: Motion, edited: Mapping[str, float],
+    window: float, progress: Progress | None = None,
 ) -> tuple[np.ndarray, ...]:  # fmt: skip
     """Return half of the width [rad | m] of the 95 % band of every log's logged joints.
 
@@ -51,7 +51,8 @@ def band(
         machine: the edited one.
         errors: of the values of the fit.
         motion: whose states and torques every draw begins in and is driven by.
-        edited: names of parameters that are set, which have no error.
+        edited: share of the error that a changed parameter keeps, by its name: 0 of one that is
+            set, 0.5 of one that is half of the identified value.
         window: [s] from one restart to the next.
         progress: called with (what is being done, share done).
 
@@ -68,9 +69,10 @@ def band(
     columns = {name: i for i, name in enumerate(bodies.names)}
     used = [
         i for i, name in enumerate(errors.names)
-        if name not in edited and (name in of_effects or name in columns)
+        if edited.get(name, 1.0) and (name in of_effects or name in columns)
     ]  # fmt: skip
-    root = errors.root[used]
+    kept = np.array([edited.get(errors.names[i], 1.0) for i in used])
+    root = kept[:, None] * errors.root[used]
     draws = np.random.default_rng(0).standard_normal((DRAWS, root.shape[1])) @ root.T
     centre = {name: x for name, x in machine.point.values.items() if name in of_effects}
     runs: list[list[np.ndarray]] = []

@@ -12,7 +12,7 @@ from ident.display import Displayed, Progress, no_progress
 from ident.errors import IdentError, MotionError
 from ident.export.band import band, covariance_of, inseparable
 from ident.export.laws import Lost, Translation
-from ident.export.machine import Machine, machine_of
+from ident.export.machine import Machine, check_scale, machine_of, shares_of
 from ident.export.target import Job, Product, Target, target_of
 from ident.files import write_all
 from ident.fit.files import Saved
@@ -89,6 +89,7 @@ def export(
     log: str | Path | Log | Motion | None = None,
     replayed: bool = False,
     values: Mapping[str, float] | None = None,
+    shares: Mapping[str, float] | None = None,
     without: Sequence[str] = (),
     gravity: Sequence[float] | None = None,
     fitted: bool = True,
@@ -107,6 +108,7 @@ def export(
         log: over whose motion losses are measured; default: the fit's, else a nominal one.
         replayed: whether the written file is run under the torques or commands of `log`.
         values: other values of parameters, by full name: the edited machine.
+        shares: values as shares of the identified ones, which keep the same shares of their errors.
         without: effects that are left out, as `payload:tool`.
         gravity: another one (3,) [m/s²]. Of an edited machine a replay has the band of 95 % that
             the errors of the fit leave.
@@ -127,7 +129,13 @@ def export(
             )
     if step is not None and not 0 < step < 1:
         raise IdentError(f"step {step:g} s; give seconds between 0 and 1, as 0.001")
+    shares = dict(shares or {})
+    for name in shares:
+        if name in (values or {}):
+            raise IdentError(f"'{name}' has a value and a share; give one of them")
+    values = {**(values or {}), **shares_of(model, shares)}
     machine = machine_of(model, values, without, gravity)
+    check_scale(model, machine)
     path = Path(out) if out is not None else Path(f"{machine.name}{target.suffix}")
     if like is not None:
         _check_like(target, Path(like), path)
@@ -137,7 +145,7 @@ def export(
         progress or no_progress,
     )  # fmt: skip
     product = target.write(job)
-    notes = [*_substituted(machine), *product.notes, *_not_vouched(model, values or {}, without)]
+    notes = [*_substituted(machine), *product.notes, *_not_vouched(model, values, without)]
     made = Export(target, machine, product.translation, product.files, path.parent, tuple(notes))
     if not replayed:
         return made
@@ -151,7 +159,8 @@ def export(
     if errors is None:
         notes = ["no band of the edited motion: the model has no errors; export a fit", *made.notes]
         return replace(made, replays=replays, notes=tuple(notes))
-    widths = band(machine, errors, motion, tuple(values or {}), window, progress)
+    kept = {name: abs(shares.get(name, 0.0)) for name in values}
+    widths = band(machine, errors, motion, kept, window, progress)
     return replace(made, replays=replays.with_band("ident", widths))
 
 

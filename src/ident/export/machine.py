@@ -22,7 +22,7 @@ from ident.fit.files import Saved
 from ident.fit.result import Fit
 from ident.mechanism.description import joint_axis
 from ident.mechanism.mechanism import Joint, Mechanism
-from ident.mechanism.parameters import COUNT, about_origin, pseudo_inertia, split
+from ident.mechanism.parameters import COUNT, DYNAMIC, about_origin, pseudo_inertia, split
 from ident.simulate.inverse import point_of
 from ident.simulate.plant import constant_correction
 
@@ -208,6 +208,53 @@ def machine_of(
         corrected = corrected.corrected(correction)
         offsets |= {name: float(np.ravel(dq)[0]) for name, dq in correction.dq.items()}
     return Machine(mechanism, corrected, _links(corrected, point, offsets), point, substituted)
+
+
+def check_scale(model: Fit | Saved | Mechanism, machine: Machine) -> None:
+    """Refuse a fit in ratios to a gain of 1 where gravity acts: masses would be no kilograms.
+
+    Raises:
+        MechanismError: with what gives the fit a scale.
+    """
+    if isinstance(model, Mechanism) or not np.any(machine.gravity):
+        return
+    mechanism = model.mechanism
+    names = {word for base in model.base_parameters for word in base.name.split() if "." in word}
+    scales = {
+        joint: float(model.point.values[name])
+        for joint, drive in mechanism.drives.items()
+        if (name := f"{drive.kind}.{joint}.{drive.scale}") not in names  # else it was identified
+    }
+    if {*mechanism.driven} - {*mechanism.drives} or {*scales.values()} != {1.0}:
+        return  # a sensor, or a gain, gives the torques a scale
+    if any(not any(f"{link}.{x}" in names for x in DYNAMIC) for link in mechanism.bodies.links):
+        return  # a known body
+    joint = next(iter(scales))
+    scale = mechanism.drives[joint].scale
+    raise MechanismError(
+        f"{machine.name}: the fit is in ratios to {scale} = 1 of '{joint}', so its masses are no "
+        f"kilograms, and gravity acts on them: identify with the gain itself (--drive {joint}:"
+        f"{scale}=…) or a known body, or export without gravity: --gravity 0,0,0"
+    )
+
+
+def shares_of(model: Fit | Saved | Mechanism, shares: Mapping[str, float]) -> dict[str, float]:
+    """Return values that are shares of those of a model, by full name.
+
+    Raises:
+        MechanismError: for a name that is not there.
+    """
+    if not shares:
+        return {}
+    machine = machine_of(model)
+    bodies = machine.mechanism.bodies
+    known = dict(zip(bodies.names, map(float, machine.point.pi), strict=True))
+    for effect in machine.mechanism.effects:
+        known |= {name: float(machine.point.values[name]) for name in effect.names}
+    for name in shares:
+        if name not in known:
+            raise MechanismError(f"{machine.name}: no parameter '{name}'; {one_of(name, known)}")
+    return {name: share * known[name] for name, share in shares.items()}
 
 
 def _of(point: Point, names: set[str]) -> dict[str, float]:

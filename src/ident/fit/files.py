@@ -383,11 +383,11 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
             effect_here is not None and effect_here.known
         ):  # the fit's values count, which may be others
             settings = {name: effect_here.setting(name) for name in effect_here.settings}
-            grown = grown + replace(effect_here, values=settings)
+            finite = {name: x for name, x in settings.items() if np.isfinite(x)}  # else not stated
+            grown = grown + replace(effect_here, values=finite)
         if effect_here is None and kind in KINDS:
-            grown = grown + create_effect(
-                kind, joint, effect.get("settings"), signal=signal, **of_log
-            )
+            settings = {k: x for k, x in (effect.get("settings") or {}).items() if x is not None}
+            grown = grown + create_effect(kind, joint, settings, signal=signal, **of_log)
         elif effect_here is None:
             new = _own_kind(path, label, effect, allow_code)(tuple(joint.split(",")))
             grown = grown + replace(new, **of_log)
