@@ -211,10 +211,12 @@ def frozen(c: LoggedChannel) -> Judgement:
 
 def clipped(c: LoggedChannel) -> Judgement:
     """A torque that stays at an extreme of its channel."""
-    share = float(at_limit(c.x).mean())
+    at_extreme = at_limit(c.x)
+    share = float(at_extreme.mean())
+    extremes = " and ".join(significant(x, 4) for x in np.unique(c.x[at_extreme]))
     text = (
-        f"{100 * share:.2g} % of the samples stay at an extreme "
-        f"({significant(np.abs(c.x).max(), 4)}): the range of the drive or of its sensor ends there"
+        f"{100 * share:.2g} % of the samples stay at an extreme ({extremes}): the range of the "
+        "drive or of its sensor ends there"
     )
     remedy = "leave these stretches empty, or move within that range"
     return (share, CLIPPED, text, remedy) if share else None
