@@ -14,13 +14,13 @@ A case is a line of the file `--out`; `--read`: the table of such files.
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from priors import MACHINES, machine
+from rows import kept, rows_of
 from verdict import CAUSES
 
 import ident
@@ -151,17 +151,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--read", type=Path, nargs="+")
     given = parser.parse_args()
-    if given.read:
-        lines = [line for path in given.read for line in path.read_text().splitlines()]
-        print("\n".join(table([Case(**json.loads(line)) for line in lines])))
-        return
-    every = list[Case]()
-    for case in cases(given.machines, given.each, given.diagnose):
-        every.append(case)
-        if given.out:
-            with given.out.open("a") as file:
-                file.write(json.dumps(asdict(case)) + "\n")
-    print("\n".join(table(every)))
+    made = cases(given.machines, given.each, given.diagnose)
+    rows = rows_of(given.read, Case) if given.read else [*kept(made, given.out)]
+    print("\n".join(table(rows)))
 
 
 if __name__ == "__main__":

@@ -15,12 +15,11 @@ A draw is a line of the file `--out`, as soon as it is made; `--read`: the table
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "mistakes")]
 
 import subjects  # noqa: E402
+from rows import kept, rows_of  # noqa: E402
 
 from ident import Log, Mechanism  # noqa: E402
 from ident.mechanism.calibration import Calibration  # noqa: E402
@@ -143,18 +143,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--read", type=Path, nargs="+")
     given = parser.parse_args()
-    if given.read:
-        lines = [line for path in given.read for line in path.read_text().splitlines()]
-        print("\n".join(table([Draw(**json.loads(line)) for line in lines])))
-        return
-    draws, each = list[Draw](), given.draws // len(given.machines)
+    each = given.draws // len(given.machines)
     seeds = range(given.first, given.first + each)
-    for draw in drawn(given.machines, seeds, given.exact, given.positions):
-        draws.append(draw)
-        if given.out:
-            with given.out.open("a") as file:
-                file.write(json.dumps(asdict(draw)) + "\n")
-    print("\n".join(table(draws)))
+    made = drawn(given.machines, seeds, given.exact, given.positions)
+    rows = rows_of(given.read, Draw) if given.read else [*kept(made, given.out)]
+    print("\n".join(table(rows)))
 
 
 if __name__ == "__main__":
