@@ -1,4 +1,4 @@
-"""Rows of a long benchmark: kept one by one, so that parts of it can be run apart and read again."""
+"""Rows of a long benchmark, kept one by one: parts can be run apart and read again."""
 
 from __future__ import annotations
 
