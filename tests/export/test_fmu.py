@@ -64,3 +64,13 @@ def test_equal_machines_are_equal_files(robots, tmp_path):
 def test_an_fmi_that_is_not_there(robots):
     with pytest.raises(ident.IdentError, match="valid: 2, 3"):
         export(ident.load(robots / "four_bar"), "fmu", fmi=1)
+
+
+def test_drives_are_outside(robots):
+    mechanism = ident.load(robots / "servo_arm")
+    values = {full: 0.05 for e in mechanism.effects for full in e.names}
+    said = dict(export(mechanism, "fmu", values=values).fixed)
+    assert said["servo:elbow"] == "its torque is the command here"
+    assert (
+        said["coulomb:elbow"] == dict(export(mechanism, "c", values=values).fixed)["coulomb:elbow"]
+    )

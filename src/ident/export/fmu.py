@@ -18,12 +18,16 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from ident.errors import IdentError
-from ident.export.c import SMOOTH, WORDS, header, symbol
+from ident.export.c import CLOSURES, EFFECTS, SMOOTH, header, symbol
 from ident.export.c_print import constant
 from ident.export.equations import Equations
+from ident.export.laws import DRIVES, Vocabulary
 from ident.export.target import Job, Product, Target, translated
 from ident.files import version
 
+# a drive is outside: its torque is the input
+TORQUES = {kind: word for kind, word in EFFECTS.items() if kind not in DRIVES}
+WORDS = Vocabulary(TORQUES, CLOSURES, degree=7)
 STAMP = (2020, 1, 1, 0, 0, 0)  # range: of every file in the archive, so that equal ones are equal
 STEP = 1e-3  # range: [s] that the description proposes
 NAMESPACE = uuid.UUID("6f1d2c1e-7f0b-4c39-9d55-0b1c6f0e1a11")  # range: of tokens of equal models
