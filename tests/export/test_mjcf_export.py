@@ -124,6 +124,50 @@ def test_like_changes_only_the_lines_that_change(tmp_path):
     assert own.body_mass.sum() == pytest.approx(3.0)
 
 
+FLOATING = """<mujoco model="two">
+  <asset><mesh name="m" file="missing.stl"/></asset>
+  <worldbody>
+    <body name="base" pos="0 0 1" quat="1 0 0 0.3">
+      <freejoint/>
+      <inertial pos="0 0 .2" mass="2" diaginertia=".1 .1 .01"/>
+      <geom type="mesh" mesh="m"/>
+      <body name="leg" pos="0 0.1 0" quat="0.707107 0.707107 0 0">
+        <inertial pos="0 0 -.2" mass="1" diaginertia=".02 .02 .001"/>
+        <joint axis="0 1 0"/>
+        <body name="foot" pos="0 0 -.4">
+          <inertial pos="0 0 0" mass=".2" diaginertia=".001 .001 .001"/>
+          <joint name="ankle" type="ball"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="leg_joint"/></actuator>
+</mujoco>
+"""
+
+
+def test_like_of_a_floating_machine_with_nameless_joints_and_missing_meshes(tmp_path):
+    path = tmp_path / "two.xml"
+    path.write_text(FLOATING.replace('joint="leg_joint"', 'jointinparent="ankle"'))
+    mechanism = ident.load(path)
+    assert export(mechanism, "mjcf", like=path, out=tmp_path / "x.xml", fitted=False).text == (
+        path.read_text()
+    )
+    heavier = {f"{link}.m": x for link, x in (("base", 3.0), ("leg", 1.5), ("foot", 0.25))}
+    made = export(
+        mechanism.with_effect("viscous:leg_joint"), "mjcf", like=path, fitted=False,
+        values={**heavier, "viscous.leg_joint.Fv": 0.5}, out=tmp_path / "x.xml",
+    )  # fmt: skip
+    lines = changed_lines(path.read_text(), made.text)
+    assert len(lines) == 8
+    assert all("<inertial" in x or "<joint axis" in x for x in lines)
+    (out,) = made.write()
+    again = ident.load(out)
+    for name, mass in heavier.items():
+        at = again.bodies.columns(name.partition(".")[0])
+        assert again.prior[at][0] == pytest.approx(mass, rel=1e-12)
+
+
 def test_like_with_other_names_says_the_nearest(tmp_path):
     path = tmp_path / "one.xml"
     path.write_text(LIKE)

@@ -133,7 +133,7 @@ def export(
     for name in shares:
         if name in (values or {}):
             raise IdentError(f"'{name}' has a value and a share; give one of them")
-    values = {**(values or {}), **shares_of(model, shares)}
+    values = {**(values or {}), **shares_of(model, shares, values)}
     machine = machine_of(model, values, without, gravity)
     check_scale(model, machine)
     path = Path(out) if out is not None else Path(f"{machine.name}{target.suffix}")

@@ -238,15 +238,19 @@ def check_scale(model: Fit | Saved | Mechanism, machine: Machine) -> None:
     )
 
 
-def shares_of(model: Fit | Saved | Mechanism, shares: Mapping[str, float]) -> dict[str, float]:
-    """Return values that are shares of those of a model, by full name.
+def shares_of(
+    model: Fit | Saved | Mechanism,
+    shares: Mapping[str, float],
+    values: Mapping[str, float] | None = None,
+) -> dict[str, float]:
+    """Return values that are shares of those of a model, by full name; `values`: of others.
 
     Raises:
         MechanismError: for a name that is not there.
     """
     if not shares:
         return {}
-    machine = machine_of(model)
+    machine = machine_of(model, values)
     bodies = machine.mechanism.bodies
     known = dict(zip(bodies.names, map(float, machine.point.pi), strict=True))
     for effect in machine.mechanism.effects:

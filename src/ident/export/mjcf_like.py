@@ -7,6 +7,7 @@ number that is right already, from a default class perhaps, keeps its text.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from ident.export.edit import Element, XmlEdit
 from ident.export.laws import Translation
 from ident.export.machine import Body, Machine, possible
 from ident.export.mjcf import Numbers, actuator, bias_of, joint_attributes
-from ident.export.rollout import joint_places, mujoco_module
+from ident.export.rollout import mujoco_module
 from ident.files import regular
 from ident.mechanism.description import words
 
@@ -26,6 +27,10 @@ EQUAL = 1e-9  # numerics: relative difference below which a number of the file i
 SIZE = 1e-3  # numerics: [m] of a body, by which a change of its centre is measured
 DEGREES = 180 / np.pi  # range: of a radian
 JOINTS = ("joint", "freejoint")
+PLACE = 1e-6  # numerics: [m, 1] by which a joint's place in a file may differ from the machine's
+# range: coordinates of MuJoCo's free (0) and ball (1) joints as a mechanism names them
+SEVERAL = {0: ("x", "y", "z", "rz", "ry", "rx"), 1: ("rz", "ry", "rx")}
+LAST = ".rx"
 
 
 class LikeMjcf:
@@ -37,7 +42,7 @@ class LikeMjcf:
         self.data = regular(path).read_bytes()
         try:
             self.spec = module.MjSpec.from_file(str(path))
-            self.model = _compiled_without_files(self.spec, module)
+            self.model = _compiled_without_files(self.spec, path)
         except ValueError as error:
             raise IdentError(f"{path}: MuJoCo refuses it: {' '.join(str(error).split())}") from None
         edit = XmlEdit(self.data, str(path))
@@ -47,6 +52,14 @@ class LikeMjcf:
                 "contains the bodies"
             )
         self.radian = _angle(edit.root) == "radian"
+        model = self.model
+        self.index = {_name(model, j): j for j in range(model.njnt)}
+        # of a joint of several coordinates, by the names that they have as joints
+        self.several = {
+            f"{name}.{word}": j
+            for name, j in self.index.items()
+            for word in SEVERAL.get(int(model.jnt_type[j]), ())
+        }
         self._check_names()
         self.frames = self._frames()
 
@@ -61,8 +74,8 @@ class LikeMjcf:
         return None
 
     def _check_names(self) -> None:
-        names = [self.model.joint(j).name for j in range(self.model.njnt)]
-        missing = [name for name in self.machine.by_joint if name not in names]
+        names = [*self.index]
+        missing = [x for x in self.machine.by_joint if x not in self.index | self.several]
         if missing:
             pairs = ", ".join(f"{name} → {near(name, names) or '?'}" for name in missing)
             raise MechanismError(
@@ -78,19 +91,19 @@ class LikeMjcf:
         """
         module, model = mujoco_module(), self.model
         names = [link.joint.name for link in self.machine.links]
-        at_q, _ = joint_places(model, names)
         tree, result = self.machine.drawing.model, list[list[pin.SE3]]()
         random = np.random.default_rng(0)
         for q in (np.zeros(tree.nq), random.uniform(-0.5, 0.5, tree.nq)):
             data, own_data = module.MjData(model), tree.createData()
             data.qpos[:] = model.qpos0
-            data.qpos[at_q] = q[[link.joint.index for link in self.machine.links]]
+            values = {link.joint.name: float(q[link.joint.index]) for link in self.machine.links}
+            for name, j in self.index.items():
+                self._set(data.qpos[model.jnt_qposadr[j] :], name, int(model.jnt_type[j]), values)
             module.mj_kinematics(model, data)
             pin.forwardKinematics(tree, own_data, q)
             frames = []
             for link in self.machine.links:
-                j = model.joint(link.joint.name).id
-                body = int(model.jnt_bodyid[j])
+                body = int(model.jnt_bodyid[self._joint_of(link.joint.name)])
                 R, p = data.xmat[body].reshape(3, 3).copy(), data.xpos[body].copy()
                 frames.append(
                     pin.SE3(R, p).inverse() * own_data.oMi[tree.getJointId(link.joint.name)]
@@ -98,7 +111,7 @@ class LikeMjcf:
             result.append(frames)
         for name, one, other in zip(names, *result, strict=True):
             last = self._is_last(name)
-            if last and not one.isApprox(other, 1e-6):
+            if last and np.abs((one.inverse() * other).homogeneous - np.eye(4)).max() > PLACE:
                 raise MechanismError(
                     f"--like {self.path}: joint '{name}' is in another place, or turns another "
                     "way, than that of the machine: the file is of another machine"
@@ -107,18 +120,36 @@ class LikeMjcf:
 
     def _is_last(self, name: str) -> bool:
         """Return whether a joint is the last of its body, whose frame then is the link's."""
-        model = self.model
-        j = model.joint(name).id
+        model, j = self.model, self._joint_of(name)
+        if name in self.several and not name.endswith(LAST):
+            return False
         body = int(model.jnt_bodyid[j])
         return j == int(model.body_jntadr[body]) + int(model.body_jntnum[body]) - 1
+
+    def _joint_of(self, name: str) -> int:
+        """Return the number of the file's joint that has a coordinate."""
+        return self.index[name] if name in self.index else self.several[name]
+
+    @staticmethod
+    def _set(qpos: np.ndarray, name: str, kind: int, values: Mapping[str, float]) -> None:
+        """Set the coordinates of a joint of the file, which begin in `qpos`."""
+        words_of = SEVERAL.get(kind)
+        if words_of is None:
+            qpos[0] = values.get(name, qpos[0])
+        elif f"{name}.{words_of[-1]}" in values:
+            at = {word: values[f"{name}.{word}"] for word in words_of}
+            turn = pin.Quaternion(pin.rpy.rpyToMatrix(at["rx"], at["ry"], at["rz"])).coeffs()
+            moved = [at[x] for x in "xyz"] if kind == 0 else []
+            qpos[: len(words_of) + 1] = [*moved, turn[3], *turn[:3]]
 
     def text(self, translation: Translation, numbers: Numbers) -> bytes:
         """Return the file's text with the numbers of the machine."""
         edit = XmlEdit(self.data, str(self.path))
         joints = {
-            element.attributes.get("name", ""): element
+            name: element
             for world in edit.root.iter("worldbody")
-            for element in world.iter("joint")
+            for element in [item for tag in JOINTS for item in world.iter(tag)]
+            if (name := _element_name(element))
         }
         if numbers.step != self.step:
             option = edit.root.find("option")
@@ -129,21 +160,27 @@ class LikeMjcf:
         for link in self.machine.links:
             name = link.joint.name
             laws = translation.laws[name]
-            element = joints.get(name)
+            element = joints.get(_name(self.model, self._joint_of(name)))
             if element is None:  # an element that a replicate or an attach makes
                 raise IdentError(
                     f"--like {self.path}: joint '{name}' is in no <joint> of the file itself"
                 )
-            self._joint(edit, element, joint_attributes(laws, link.offset), name)
-            self._body(edit, element, name)
+            if name in self.index:
+                self._joint(edit, element, joint_attributes(laws, link.offset), name)
+            elif joint_attributes(laws, link.offset):
+                raise IdentError(
+                    f"--like {self.path}: '{name}' is one coordinate of a joint of several, which "
+                    "has no friction, spring or rotor of its own; leave its effects out"
+                )
+            if self._is_last(name):
+                self._body(edit, element, name)
         self._actuators(edit, translation, numbers)
         return edit.result()
 
     # --- joints ---------------------------------------------------------------------------------
 
     def _joint(self, edit: XmlEdit, element: Element, wanted: dict[str, str], name: str) -> None:
-        model = self.model
-        j = [model.joint(i).name for i in range(model.njnt)].index(name)
+        model, j = self.model, self.index[name]
         dof = int(model.jnt_dofadr[j])
         hinge = int(model.jnt_type[j]) == 3
         degrees = DEGREES if hinge and not self.radian else 1.0
@@ -186,12 +223,8 @@ class LikeMjcf:
     def _body(self, edit: XmlEdit, joint: Element, name: str) -> None:
         body = joint.parent
         assert body is not None
-        own_data = [child for child in body.children if child.tag in JOINTS]
-        if own_data[-1] is not joint:  # a link without mass between the joints of one body
-            return
         model = self.model
-        j = [model.joint(i).name for i in range(model.njnt)].index(name)
-        at = int(model.jnt_bodyid[j])
+        at = int(model.jnt_bodyid[self._joint_of(name)])
         link = self.machine.by_joint[name]
         total_inertia = _shifted(self.machine.total(link), self.frames[name])
         fixed = np.zeros(10)
@@ -293,6 +326,19 @@ class LikeMjcf:
                     edit.set(element, key, wanted[key])
 
 
+def _name(model: Any, j: int) -> str:
+    """Return the name of a joint as the reader has it: one without a name gets its body's."""
+    return str(model.joint(j).name or f"{model.body(int(model.jnt_bodyid[j])).name}_joint")
+
+
+def _element_name(element: Element) -> str:
+    """Return the same of a joint's element, nothing of one without a name in a nameless body."""
+    if name := element.attributes.get("name", ""):
+        return name
+    body = element.parent.attributes.get("name", "") if element.parent else ""
+    return f"{body}_joint" if body else ""
+
+
 def _numbers(text: str) -> np.ndarray:
     return np.array([float(x) for x in text.split()])
 
@@ -315,7 +361,7 @@ def _angle(root: Element) -> str:
     )  # fmt: skip
 
 
-def _compiled_without_files(spec: Any, module: Any) -> Any:
+def _compiled_without_files(spec: Any, path: Path) -> Any:
     """Compile a model; where meshes or textures are missing here, as the reader does."""
     try:
         return spec.compile()
@@ -324,4 +370,4 @@ def _compiled_without_files(spec: Any, module: Any) -> Any:
             raise
     from ident.formats.mjcf import _without_missing_files
 
-    return _without_missing_files(Path(spec.modelfiledir) / "model.xml")[0]
+    return _without_missing_files(path)[0]

@@ -31,6 +31,7 @@ from ident.simulate.plant import Plant
 WINDOW = 0.5  # range: [s]
 # numerics: of a step: 1e-8 moves the windows of a clean log by 4e-8 rad, errors by 1e-6 of them
 TOLERANCE = 1e-6
+EXACT = 1e-7  # numerics: [rad | m] of the same; a joint that sticks has a band without width
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +70,10 @@ class ReplayedLog:
         """
         if self.band is None:
             return {}
-        off = np.abs(self.simulated - self.measured) / self.band
+        off = np.abs(self.simulated - self.measured) - self.band
         off[list(self.starts)] = np.nan
         return {
-            joint: float(np.mean(off[known, j] <= 1))
+            joint: float(np.mean(off[known, j] <= EXACT))
             for j, joint in enumerate(self.joints)
             if (known := np.isfinite(off[:, j])).any()
         }
