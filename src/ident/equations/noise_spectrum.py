@@ -19,7 +19,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from ident.equations.filter import Decimator
 from ident.equations.rows import corrected, residual
@@ -88,9 +87,9 @@ def _passed(r: np.ndarray, rate: float, taps: np.ndarray | None, band: float) ->
 def has_line(P: np.ndarray) -> bool:
     """Return whether one power P (n,) of a Hann-windowed spectrum stands out of its neighbours.
 
-    Power of noise over the mean of its neighbours has F's law with 2 degrees of freedom, and 2 for
-    each neighbour; a median, which a second line does not move, is as sure as a mean of half as
-    many.
+    Power of noise over the mean of m of its neighbours, F(2, 2 m), is above x by chance
+
+        (1 + x/m)^-m        of a median, which a second line does not move, m is half as many
     """
     reach = LEAKED + NEIGHBOURS
     if len(P) <= 2 * reach:
@@ -98,7 +97,7 @@ def has_line(P: np.ndarray) -> bool:
     windows = np.lib.stride_tricks.sliding_window_view(P, 2 * reach + 1)
     around = np.delete(windows, np.s_[NEIGHBOURS : NEIGHBOURS + 2 * LEAKED + 1], axis=1)
     mean = np.median(around, axis=1) / np.log(2)
-    limit = f_distribution.isf(LINE / len(P), 2, 2 * NEIGHBOURS)
+    limit = NEIGHBOURS * ((LINE / len(P)) ** (-1 / NEIGHBOURS) - 1)
     return bool((windows[:, reach] > limit * mean).any())
 
 
