@@ -116,7 +116,7 @@ def translate(machine: Machine, words: Vocabulary, motion: Motion | None) -> Tra
             fixed.append((effect.label, words.effects[effect.kind]))
         elif effect.label and effect.kind in DRIVES:
             fixed.append((effect.label, "its torque is the command here"))
-        else:
+        elif effect.corrects or any(machine.point.of(effect)[0]):
             lost.append(effect)
     if not lost:
         return Translation(machine, laws, tuple(fixed), (), "")
