@@ -33,7 +33,7 @@ from ident.text import listed, percent, shortlist, two_digits
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
-    "position swapped", "joints swapped", "time", "gravity", "another run", "units",
+    "position swapped", "joints swapped", "motors", "time", "gravity", "another run", "units",
     "logs disagree", "changed within the log", "computed",
 }  # fmt: skip
 DEAD = {"constant", "zero", "noise_only"}  # codes of findings on channels that measure nothing

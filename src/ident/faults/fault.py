@@ -3,6 +3,7 @@
 sign, factor, exchange, delay of torques      τ_j → g τ_i(t + l)      `torque_faults`
 sign, axis, scale, exchange of positions      q_j → −q_j, …           `_positions`
 positions counted from another link           q_j → q_j − q_i − …     `_positions`
+motors that do not sit at the joints          q → A⁻¹ m, τ → Aᵀ τ_m   `motors.motor_faults`
 scale of time                                 v, a → v/s, a/s²        `scale_of_time`
 direction of gravity                          g → g'                  `motion_faults`
 sign of wrenches, or none of them             f_e → −f_e, 0           `motion_faults`
@@ -284,6 +285,12 @@ WORDS = {  # by kind: in a rival's place, what it is, and the remedy
         "place,",
         "write {sum} into {first}, velocity alike",
     ),
+    "motors": (
+        "taking {q} for motors with {formula}",
+        "{joints}: position and torque are of motors that do not sit at these joints: with "
+        "{formula}",
+        "write in mechanism.toml: {motor_lines}",
+    ),
     "position swapped": ("exchanging {q}", EXCHANGED, "write {q_exchange}, velocities alike"),
     "joints swapped": (
         "exchanging {q}, torques alike,",
@@ -365,6 +372,11 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
             for x, name in zip(fault.number, joints, strict=False)
         )[3:],
     }  # fmt: skip
+    fields["formula"] = fields["motor_lines"] = ""
+    if (lines := getattr(fault.state, "lines", "")) and fault.kind == "motors":
+        motors = [motor for motor in fault.state.motors if not motor.is_joint]  # type: ignore[union-attr]
+        fields["motor_lines"] = lines
+        fields["formula"] = listed(f"{motor.name} = {motor.formula}" for motor in motors)
     for name, vector in (("vector", fault.number), ("gravity", mechanism.model.gravity.linear)):
         fields[name] = "[" + ", ".join(f"{x + 0.0:.4g}" for x in vector) + "]"
     factor = exact_factor(number) if number else number

@@ -30,6 +30,7 @@ from ident.faults.fault import (
     scale_of_torque,
     torque_faults,
 )
+from ident.faults.motors import WIDTH, MotorCoordinates, motor_faults, nearest_nice
 from ident.faults.small_errors import away_from_reversals
 from ident.information.chance import EXCESS, EXPLAINED_BELOW, RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
@@ -239,6 +240,8 @@ class FaultSearch:
             """Return the equations in the rows that count as logged and in which it closes."""
             states = [state(mechanism, e) for e in thin]
             table = table_of(states[0][0], [e for _, e in states])
+            if isinstance(state, MotorCoordinates):
+                table = state.table(logged, table)
             samples = first[table.experiment] + table.sample
             nearest = np.minimum(np.searchsorted(logged_samples, samples), len(logged_samples) - 1)
             use = logged.informed[nearest] & (logged_samples[nearest] == samples)[:, None]
@@ -247,8 +250,10 @@ class FaultSearch:
 
         every = ChannelEquations.of(self.estimate, logged, logged.informed, self.effects)
         now = FaultTrial.of_log(self._with_common(every))
-        names = zip(motion.independent, noise, strict=True)
-        faults = motion_faults(now.fault, mechanism, thin, {name for name, x in names if x > DOUBT})
+        both = zip(motion.independent, noise, strict=True)
+        poor = {name for name, x in both if x > DOUBT}
+        faults = motion_faults(now.fault, mechanism, thin, poor)
+        faults += motor_faults(now.fault, mechanism, thin[0].logged, poor)
 
         def trial(fault: Fault) -> FaultTrial:
             assert fault.state is not None
@@ -279,10 +284,25 @@ class FaultSearch:
         if not closest:
             return None
         best, *others = closest
+        if best.fault.kind == "motors":  # of several matrices as good the simplest is named
+            alike = [
+                other
+                for other in closest
+                if (other.fault.kind, other.fault.number) == ("motors", best.fault.number)
+                and zscore((best.held_out_density - other.held_out_density).sum(axis=1)) < RIVAL
+            ]
+            best = min([best, *alike], key=lambda x: faults.index(x.fault))
+            others = [other for other in closest if other is not best]
         if best.fault.kind == "time":
             at = CLOCKS.index(best.fault.number[0])
             ends = CLOCKS[max(at - 1, 0)], CLOCKS[min(at + 1, len(CLOCKS) - 1)]
             best = trial(refined(best.fault, ends, trial))
+        if best.fault.kind == "motors" and best.fault.at is not None:
+            x = best.fault.number[0]
+            best = trial(refined(best.fault, (x / WIDTH, x * WIDTH), trial))
+            usual = trial(best.fault.at(nearest_nice(best.fault.number[0])))  # type: ignore[misc]
+            apart = (best.held_out_density - usual.held_out_density).sum(axis=1)
+            best = usual if zscore(apart) < credible_t(len(faults), len(base)) else best
         rows, D = best.rows, best.held_out_density - base
         t = min(zscore(D.sum(axis=1)), zscore(D[:, rows].sum(axis=1)))
         identity = best.fault.kind, best.fault.joints
@@ -291,6 +311,10 @@ class FaultSearch:
         for other in others:
             if zscore((best.held_out_density - other.held_out_density).sum(axis=1)) < RIVAL:
                 rivals_by_kind.setdefault((other.fault.kind, other.fault.joints), other.fault)
+        if (alike_joints := rivals_by_kind.get(identity)) and best.fault.kind == "motors":
+            same = [x.state.signs for x in (best.fault, alike_joints)]  # type: ignore[union-attr]
+            if same[0] == same[1]:  # but for a ratio
+                del rivals_by_kind[identity]
         if identity[0] in NUMBERED:
             rivals_by_kind.pop(identity, None)
         rivals = tuple(rivals_by_kind.values())
@@ -308,6 +332,8 @@ class FaultSearch:
         than one kind of effect would, missing at all drives: else nobody can tell which it is. Such
         a kind does well in all joints, and where the last fault is felt.
         """
+        if last.fault.kind == "motors":
+            return self._better_coordinates(last, every)
         if np.log(last.noise).mean() >= np.log(AS_WELL * self.reference).mean():
             return False
         kinds = {effect.kind for effect in self.effects if not effect.common}
@@ -315,6 +341,23 @@ class FaultSearch:
         errors = (x.noise(x.as_logged) for x in with_kinds)
         rows = (slice(None), last.rows)
         return not any(all(rms(x[u]) < EXCESS * rms(last.noise[u]) for u in rows) for x in errors)
+
+    def _better_coordinates(self, last: FaultTrial, every: ChannelEquations) -> bool:
+        """Whether motors elsewhere predict blocks that are left out better than any one kind of
+        effect, missing at all drives, and leave not much more than all effects together.
+
+        They have as few unknowns as the log as it is, so that this is a fair comparison.
+        """
+        rest = every.noise(every.as_logged)  # in the same rows: those of a motion have no filter
+        if np.log(last.noise).mean() >= np.log(AS_WELL * rest).mean():
+            return False
+        for kind in sorted({effect.kind for effect in self.effects if not effect.common}):
+            with_kind = self._with_common(every, kind)
+            noise = with_kind.noise(with_kind.as_logged)
+            density = with_kind.left_out(with_kind.as_logged, noise)
+            if zscore((last.held_out_density - density).sum(axis=1)) < RIVAL:
+                return False
+        return True
 
     def _away_too(self, fault: Fault) -> bool:
         """Whether a delay explains rows away from reversals, too: friction that builds up over some

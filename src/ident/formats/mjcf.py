@@ -166,6 +166,12 @@ class _MjcfModel:
             self._add(urdf, body)
         closures, notes = self._closures()
         passive = tuple(self.joints[j] for j in self._undriven())
+        motors = self._motors()
+        if pulled := [name for name in motors if name not in self.joints]:
+            notes.append(
+                f"{', '.join(pulled)}: pulls a tendon, so it is a motor with coordinates of its "
+                f"own: q.{pulled[0]} and tau.{pulled[0]} of the log; [motors] says otherwise"
+            )
         gx, gy, gz = map(float, m.opt.gravity)
         return Description(
             urdf=urdf.text(),
@@ -175,6 +181,7 @@ class _MjcfModel:
             start={name: x for j in range(m.njnt) for name, x in self._start(j).items()},
             gravity=(gx, gy, gz),
             auxiliary=tuple(name for links in self.steps for name in links),
+            motors=motors,
             notes=(*warnings, *self._notes(passive), *notes),
         )
 
@@ -264,6 +271,28 @@ class _MjcfModel:
         if not path or not (folder / path).is_file():
             return ""
         return Path(os.path.relpath(folder / path, folder)).as_posix()
+
+    def _motors(self) -> dict[str, dict[str, float]]:
+        """Return the motors that pull fixed tendons, by actuator: the sum of joints that turns it,
+        and each joint that has an actuator of its own beside them.
+        """
+        m, motors, own = self.model, dict[str, dict[str, float]](), set[str]()
+        for a, (kind, (target, _)) in enumerate(
+            zip(m.actuator_trntype, m.actuator_trnid, strict=True)
+        ):
+            if kind in BY_JOINT:
+                own.add(self.joints[int(target)])
+            if kind != BY_TENDON:
+                continue
+            first = int(m.tendon_adr[target])
+            wraps = range(first, first + int(m.tendon_num[target]))
+            if any(m.wrap_type[w] != OF_JOINT for w in wraps):
+                continue
+            ratios = {self.joints[int(m.wrap_objid[w])]: float(m.wrap_prm[w]) for w in wraps}
+            name = m.actuator(a).name or m.tendon(int(target)).name or f"motor_{a + 1}"
+            motors[_free(name, self.joints)] = {j: x for j, x in ratios.items() if x}
+        moved = {joint for ratios in motors.values() for joint in ratios}
+        return motors | {name: {name: 1.0} for name in self.joints if name in own & moved}
 
     def _undriven(self) -> list[int]:
         m, driven = self.model, set()

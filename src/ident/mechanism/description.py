@@ -61,6 +61,7 @@ class Description:
     start: Mapping[str, float] = field(default_factory=dict)  # [joints] start
     gravity: tuple[float, float, float] | None = None  # [m/s²], where the file gives it
     auxiliary: tuple[str, ...] = ()  # massless links, which the file does not name
+    motors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # as in [motors]
     notes: tuple[str, ...] = ()  # what was understood otherwise than it is written, in words
 
 

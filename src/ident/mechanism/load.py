@@ -53,13 +53,13 @@ from ident.mechanism.description import (
 from ident.mechanism.drives import read_drives
 from ident.mechanism.idle import spins
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
+from ident.mechanism.motors import Motor, add_motors, moved_by, read_motors, starts_of
 from ident.mechanism.parameters import COUNT, Bodies, read_consistency, read_covariance
 from ident.text import listed
 
 TOP = (
     "urdf", "gravity", "base", "joints", "closure", "parameters", "multipliers", "log", "effect",
-    "drives",
-    "calibration",
+    "drives", "motors", "calibration",
 )  # fmt: skip
 GRAVITY = (0.0, 0.0, -9.81)  # range: [m/s²]
 LIMITLESS = 1e8  # range: from which a limit of a URDF is none
@@ -141,7 +141,7 @@ def _read(
         urdf = toml.parent / top.text("urdf")
         if not urdf.is_file():
             raise top.error(f"urdf = '{top.data['urdf']}': no such file in {toml.parent}")
-    for key in ("base", "joints", "parameters", "multipliers", "log", "calibration"):
+    for key in ("base", "joints", "parameters", "multipliers", "log", "calibration", "motors"):
         top.table(key)
     closures, effects = (top.tables(key) for key in ("closure", "effect"))
     source = read_description(urdf, sidecars="closure" not in top.data)
@@ -154,6 +154,11 @@ def _read(
         top = replace(top, data={**top.data, "joints": joints_data})
     floats = "" if "kind" in top.table("base") else may_float(robot)
     chained = _expanded(robot, str(urdf), top, to_lock)
+    rows = top.table("motors") if "motors" in top else TomlTable(str(urdf), dict(source.motors))
+    tied = bool(source.closures or closures or robot.find("joint/mimic") is not None)
+    motors = read_motors(rows, robot, to_lock, tied=tied)
+    top = _started(top, motors)
+    ties = [TomlTable("[motors]", table) for table in add_motors(robot, motors, to_lock)]
     locks, outside = lock(robot, to_lock, str(urdf))
     tree = build_tree(robot, top.vector("gravity", 3), str(urdf))
     mimics = (TomlTable(f"{urdf}: mimic {table['joints'][0]}", table) for table in tree.mimics)
@@ -162,17 +167,21 @@ def _read(
     folder = (toml or urdf).parent
     context = Context(tree.model, folder, allow_code)
     passive, start = _passive_and_start(top.table("joints"), tree, joints, locks)
-    passive |= {*chained.passive} - {*locks}
+    passive |= ({*chained.passive} | moved_by(motors)) - {*locks}
     basis, parameters = top.table("multipliers"), top.table("parameters")
     basis.check("basis", "spacing")
     parameters.check("unknown", "bounds", "total_mass", "covariance")
-    asked = [link for link in bodies.links if link not in {*source.auxiliary, *chained.links}]
+    rotors = [motor.link for motor in motors]
+    massless = {*source.auxiliary, *chained.links, *rotors}
+    asked = [link for link in bodies.links if link not in massless]
     if "unknown" in parameters:  # links of locked joints are part of others
         locked_joints = (joint for joint in robot.findall("joint") if joint.get("name") in locks)
         parts = {joint.find("child").get("link") for joint in locked_joints}
         every = parameters.words("unknown")
         asked = [x for x in every if x not in parts and x.rpartition(".")[0] not in parts]
-    constraints = tuple(read_closure(table, context) for table in (*loops, *closures, *mimics))
+    constraints = tuple(
+        read_closure(table, context) for table in (*loops, *closures, *mimics, *ties)
+    )
     driven = tuple(joint.name for joint in joints if joint.name not in passive)
     without = _unmeasured(top.table("joints"), unmeasured, driven, locks)
     if without and constraints:
@@ -203,6 +212,7 @@ def _read(
         idle=tuple(idle),
         chains=chains_of(robot, str(urdf)),
         unmeasured=without,
+        motors=motors,
         consistency=read_consistency(parameters, bodies),
         covariance=read_covariance(parameters, folder),
         calibration=read_calibration(
@@ -332,6 +342,18 @@ def stated(data: Mapping[str, Any], source: Description) -> dict[str, Any]:
         joints["start"] = {**source.start, **given.get("start", {})}
     gravity = data.get("gravity", list(source.gravity or GRAVITY))
     return {**data, "joints": joints, "gravity": gravity}
+
+
+def _started(top: TomlTable, motors: Sequence[Motor]) -> TomlTable:
+    """Return the mechanism.toml with the starts of motors, which follow from those of joints."""
+    if not motors:
+        return top
+    joints = top.data.get("joints", {})
+    start = joints.get("start", {})
+    if not isinstance(start, dict):
+        return top
+    joints = {**joints, "start": {**starts_of(motors, start), **start}}
+    return replace(top, data={**top.data, "joints": joints})
 
 
 def _effect(table: TomlTable, context: Context) -> Effect:
@@ -481,6 +503,7 @@ def _columns(table: TomlTable, joints: Sequence[str]) -> dict[str, Column]:
         if scale == 0:
             raise column.error("scale = 0 would erase the column")
         columns[name] = Column(column.text("column"), scale, column.number("offset", 0.0))
+    taken = {column.column for name, column in columns.items() if "*" not in name}
     for pattern in [name for name in columns if "*" in name]:
         source, (before, _, after) = columns.pop(pattern), pattern.partition("*")
         channel, _, begin = before.partition(".")
@@ -497,6 +520,8 @@ def _columns(table: TomlTable, joints: Sequence[str]) -> dict[str, Column]:
             )
         for joint in matching:
             word = joint[len(begin) : len(joint) - len(after)]
+            if source.column.replace("*", word) in taken:  # it is another's by its own entry
+                continue
             new = replace(source, column=source.column.replace("*", word), group=pattern)
             if columns.setdefault(f"{channel}.{joint}", new).group not in ("", pattern):
                 raise MechanismError(

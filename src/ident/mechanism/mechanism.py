@@ -24,6 +24,7 @@ from ident.mechanism.chains import Chain
 from ident.mechanism.closures import Closure, shifted
 from ident.mechanism.drives import parse_drives
 from ident.mechanism.kinematics import Kinematics, rank_of
+from ident.mechanism.motors import Motor, parallel_joints
 from ident.mechanism.parameters import Bodies, Consistency, Covariance
 
 SHOWN = 6  # shown: open loops in a message
@@ -102,6 +103,7 @@ class Mechanism(Displayed):
         locked: joints held at a coordinate [rad | m]; they are in none of the above.
         idle: those of the locked joints whose turn is a rod's about itself.
         chains: ball and floating joints, whose scalar joints are among `joints`.
+        motors: those that do not sit at the joints, whose coordinates are among `joints`.
         unmeasured: driven joints of a tree whose torque has no sensor: their equations, which the
             torques of no other joint need, are left out.
         consistency: bounds on parameters and the total mass, for a consistent fit.
@@ -130,6 +132,7 @@ class Mechanism(Displayed):
     unmeasured: tuple[str, ...] = ()
     idle: tuple[str, ...] = ()
     chains: tuple[Chain, ...] = ()
+    motors: tuple[Motor, ...] = ()
     consistency: Consistency = field(default_factory=Consistency)
     covariance: Covariance | None = None
     calibration: Calibration = field(default_factory=Calibration)
@@ -300,7 +303,9 @@ class Mechanism(Displayed):
     def _geared(self) -> tuple[tuple[str, str], ...]:
         """Pairs of driven joints of one type that follow each other or are on one body."""
         model = self.model
+        motors = {motor.name for motor in self.motors if not motor.is_joint}
         at = {x: model.getJointId(x) for x in self.driven if model.existJointName(x)}
+        at = {x: index for x, index in at.items() if x not in motors}
         # the next driven joint towards the base; supports begin there and end with the joint
         before = {
             x: next((k for k in [*model.supports[j]][-2::-1] if k in at.values()), 0)
@@ -364,10 +369,11 @@ class Mechanism(Displayed):
         sites = self.sites if logged is None else replace(self.sites, logged=tuple(logged))
         labels = {effect.label for effect in self.effects}
         every = (kind(joints) for kind in KINDS.values() for joints in kind.candidates(sites))
+        hidden = {*(motor.link for motor in self.motors), *parallel_joints(self.motors)}
         return [
             self.placed(effect)
             for effect in every
-            if effect.label not in labels
+            if effect.label not in labels and not hidden & {*effect.joints}
             if labels.issuperset(effect.required) and {*columns}.issuperset(effect.reads())
         ]
 

@@ -193,8 +193,11 @@ def _spell_out(document: tomlkit.TOMLDocument, mechanism: Mechanism, source: Des
                 joints[key].update(value)
         document["joints"] = joints
     if source.auxiliary and "unknown" not in document.get("parameters", {}):
-        asked = [link for link in mechanism.bodies.links if link not in source.auxiliary]
+        massless = {*source.auxiliary, *(motor.link for motor in mechanism.motors)}
+        asked = [link for link in mechanism.bodies.links if link not in massless]
         document.setdefault("parameters", tomlkit.table())["unknown"] = asked
+    if source.motors and "motors" not in document:
+        document["motors"] = {name: dict(ratios) for name, ratios in source.motors.items()}
     if tables := [*source.closures, *document.pop("closure", [])]:
         document["closure"] = _array(tables)
 

@@ -192,6 +192,11 @@ def measure(
     for name, source in mechanism.sources.items():
         if name != "t" and name not in columns and source.column in columns:
             columns[name] = source.scale * columns[source.column] + source.offset
+    for source in mechanism.columns.values() if mechanism.motors else ():
+        prefix, _, name = source.column.partition(".")  # of a joint, while it is a motor's column
+        is_channel = prefix in PREFIXES and name in mechanism.joint_index
+        if is_channel and source.column in log.columns and source.column not in mechanism.columns:
+            columns.pop(source.column, None)
     if mechanism.chains:
         scalar_columns(mechanism, log.name, log.t, columns)
     notes = list(log.repairs)
