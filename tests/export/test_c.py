@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from compiled import FLAGS, caller, compiler, library
+from every_effect import every_effect
 from public_robots import CENTRE, public_robot
 
 import ident
@@ -67,6 +68,18 @@ def test_torques_and_regressor_are_pinocchios(panda):
             g, pin.computeGeneralizedGravity(model, data, q), rtol=0, atol=1e-12
         )
     assert "malloc" not in (folder / "panda.h").read_text()
+
+
+def test_torques_of_every_effect_are_idents(robots, tmp_path):
+    mechanism, values, states = every_effect(robots)
+    made = export(mechanism, "c", values=values, out=tmp_path / "arm.h")
+    made.write()
+    assert made.lost == ()
+    built = library(tmp_path, "arm", TREE[:1])
+    for q, v, a, right in states:
+        tau = np.zeros(4)
+        caller(built.x_inverse_dynamics)(q, v, a, tau)
+        np.testing.assert_allclose(tau, right, rtol=0, atol=1e-9)
 
 
 def test_single_precision(panda, tmp_path):

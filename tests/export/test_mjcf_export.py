@@ -5,6 +5,7 @@ import difflib
 import mujoco
 import numpy as np
 import pytest
+from every_effect import every_effect
 from public_robots import public_robot
 
 import ident
@@ -50,6 +51,24 @@ def test_every_parameter_through_the_file_and_back(name, robots, tmp_path):
         np.testing.assert_allclose(new, own, rtol=1e-9, atol=1e-9 * np.abs(own).max())
     np.testing.assert_allclose(again.model.gravity.linear, mechanism.model.gravity.linear)
     assert again.degrees_of_freedom == mechanism.degrees_of_freedom
+
+
+def test_every_effect_through_the_file_and_back(robots):
+    """MuJoCo's inverse dynamics of the file are the torques of the model with all effects."""
+    mechanism, values, states = every_effect(robots)
+    made = export(mechanism, "mjcf", values=values, fitted=False)
+    assert made.lost == ()
+    model = mujoco.MjModel.from_xml_string(made.text)
+    data = mujoco.MjData(model)
+    for q, v, a, tau in states:
+        for i, joint in enumerate(mechanism.driven):
+            at = model.joint(joint)
+            data.qpos[at.qposadr], data.qvel[at.dofadr], data.qacc[at.dofadr] = q[i], v[i], a[i]
+        mujoco.mj_inverse(model, data)
+        for i, joint in enumerate(mechanism.driven):
+            force, drive = data.qfrc_inverse[model.joint(joint).dofadr[0]], model.actuator(joint)
+            control = (force - drive.biasprm[0]) / (drive.gainprm[0] or 1.0)
+            assert control == pytest.approx(tau[i], rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize(("name", "most"), [("arm", 1e-4), ("four_bar", 1e-3)])

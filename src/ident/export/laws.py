@@ -152,7 +152,7 @@ def _exact(machine: Machine, joint: str, words: Vocabulary) -> JointLaws:
         drag=value("drag", "Fd"),
         coulomb=value("coulomb", "Fc"),
         position=tuple(map(float, np.trim_zeros(position, "b"))),
-        gain=1.0 - value("torque_gain", "g"),
+        gain=1.0 / (1.0 + value("torque_gain", "g")),  # logged: (1 + g) times what acts
     )
 
 
