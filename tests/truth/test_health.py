@@ -454,7 +454,7 @@ def test_no_factor_makes_a_torque_that_the_equations_forget():
     logged = equations.as_logged
     wrist = equations.driven.index("wrist")
     errors = [
-        equations.noise(logged.with_("scale", f, gain={wrist: f}))[wrist]
+        equations.noise(logged.replaced("scale", f, gain={wrist: f}))[wrist]
         for f in np.geomspace(1.0, 1e-8, 9)
     ]
     assert np.all(np.diff(errors[2:]) > 0)

@@ -165,7 +165,7 @@ class DataChecks(FaultSearch):
     @property
     def bias(self) -> Array:
         """By how much the unknowns (k,) would change without the faults that are named, or without
-        rows at reversals that fit worse: a bias that the scatter of residuals does not show.
+        rows that fit worse: a bias that the scatter of residuals does not show.
         """
         if not (trials := self.faults[0]):
             return self.moved_at_reversals
@@ -178,9 +178,19 @@ class DataChecks(FaultSearch):
     @property
     def moved_at_reversals(self) -> Array:
         """The same without rows at reversals alone."""
-        return small_errors.moved_by_reversals(
-            self.table, self.calm_rows, self.estimate, self.misfit
-        )
+        calm = self.calm_rows | (self.misfit <= small_errors.WORSE)
+        return small_errors.moved_by_rows(self.table, calm, self.estimate)[0]
+
+    @cached_property
+    def at_limits(self) -> Array:
+        """Covariance (n_ind, n_ind) by which torques that stay at their limits widen the errors:
+        what all other rows leave open, and the bias against them.
+        """
+        clear = small_errors.clear_of_limits(self.table)
+        faint = small_errors.CLIPPED_WEIGHT
+        change, cov = small_errors.moved_by_rows(self.table, clear, self.estimate, faint)
+        bias = self.estimate.base.combined(change)
+        return np.asarray(cov + np.outer(bias, bias))
 
     @cached_property
     def misfit(self) -> Array:

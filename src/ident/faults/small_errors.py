@@ -24,6 +24,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.effects import Effect
+from ident.equations.filter import Decimator
 from ident.equations.rows import largest_transmission, of_joints
 from ident.equations.table import Table
 from ident.faults.channel_fits import HALF, ROUNDS, SMALL, SQUARES_ROUNDING, columns_of
@@ -33,12 +34,15 @@ from ident.information.chance import RIVAL, credible_t, zscore
 from ident.information.estimate import MATERIAL, Estimate
 from ident.information.hypotheses import Array, PartialRegression
 from ident.information.projection import RANK
-from ident.motion.signals import SLOW
+from ident.motion.signals import SLOW, at_limit
 
 GUARD = 0.06  # tuned: s on either side that are left out; at most 0.3 periods of the motion
 ENOUGH = 0.5  # level: share of a coordinate's rows that must stay
 FEWEST = 30  # work: rows at reversals that tell how well they fit
 FAINT = 0.01  # numerics: weight of a row there: what only such rows determine stays as it is
+CLIPPED_WEIGHT = (
+    1e-4  # numerics: the same of a row with a torque at its limit, of which many may be
+)
 WORSE = 4.0  # tuned: squared residual there over that elsewhere, from which these rows fit worse
 
 
@@ -72,6 +76,24 @@ def _away_in_log(table: Table, number: int, guard: float) -> np.ndarray:
     return of_joints(scene.samples.reduced(at), ~near[at].astype(bool), largest_transmission(e))
 
 
+def clear_of_limits(table: Table) -> np.ndarray:
+    """(N, d) whether no torque that a row's filter averages stays at an extreme of its channel."""
+    return np.concatenate([_clear_in_log(table, i) for i in range(len(table.scenes))])
+
+
+def _clear_in_log(table: Table, number: int) -> np.ndarray:
+    scene, at = table.scenes[number], table.sample[table.experiment == number]
+    e, mechanism = scene.e, table.mechanism
+    clipped = np.zeros(e.yd.shape, dtype=np.uint8)
+    for name, torque in zip(mechanism.driven, e.tau.T, strict=True):
+        clipped[:, mechanism.joint_index[name]] = at_limit(torque)
+    taps = Decimator.of(table.motion.band.cutoff, e.rate).taps
+    from scipy.ndimage import maximum_filter1d  # takes 0.1 s to import
+
+    near = maximum_filter1d(clipped, 1 if taps is None else len(taps), axis=0)
+    return of_joints(scene.samples.reduced(at), ~near[at].astype(bool), largest_transmission(e))
+
+
 def misfit_at_reversals(table: Table, calm_rows: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(d,) squared residual of a row at reversals over that of a row `away` (N, d) from them, of
     unknowns x (k,); 0 where such rows are few, or do not matter.
@@ -88,31 +110,32 @@ def misfit_at_reversals(table: Table, calm_rows: np.ndarray, x: np.ndarray) -> n
     return misfit
 
 
-def moved_by_reversals(
-    table: Table, calm_rows: np.ndarray, estimate: Estimate, misfit: np.ndarray
-) -> np.ndarray:
-    """(k,) x_away − x: what rows at reversals do to the unknowns, where they fit worse.
+def moved_by_rows(
+    table: Table, others: np.ndarray, estimate: Estimate, faint: float = FAINT
+) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) x_without − x: what rows do to the unknowns that are not among the `others` (N, d), and
+    the covariance (n_ind, n_ind) that the others leave of those in the base.
 
-    (Σ w Aᵀ A) (x_away − x) = Σ w Aᵀ r        r = b − A x, w = 1/σ², FAINT/σ² at reversals
+    H (x_without − x) = Σ w Aᵀ r        r = b − A x, H = Σ w Aᵀ A, w = 1/σ², faint/σ² of these rows
     """
-    change, worse = np.zeros(len(estimate.x)), misfit > WORSE
     independent = estimate.base.independent
-    if not (worse.any() and len(independent)):
-        return change
+    change, covariance = np.zeros(len(estimate.x)), np.zeros((len(independent),) * 2)
+    if others[table.informed].all() or not len(independent):
+        return change, covariance
     r = table.b - table.A @ estimate.x
     H, g = np.zeros((len(independent),) * 2), np.zeros(len(independent))
     for u in range(r.shape[1]):
         rows = table.informed[:, u]
-        calm = calm_rows[rows, u] | ~worse[u]
+        calm = others[rows, u]
         A, residuals = table.A[rows, u][:, independent], r[rows, u]
         sigma = max(float(np.sqrt((residuals[calm] ** 2).sum() / max(calm.sum(), 1))), 1e-300)
-        w = np.where(calm, 1.0, FAINT)[:, None] / sigma**2
+        w = np.where(calm, 1.0, faint)[:, None] / sigma**2
         H += A.T @ (w * A)
         g += A.T @ (w[:, 0] * residuals)
     scale = np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
     inverse = linear.pinv(H / scale / scale[:, None], rcond=RANK, hermitian=True)
     change[independent] = inverse @ (g / scale) / scale
-    return change
+    return change, inverse / scale / scale[:, None]
 
 
 # --- a common delay ---------------------------------------------------------------------------

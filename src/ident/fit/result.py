@@ -223,14 +223,14 @@ class Fit(Charted):
     @cached_property
     def without_faults(self) -> np.ndarray:
         """Covariance (n_ind, n_ind) of the base parameters of the residual's scatter, wider by what
-        a repeated motion repeats, and of the bias of rows at reversals.
+        a repeated motion repeats, and of the bias of rows at reversals and of torques at limits.
         """
         return self._with(self.checks.moved_at_reversals)
 
     @cached_property
     def noise_covariance(self) -> np.ndarray:
         """Covariance (n_ind, n_ind) of least squares by noise: `without_faults`, or, where `health`
-        names faults, the same with their bias in place of that of reversals.
+        names faults, the same with their bias in place of that of such rows.
 
         By it are judged an effect in one log, and what has changed on a machine: errors of its
         calibration are the same in all logs of it.
@@ -242,7 +242,7 @@ class Fit(Charted):
         """Covariance with a bias of the unknowns (k,)."""
         again, bias = self.repeated, self.estimate.base.combined(change)
         wider = 1.0 if again is None else again.variance(self.motion.duration)
-        return self.scatter * wider + np.outer(bias, bias)
+        return self.scatter * wider + np.outer(bias, bias) + self.checks.at_limits
 
     @cached_property
     def budget(self) -> Budget | None:
@@ -299,7 +299,7 @@ class Fit(Charted):
             rho = {name: 1 - (1 - rho) / max(share, 1e-12) for (name, rho), share in shares}
             wider = replace(again, rho=rho).variance(self.motion.duration)
         fixed = prior_covariance(self.estimate, self.problem.plausible)
-        return self.budget.noise * wider + fixed + np.outer(bias, bias)
+        return self.budget.noise * wider + fixed + np.outer(bias, bias) + self.checks.at_limits
 
     @cached_property
     def _by_calibration(self) -> np.ndarray:
