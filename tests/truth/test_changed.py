@@ -64,6 +64,16 @@ def test_nothing_has_changed():
     assert d.fit.rank == 0
 
 
+def test_nothing_is_compared_where_nothing_is_unknown_and_the_data_are_wrong():
+    mechanism, logged = identified(), log()
+    columns = {**logged.columns, "tau.elbow": 3 * logged.columns["tau.elbow"]}
+    motion = ident.complete(mechanism, Log.from_arrays("scaled.csv", logged.t, columns))
+    fit = ident.identify(mechanism, motion).since(planted().fit(cutoff="auto"))
+    assert fit.health.findings
+    assert fit.changes is not None
+    assert not fit.changes.changed
+
+
 def test_the_errors_of_the_earlier_fit_are_no_change(tmp_path):
     """The earlier log was short and its torques noisy; the present ones are not."""
     short = plant(

@@ -216,3 +216,19 @@ def test_memory_does_not_grow(monitor):
     assert len(own._recent) <= own._recent.maxlen == 240
     assert len(own._cutter.waiting) <= 2
     assert np.isfinite(own.evidence)
+
+
+def test_a_change_behind_a_torque_channel_of_a_wrong_scale_is_measured_in_its_own_unit():
+    """The channel of the elbow reads 0.75 times the torque, as the reference has it."""
+    (mechanism, values), given = arm(), {"torque_gain.elbow.g": -0.25}
+    scaled = mechanism.with_effect("torque_gain:elbow")
+    reference = known(scaled, {**values, **given})
+    normal = joined(*(run(seed, 20.0, {0.0: ("torque_gain:elbow", given)}) for seed in (2, 3)))
+    monitor = ident.Monitor.of(reference, normal, patience=8.0)
+    then = {**given, "coulomb.elbow.Fc": 1.3}
+    changed = run(11, 25.0, {0.0: ("torque_gain:elbow", given), 10.0: ("torque_gain:elbow", then)})
+    (alarm,) = monitor.watch(changed)
+    assert alarm.suspects == ("coulomb:elbow",)
+    (step,) = alarm.best.steps
+    assert step.change == pytest.approx(0.5, abs=4 * step.stderr)
+    assert step.stderr < 0.03

@@ -63,3 +63,31 @@ def test_nothing_changes_in_a_steady_log(steady):
     d = diagnosed(mechanism, log.t, dict(log.columns))
     assert CODE not in {finding.code for finding in d.health.findings}
     assert change_within(d.selection.first) is None
+
+
+def test_friction_that_rises_within_a_log_is_no_noise(steady):
+    """What is left follows the motion with one sign before, with the other after."""
+    mechanism, values, log = steady
+    changed = {**values, "coulomb.elbow.Fc": 1.2}
+    other = plant(mechanism, motion_log("arm", RATE, SECONDS), changed, noise=SENSORS, seed=3).log
+    columns = {
+        name: np.where(log.t >= SECONDS / 2, other.columns[name], x) if name[:4] == "tau." else x
+        for name, x in log.columns.items()
+    }
+    rising = ident.Log.from_arrays("run.csv", log.t, columns)
+    fits = [ident.identify(mechanism, ident.complete(mechanism, x)) for x in (log, rising)]
+    steady_noise, noise = (fit.noise["elbow"] for fit in fits)
+    assert fits[1].train["elbow"].rms > 5 * steady_noise
+    assert noise < 1.3 * steady_noise
+
+
+def test_a_wrong_joint_makes_no_noise_of_others(steady):
+    """A spring in the shoulder that the model lacks spoils bodies that the elbow moves too."""
+    mechanism, values, log = steady
+    sprung = mechanism.with_effect("spring:shoulder")
+    given = {**values, "spring.shoulder.k": 25.0, "spring.shoulder.b": 0.0}
+    log = plant(sprung, motion_log("arm", RATE, SECONDS), given, noise=SENSORS, seed=3).log
+    fit = ident.identify(mechanism, ident.complete(mechanism, log))
+    known = ident.identify(sprung, ident.complete(sprung, log))
+    for joint, noise in known.noise.items():
+        assert fit.noise[joint] < 1.3 * noise

@@ -173,7 +173,8 @@ class DataChecks(FaultSearch):
         free, size = ~self.estimate.fixed, self.estimate.triangle.column_norms()
         change = np.zeros(len(self.estimate.x))
         change[free] = equations.solution(fault, equations.noise(fault)) - self.estimate.x[free]
-        return np.where(size > ABSENT * size.max(), change, 0.0)  # an unknown of no effect is open
+        # an unknown of no effect is open
+        return np.where(size > ABSENT * size.max(initial=0.0), change, 0.0)
 
     @property
     def moved_at_reversals(self) -> Array:

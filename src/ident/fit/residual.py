@@ -91,7 +91,7 @@ class Failure(Displayed):
     repeats: float | None  #: correlation of the residual between periods, if the log has any
     threshold: float  #: R² that a signal needed last, 0.03 or more where noise explains more
     white: bool  #: no memory, no signal above the threshold, nothing that repeats with the motion
-    of_motion: bool  #: whether it depends on a signal, or repeats with the motion
+    of_motion: bool  #: whether it depends on a signal, at least by halves, or repeats
 
     @property
     def json(self) -> dict[str, Any]:
@@ -173,9 +173,11 @@ class Residual(Displayed):
     @cached_property
     def noise_over_white(self) -> dict[str, float]:
         """By joint, times white noise that the residual's spectrum above the motion makes, where
-        more is left than white noise and depends on nothing that moves.
+        more is left than white noise and depends on nothing that moves; no more than is left.
 
         Empty where knots are coarser than the positions ask for: what they take off is no noise.
+        Empty too where in some joint what is left depends on the motion: values of bodies that
+        several joints move are then wrong in all of these.
         """
         floor, band = self._white_noise, self.motion.band
         loud = [
@@ -191,11 +193,13 @@ class Residual(Displayed):
         coarse = any(c.spacing and c.residual > EXCESS * c.noise for c in channels)
         if not loud or not band.motion or coarse:
             return {}
+        if any(self.failure(joint).of_motion for joint in loud):
+            return {}
         noise = coloured_noise(model.mechanism, experiments, model.point, band.cutoff, band.motion)
-        sizes = zip(self.motion.independent, noise, strict=True)
-        more = {joint: x / max(floor[joint], 1e-300) for joint, x in sizes}
-        failures = (self.failure(joint) for joint in loud if more[joint] > EXCESS)
-        return {f.joint: more[f.joint] for f in failures if not f.of_motion}
+        sizes = dict(zip(self.motion.independent, noise, strict=True))
+        more = {joint: min(sizes[joint], self.errors[joint].rms) for joint in loud}
+        ratios = {joint: x / max(floor[joint], 1e-300) for joint, x in more.items()}
+        return {joint: ratio for joint, ratio in ratios.items() if ratio > EXCESS}
 
     @cached_property
     def _white_noise(self) -> dict[str, float]:
@@ -267,7 +271,7 @@ class Residual(Displayed):
         r = np.concatenate(pieces)
         nothing = error.rms <= TORQUE_ROUNDING * float(self.parts["measured"].max(initial=0.0))
         steps: list[residual_maps.Dependence] = []
-        threshold = 1.0
+        threshold, by_halves = 1.0, False
         if not nothing:
             rows = np.concatenate([trace.informed[:, u] for trace in self.traces])
             edges = np.cumsum([0, *map(len, pieces)])
@@ -275,11 +279,13 @@ class Residual(Displayed):
             together = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
             maps = residual_maps.own_maps(self.signal, joint, self.maps)
             if not rows.all():
-                maps = [
-                    replace(signal_map, columns=signal_map.columns[rows]) for signal_map in maps
-                ]
+                maps = [signal_map.of_rows(rows) for signal_map in maps]
             if together:
                 steps, threshold = residual_maps.depends_on(r[rows], fold[rows], maps, together)
+            if together and not steps:
+                halves = residual_maps.by_halves(maps, fold[rows])
+                steps_of_halves = residual_maps.depends_on(r[rows], fold[rows], halves, together)[0]
+                by_halves = sum(x.r2 for x in steps_of_halves) > residual_maps.LEAST_OF_HALVES
         repeats = again is not None and again.rho[joint] > again.chance
         self._failures[joint] = Failure(
             joint=joint,
@@ -294,7 +300,7 @@ class Residual(Displayed):
             threshold=threshold,
             repeats=again.rho[joint] if again else None,
             white=nothing or (memory.noise and not steps and not repeats),
-            of_motion=bool(steps) or repeats,
+            of_motion=bool(steps) or by_halves or repeats,
         )
         return self._failures[joint]
 

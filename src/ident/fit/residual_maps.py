@@ -38,6 +38,7 @@ from ident.motion import Motion, State
 KNOTS, KNOTS_WAVE, KNOTS_TIME = 9, 41, 4  # work: of a map; of a joint's own position; of time
 JOINTS = 12  # work: whose signals are compared
 LEAST = 0.03  # tuned: share of the residual's variance that makes a signal, or another map, matter
+LEAST_OF_HALVES = 0.25  # level: half of its size, that maps of both halves must explain
 SIGNALS = 4  # shown: of one joint
 DRAWS = 60  # work: surrogates of noise
 FEWEST = 20  # work: rows of which signals can be told
@@ -118,6 +119,11 @@ class SignalMap:
 
     name: str
     columns: np.ndarray
+
+    def of_rows(self, rows: np.ndarray) -> SignalMap:
+        """Return the map on some rows, a mask (n,), without columns that are zero there."""
+        columns = self.columns[rows]
+        return SignalMap(self.name, columns[:, columns.any(axis=0)])
 
 
 def _hats(name: str, x: np.ndarray, count: int) -> SignalMap:
@@ -223,6 +229,16 @@ def depends_on(
         added[name] = added.get(name, 0.0) + float(g[pick])
     dependences = [Dependence(name, r2) for name, r2 in added.items()]
     return sorted(dependences, key=lambda dependence: -dependence.r2), threshold
+
+
+def by_halves(maps: Sequence[SignalMap], fold: np.ndarray) -> list[SignalMap]:
+    """Return maps with values of their own in each half of the stretches of time, by row `fold`
+    (n,): a friction that changed leaves opposite signs in both, which no map of all rows shows.
+    """
+    first = fold < np.median(np.unique(fold))
+    halves = [np.where(first[:, None], x.columns, 0.0) for x in maps]
+    both = [np.hstack([x, y.columns - x]) for x, y in zip(halves, maps, strict=True)]
+    return [SignalMap(x.name, y[:, y.any(axis=0)]) for x, y in zip(maps, both, strict=True)]
 
 
 APART = 0.5  # level: likeness below which the motion has left where it was

@@ -198,7 +198,8 @@ class Monitor(Displayed):
                 f"patience {patience:g} s, material {material:g}; valid: above 0"
             )
         watched = Watched(reference, motion, kinds)
-        x, parts = watched.reference, [p for e in motion.experiments for p in watched.rows(e)]
+        of_log = (rows for e in motion.experiments for rows in watched.rows(e))
+        x, parts = watched.reference, [*map(watched.with_gains, of_log)]
         count = sum(part.informed.sum(axis=0) for part in parts)
         squares = sum((np.where(p.informed, p.b - p.A @ x, 0.0) ** 2).sum(axis=0) for p in parts)
         sigma = np.sqrt(np.maximum(squares / np.maximum(count, 1), 1e-300))
@@ -243,7 +244,7 @@ class Monitor(Displayed):
         """Return the alarms that further rows of `watched.columns` raise, in order of time."""
         sigma = self.design.normal.sigma
         alarms = []
-        for part in self._cutter.cut(rows):
+        for part in self._cutter.cut(self.watched.with_gains(rows)):
             error = np.where(part.informed, part.b - part.A @ self.normal, 0.0)
             torque = np.where(part.informed, part.tau, 0.0)
             count = part.informed.sum(axis=0)

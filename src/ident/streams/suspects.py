@@ -38,6 +38,7 @@ import numpy as np
 
 from ident.diagnosis.candidates import possible as candidates
 from ident.effects import KINDS, Effect
+from ident.effects.drive import TorqueGain
 from ident.effects.effect import Unknown
 from ident.equations.filter import STANDING
 from ident.equations.rows import Rows, Scene, rows
@@ -163,6 +164,26 @@ class Watched:
     def rows(self, e: State) -> Iterator[Rows]:
         """Yield all rows of an experiment."""
         return rows(self.scene(e), self.cutoff, STANDING, keep=False)
+
+    def with_gains(self, rows: Rows) -> Rows:
+        """Return rows with the columns that a torque channel of a wrong scale shows, 1 + g times
+        those of the joint's torque; what x_ref leaves is the same.
+        """
+        A, b = rows.A.copy(), rows.b.copy()
+        scaled = np.ones(len(self.columns), dtype=bool)
+        for effect, places in self.columns.effects:
+            scaled[places[places >= 0]] = not effect.implicit
+        at_reference = np.where(scaled, self.reference, 0.0)
+        gains = (effect for effect in self.mechanism.effects if isinstance(effect, TorqueGain))
+        for effect in gains:
+            (g,), _ = self.point.of(effect)
+            for joint in effect.joints:
+                if not g or joint not in self.joints:
+                    continue
+                u = self.joints.index(joint)
+                b[:, u] += g * (rows.A[:, u] @ at_reference)
+                A[:, u] += g * (rows.A[:, u] * scaled)
+        return replace(rows, A=A, b=b)
 
     def multiplier_triangles(self, motion: Motion) -> tuple[Triangle, ...]:
         """Return by multiplier the triangle of ∂λ/∂x (samples, k), which a force sensor shows."""
