@@ -208,3 +208,30 @@ def test_planned_poses_determine_gravity_better_than_random_ones(arm: Mechanism,
     assert information(q) > np.median(others)
     assert all(x.stderr > 0 for x in plan.parameters)
     assert len(plan.parameters) == 4
+
+
+def test_a_load_that_held_axes_lift_is_named_and_nothing_of_their_own(
+    arm: Mechanism, tmp_path: Path
+):
+    """A first moment of the wrist's motion shows the load; its mass is as open as friction is."""
+    (tmp_path / "mechanism.toml").write_text(KNOWN)
+    known, random, t = ident.load(tmp_path), np.random.default_rng(5), np.arange(0, 6, 0.01)
+    pi = arm.prior.copy()
+    pi[10:] += pin.Inertia(1.2, np.array([0.0, 0, -0.1]), 1e-3 * np.eye(3)).toDynamicParameters()
+    q, v, a = np.zeros((3, len(t), 2))
+    q[:, 0], q[:, 1] = 0.9, np.sin(2 * t)
+    v[:, 1], a[:, 1] = 2 * np.cos(2 * t), -4 * np.sin(2 * t)
+    data = arm.model.createData()
+    rows = zip(q, v, a, strict=True)
+    tau = np.stack([pin.computeJointTorqueRegressor(arm.model, data, *x) @ pi for x in rows])
+    tau += 0.01 * random.standard_normal(tau.shape)
+    tau[:, 0] += 0.8
+    tau[:, 1] += 0.25 * np.sign(v[:, 1])
+    columns = {f"{x}.{n}": y[:, i] for x, y in zip(("q", "tau"), (q, tau), strict=True)
+               for i, n in enumerate(JOINTS)}  # fmt: skip
+    motion = ident.complete(known, Log.from_arrays("wrist", t, columns))
+    diagnosis = ident.diagnose(ident.identify(known, motion))
+    assert diagnosis.best is not None
+    assert diagnosis.best.label == "payload:fore"
+    assert all("shoulder" not in x.label for x in (diagnosis.best, *diagnosis.group))
+    assert not diagnosis.health.findings

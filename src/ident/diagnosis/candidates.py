@@ -11,6 +11,7 @@ import numpy as np
 
 from ident.effects import Effect, ReversalPulses
 from ident.effects.curve import Curve, curves
+from ident.equations.rest import FEWEST_RESTS
 from ident.equations.table import Table
 from ident.errors import FitError, IdentError
 from ident.faults.small_errors import WORSE, away_from_reversals
@@ -114,7 +115,7 @@ def absorbed(mechanism: Mechanism, effect: Effect) -> str:
 def candidates_of(fit: Fit) -> list[Effect]:
     """Effects that could be missing, without those whose columns a link has already."""
     every = possible(fit.mechanism, fit.motion)
-    free = swinging_freely(fit)
+    free, resting = swinging_freely(fit), always_at_rest(fit)
 
     def trivial(effect: Effect) -> bool:
         """Whether it may take all known forces off again, which a torque of zero does not ask."""
@@ -122,7 +123,27 @@ def candidates_of(fit: Fit) -> list[Effect]:
             return free == {*fit.motion.independent}
         return bool({"load", "torque"} & {*effect.asks}) and bool(free & {*effect.joints})
 
-    return [e for e in every if not absorbed(fit.mechanism, e) and not trivial(e)]
+    return [
+        e
+        for e in every
+        if not (absorbed(fit.mechanism, e) or trivial(e))
+        and not (e.local and e.joints and resting.issuperset(e.joints))
+    ]
+
+
+def always_at_rest(fit: Fit) -> set[str]:
+    """Return the independent joints of a tree that stand still in all logs, in a few stretches: one
+    number each, which friction, an offset or any force of the joint's own explains.
+    """
+    if fit.mechanism.closures:
+        return set()
+    joints = set[str]()
+    for u, blocks in fit.problem.information.by_coordinate.items():
+        stretches = sum(block.stretches for block in blocks)
+        moving = sum(block.triangle.rows - block.rest_count for block in blocks)
+        if 0 < stretches < FEWEST_RESTS and not moving:
+            joints.add(fit.motion.independent[u])
+    return joints
 
 
 def swinging_freely(fit: Fit) -> set[str]:

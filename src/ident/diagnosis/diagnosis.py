@@ -28,7 +28,15 @@ from ident.diagnosis.result import (
     known_of,
 )
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import MAIN_CAUSE, NEGATIVE, Evidence, Ranking, can_be, simplicity
+from ident.diagnosis.selection import (
+    MAIN_CAUSE,
+    NEGATIVE,
+    Evidence,
+    Ranking,
+    can_be,
+    has_mass,
+    simplicity,
+)
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
 from ident.effects import Effect
@@ -300,13 +308,15 @@ def _explains(explanation: Explanation, selection: Selection) -> bool:
         return False
     if explanation.effect.descriptive and not _explains_most(explanation, fit):
         return False
-    several = (
-        1 if explanation.effect.loaded_link else len(explanation.effect.unknowns)
-    )  # of a body, its mass
-    sizes = [v for v in explanation.parameters[: several or None] if v.stderr]
-    if sizes and all(abs(v.value) < NEGATIVE * (v.stderr or 0.0) for v in sizes):
-        return False
     values = np.array([value.value for value in explanation.parameters])
+    errors = np.array([value.stderr or 0.0 for value in explanation.parameters])
+    several = len(explanation.effect.unknowns)
+    sizes = [v for v in explanation.parameters[: several or None] if v.stderr]
+    if explanation.effect.loaded_link:
+        if errors[0] and not has_mass(fit.mechanism, values, errors):
+            return False
+    elif sizes and all(abs(v.value) < NEGATIVE * (v.stderr or 0.0) for v in sizes):
+        return False
     if explanation.effect.sits == "place" and not can_be(
         fit.mechanism, explanation.effect, values, 0 * values
     ):
@@ -317,6 +327,7 @@ def _explains(explanation: Explanation, selection: Selection) -> bool:
     explained = remaining < EXPLAINED_BELOW**2 * contest.torque
     squares = explanation.evidence.squares(first) * first.weight**2
     acts = squares > contest.decision.material**2 * selection.first.contest.torque
+    acts &= (contest.use & contest.table.vary).any(axis=0)  # at rest friction takes a part
     acts[explanation.evidence.coordinate] = True
     return bool(explained[acts].all())
 

@@ -39,6 +39,7 @@ THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 STARTS = 4  # work: of a searched shape, from which it is refined
 SHARE_ROUNDING = 1e-12  # numerics: of a share, from one
+BODY = 10  # range: parameters of a body
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
 
 
@@ -331,7 +332,9 @@ def weigh(
     stderr = refit.stderr * np.sqrt(remaining)
     plausible = contest.possible(effect, shape)
     plausible &= sensible(contest, effect, refit.theta, stderr)
-    massive = not effect.loaded_link or bool(abs(refit.theta[0]) > NEGATIVE * stderr[0])
+    massive = not effect.loaded_link or has_mass(
+        contest.fit.mechanism, refit.theta[:BODY], stderr[:BODY]
+    )
     resolved = (
         not effect.waves or contest.passed(effect.joints[0], shape[effect.waves]) > STANDS_FOR
     )
@@ -376,6 +379,20 @@ def can_be(mechanism: Mechanism, effect: Effect, values: Array, stderr: Array) -
         for parameter, value, error in zip(
             effect.unknowns or effect.searched, values, stderr, strict=False
         )
+    )
+
+
+def has_mass(mechanism: Mechanism, values: Array, stderr: Array) -> bool:
+    """Return whether a body of ten values is one: its mass is known to differ from zero, or a first
+    moment is, which a mass within its error has within the machine's reach.
+    """
+    mass, moments = values[0], values[1:4]
+    if abs(mass) > NEGATIVE * stderr[0]:
+        return True
+    shown = np.abs(moments) > NEGATIVE * stderr[1:4]
+    reach = sum(map(abs, mechanism.lengths.values()))
+    return bool(shown.any()) and bool(
+        np.linalg.norm(moments[shown]) < reach * (abs(mass) + NEGATIVE * stderr[0])
     )
 
 

@@ -1,6 +1,6 @@
 """What rows at rest are off by: dry friction holds the joint, and only its limit F is known.
 
-    |τ − Γ p| ≤ F    enters as a Gaussian of its width:    σ_rest² = σ² + F²/2
+    |τ − Γ p| ≤ F    enters as a Gaussian of its width:    σ_rest² = σ² + F²/3
 
 σ: of the coordinate's rows in motion. F is what the model's dry friction has just above standstill;
 without a model of it σ_rest is what is left of the rows at rest, where these are many. A row
@@ -19,9 +19,9 @@ from ident.equations.unknowns import Point
 from ident.information.estimate import Estimate
 from ident.motion import Motion
 
-# level: standard deviation of friction at rest over its limit: between that of all values alike,
-# 1/√3, and of a joint that its drive has just moved, 1
-WIDTH = 0.5**0.5
+# level: standard deviation of friction at rest over its limit, all values within it alike: a joint
+# that its drive has just moved has 1, one that was tapped less
+WIDTH = 3**-0.5
 JUST_ABOVE = 1.01  # numerics: times the speed of standstill, at which friction is at its limit
 LOOKED_AT = 100  # work: samples of a log from which a limit is taken
 FEWEST_RESTS = 8  # level: stretches from which what is left of them shows what they are off by

@@ -298,8 +298,8 @@ class Rows:
         if weight is None or not (self.rest * weight).any():
             return self
         scale = self.scale_of(weight, every)
-        A, b = self.A * scale[:, :, None], self.b * scale
-        return replace(self, A=A, b=b, informed=self.informed | (self.rest * weight > 0))
+        A, b, tau = self.A * scale[:, :, None], self.b * scale, self.tau * scale
+        return replace(self, A=A, b=b, tau=tau, informed=self.informed | (self.rest * weight > 0))
 
     @classmethod
     def concatenated(cls, parts: Sequence[Rows]) -> Rows:

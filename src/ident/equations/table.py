@@ -64,6 +64,14 @@ class Table(Rows):
         )  # fmt: skip
 
     @cached_property
+    def vary(self) -> np.ndarray:
+        """(N, d) rows in motion and poses, by which torques have a size and a shape: a stretch at
+        rest within a motion is one number, of which friction holds a part.
+        """
+        poses = np.array([scene.e.poses for scene in self.scenes])
+        return (self.rest == 0) | poses[self.experiment][:, None]
+
+    @cached_property
     def blocks(self) -> np.ndarray:
         """(N,) numbers of stretches of time, about BLOCKS in all, none over two experiments."""
         per_log = max(2, -(-BLOCKS // len(self.scenes)))

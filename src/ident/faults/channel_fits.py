@@ -323,7 +323,7 @@ def _torques_of_drives(table: Table, drive_of_coordinate: tuple[int, ...], steps
         pieces.append(
             np.stack([*shifted_torques], axis=1)
         )  # one drive after the other, to take less memory
-    return np.concatenate(pieces)
+    return np.concatenate(pieces) * table.scale[:, :, None]
 
 
 def _spread_torques(table: Table, driven: tuple[str, ...]) -> Array:
@@ -335,7 +335,7 @@ def _spread_torques(table: Table, driven: tuple[str, ...]) -> Array:
         for j, name in enumerate(driven):
             s.add_torque(out[:, :, j * len(driven) : (j + 1) * len(driven)], name, tau)
         pieces.append(table.filtered(number, out))
-    return np.concatenate(pieces)
+    return np.concatenate(pieces) * table.scale[:, :, None]
 
 
 def limits_of_machines(

@@ -301,9 +301,10 @@ class DataChecks(FaultSearch):
         rigid = np.arange(len(columns)) < len(columns.rigid)
         common_columns = [table.effect_columns(effect, [{}]) for effect in self.common]
         for u, name in enumerate(self.problem.motion.independent):
-            if name not in self.mechanism.driven or not self.use[:, u].any():
+            rows = self.varying[:, u]
+            if name not in self.mechanism.driven or not rows.any():
                 continue
-            rows, tau = self.use[:, u], table.tau[self.use[:, u], u]
+            tau = table.tau[rows, u]
             if not tau.any():  # no measurement has a shape
                 continue
             A, known = table.A[rows, u], tau - table.b[rows, u]  # of known bodies

@@ -162,6 +162,11 @@ class FaultSearch:
         return self.explained.sum(axis=0) / self.equations.torque
 
     @cached_property
+    def varying(self) -> np.ndarray:
+        """(N, d) rows that count, but for stretches at rest: these have no shape."""
+        return self.use & self.table.vary
+
+    @cached_property
     def calm_rows(self) -> np.ndarray:
         """(N, d) rows away from reversals; all, where the model has no dry friction."""
         effects = self.mechanism.effects
@@ -194,7 +199,7 @@ class FaultSearch:
             def trial(fault: Fault, before: Array = now.noise) -> FaultTrial:
                 return FaultTrial(fault, equations, before)
 
-            poor, faults = now.noise > POOR, list[Fault]()
+            poor, faults = (now.noise > POOR) & self.varying.any(axis=0), list[Fault]()
             for fault in torque_faults(now.fault, lags, measured):
                 if poor[equations.rows_of(fault)].any():
                     faults.append(fault)
