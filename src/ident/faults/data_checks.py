@@ -238,8 +238,10 @@ class DataChecks(FaultSearch):
             yield Finding("delay", text, remedy, where, 1e3 * late.delay)
 
     def _strangers(self, noise: Array) -> list[Finding]:
+        varies = self.varying.any(axis=0)
+        noise = np.where(varies, noise, np.minimum(noise, EXPLAINED_BELOW))
         names = [f"tau.{name}" for name in self.equations.strangers(noise)] if noise.any() else []
-        if not names or self.reference.max() <= EXPLAINED_BELOW:
+        if not names or self.reference[varies].max() <= EXPLAINED_BELOW:
             return []
         text = (
             f"{', '.join(names)}: explained no better by this motion than at another time of the "
