@@ -118,6 +118,10 @@ def row(path: Path) -> list[str]:
     worst = float(np.abs(now - wanted).max() / np.abs(wanted).max())
     rest = np.delete(np.arange(len(mechanism.prior)), np.arange(at.start, at.stop))
     kept = np.allclose(again.prior[rest], mechanism.prior[rest], rtol=1e-12, atol=0)
+    if target == "urdf":
+        said = dynamics(out)
+        places = (("viscous", "damping"), ("coulomb", "friction"))
+        worst = max(worst, *(abs(said[chosen[k]].get(x, 0.0) / NEW[k] - 1) for k, x in places))
     if target == "mjcf":
         old, new = (compiled(file) for file in (path, out))
         for kind, joint in chosen.items():
@@ -132,6 +136,16 @@ def row(path: Path) -> list[str]:
     ]  # fmt: skip
 
 
+def dynamics(path: Path) -> dict[str, dict[str, float]]:
+    """What a URDF says of each joint's friction."""
+    joints = XmlEdit(path.read_bytes(), str(path)).root.children
+    found = {x.attributes.get("name", ""): x.find("dynamics") for x in joints if x.tag == "joint"}
+    return {
+        name: {} if x is None else {key: float(value) for key, value in x.attributes.items()}
+        for name, x in found.items()
+    }
+
+
 def heavy_link(mechanism: ident.Mechanism, joints: list[str]) -> str:
     """The heaviest link that a driven joint moves."""
     links = [link for link, name in zip(mechanism.bodies.links, mechanism.model.names[1:],
@@ -143,7 +157,9 @@ def allowed(data: bytes, joints: list[str], link: str, mechanism: ident.Mechanis
     """The stripped lines of elements that may change: three joints and the inertia of a body."""
     root = XmlEdit(data, "the model").root
     elements = []
-    for element in [*root.iter("joint"), *root.iter("link"), *root.iter("body")]:
+    urdf = root.tag == "robot"  # whose transmissions name joints again
+    everything = root.children if urdf else [*root.iter("joint"), *root.iter("body")]
+    for element in everything:
         name = element.attributes.get("name", "")
         if element.tag == "joint" and name in joints:
             elements += [element, *element.iter("dynamics")]

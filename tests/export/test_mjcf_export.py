@@ -1,6 +1,7 @@
 """MuJoCo models: every parameter through the file and back, and the motion of the machine."""
 
 import difflib
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -216,6 +217,19 @@ def test_urdf_says_two_numbers_and_lists_the_rest(robots, tmp_path):
     lines = changed_lines(source, made.text)
     assert all("<dynamics" in line for line in lines)
     assert len(lines) == len(mechanism.driven)
+
+
+def test_a_transmission_names_its_joint_again(robots, tmp_path):
+    mechanism = ident.load(robots / "arm")
+    text = mechanism.urdf.read_text()
+    again = '<transmission name="t"><joint name="elbow"/></transmission></robot>'
+    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", again))
+    mechanism = ident.load(tmp_path / "arm.urdf").with_effect("viscous:elbow")
+    made = export(mechanism, "urdf", values={"viscous.elbow.Fv": 0.7}, out=tmp_path / "x.urdf")
+    root = ElementTree.fromstring(made.text)
+    (dynamics,) = root.iter("dynamics")
+    assert dynamics.get("damping") == "0.7"
+    assert dynamics in list(next(x for x in root.findall("joint") if x.get("name") == "elbow"))
 
 
 def test_loops_are_refused_where_there_are_none(robots):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from ident.equations.rows import Scene
 from ident.equations.unknowns import NOTHING
 from ident.errors import IdentError
 from ident.export.machine import Machine
+from ident.export.rollout import urdf_as_moved
 from ident.motion import Motion, State
 from ident.simulate.replay import ReplayedLog, tree_columns
 
@@ -36,9 +37,14 @@ def replayed_in_drake(
         raise IdentError("--replay: Drake closes loops in its discrete solver only; use mjcf")
     plant = MultibodyPlant(time_step=0.0)
     data = text.read_bytes() if isinstance(text, Path) else text
-    # geometry is no part of the motion, and its meshes may be missing
-    bare = re.sub(rb"(?s)<(visual|collision)\b.*?</\1>", b"", data).decode()
-    model = Parser(plant).AddModelsFromString(bare, "urdf")[0]
+    bare = urdf_as_moved(data, machine).decode()
+    log = logging.getLogger("drake")  # warns of every tag that it has no use for
+    before = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        model = Parser(plant).AddModelsFromString(bare, "urdf")[0]
+    finally:
+        log.setLevel(before)
     root = machine.mechanism.model.frames[1].name
     links = {plant.get_body(i).name() for i in plant.GetBodyIndices(model)}
     if root in links and plant.GetBodiesWeldedTo(plant.world_body()) == [plant.world_body()]:

@@ -22,6 +22,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.simulate.replay import WINDOW, Replay, replay
 
+BEYOND = 1e-3  # shown: [rad | m] by which a log may leave a limit without a word
 SIMULATORS = {"mjcf": "MuJoCo", "drake": "Drake", "urdf": "MuJoCo"}
 
 
@@ -152,7 +153,7 @@ def export(
     if motion is None:
         raise IdentError("nothing to replay; give a log")
     replays = _replays(made, motion, product, window, progress)
-    made = replace(made, motion=motion)
+    made = replace(made, motion=motion, notes=(*made.notes, *_beyond_limits(machine, motion)))
     if not (values or without or gravity is not None):
         return replace(made, replays=replays)
     errors = covariance_of(model)
@@ -205,6 +206,21 @@ def _not_vouched(
         "so it cannot vouch for this edit; the band leaves that out"
         for edit, names in inseparable(model, values, without).items()
     ]
+
+
+def _beyond_limits(machine: Machine, motion: Motion) -> list[str]:
+    """Return joints that the log moves beyond their limits, where a simulator stops them."""
+    notes = []
+    for link in machine.links:
+        joint = link.joint
+        q = np.concatenate([e.q[e.usable, joint.index] for e in motion.experiments]) + link.offset
+        if len(q) and (q.min() < joint.lower - BEYOND or q.max() > joint.upper + BEYOND):
+            notes.append(
+                f"{joint.name}: moves from {q.min():.4g} to {q.max():.4g} {joint.unit} in the log, "
+                f"beyond its limits {joint.lower:.4g} and {joint.upper:.4g} {joint.unit}, where "
+                "simulators stop it; correct the limits in the mechanism's file"
+            )
+    return notes
 
 
 def _replays(

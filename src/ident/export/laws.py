@@ -166,7 +166,7 @@ def _sayable(machine: Machine, effect: Effect, words: Vocabulary) -> bool:
 
 
 def nominal_motion(mechanism: Mechanism) -> Motion:
-    """Return a motion of all drives about the start, where there is no log.
+    """Return a motion of all drives about the start, within limits, where there is no log.
 
     Raises:
         MotionError: if the mechanism cannot move about its start.
@@ -185,6 +185,9 @@ def nominal_motion(mechanism: Mechanism) -> Motion:
                 1.0 if joint.rotational else 0.2
             )
             centre = q0[joint.index] if joint.in_tree else 0.0
+            if not mechanism.closures:  # a simulator stops a joint at its limits
+                within = 1.5 * span
+                centre = float(np.clip(centre, joint.lower + within, joint.upper - within))
             columns |= {
                 f"q.{name}": centre + span * np.sin(w * t),
                 f"v.{name}": span * w * np.cos(w * t),

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from lxml import etree
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ident.equations.rows import Scene
@@ -27,6 +28,7 @@ from ident.simulate.replay import ReplayedLog, tree_columns
 if TYPE_CHECKING:
     import mujoco
 
+STEP = 1e-3  # range: [s] of a file that states none
 ABSENT = 'replaying in MuJoCo needs MuJoCo: pip install "ident[mjcf]"'
 
 
@@ -78,6 +80,20 @@ def with_controllers(
         added.biasprm[:3] = [-constant.get(name, 0.0), -kp, -kd]
     for key in list(spec.keys):
         spec.delete(key)
+    # the exact motion has no ends of joints, which a controller without gravity may sag into
+    spec.option.disableflags |= int(module.mjtDisableBit.mjDSBL_LIMIT)
+    return spec.compile()
+
+
+def urdf_model(text: bytes, machine: Machine) -> mujoco.MjModel:
+    """Return MuJoCo's model of a URDF, with the motors, gravity and step that such a file lacks."""
+    module = mujoco_module()
+    compiled(text)  # refused with MuJoCo's reason
+    spec = module.MjSpec.from_string(text.decode())
+    spec.option.timestep, spec.option.gravity = STEP, machine.gravity
+    for name in machine.mechanism.driven:
+        motor = spec.add_actuator(name=name, target=name, trntype=module.mjtTrn.mjTRN_JOINT)
+        motor.set_to_motor()
     return spec.compile()
 
 
@@ -112,6 +128,22 @@ def simulated(
     return q, v
 
 
+def urdf_as_moved(text: bytes, machine: Machine) -> bytes:
+    """Return a URDF whose joints are those of the machine: locked ones are fixed; without shapes,
+    whose meshes may be missing.
+    """
+    root = etree.fromstring(text, etree.XMLParser(resolve_entities=False, huge_tree=False))
+    for element in [*root.iter("visual", "collision")]:
+        element.getparent().remove(element)
+    for joint in root.iter("joint"):
+        if joint.get("type") and joint.get("name") not in machine.by_joint:
+            joint.set("type", "fixed")
+            for mimic in joint.findall("mimic"):
+                joint.remove(mimic)
+    result: bytes = etree.tostring(root)
+    return result
+
+
 def replayed(
     text: bytes | Path, machine: Machine, motion: Motion, window: float
 ) -> list[ReplayedLog]:
@@ -119,7 +151,10 @@ def replayed(
     `window` [s], as `ident.replay` does; driven by the log's torques, or by its commands where the
     model has drives.
     """
-    model = compiled(text)
+    if isinstance(text, bytes) and b"<robot" in text:
+        model = urdf_model(urdf_as_moved(text, machine), machine)
+    else:
+        model = compiled(text)
     return [_replayed(model, machine, motion, e, window) for e in motion.experiments]
 
 

@@ -55,7 +55,8 @@ def _write(job: Job, vocabulary: Vocabulary, *, drake: bool) -> Product:
     if job.like is None and source.suffix.lower() != ".urdf":
         data = read_description(source).urdf
     edit = XmlEdit(data, str(source))
-    joints = {element.attributes.get("name", ""): element for element in edit.root.iter("joint")}
+    # those of transmissions have the same names
+    joints = {x.attributes.get("name", ""): x for x in edit.root.children if x.tag == "joint"}
     missing = [name for name in machine.by_joint if name not in joints]
     if missing:
         pairs = ", ".join(f"{name} → {near(name, joints) or '?'}" for name in missing)
@@ -80,7 +81,7 @@ def _write(job: Job, vocabulary: Vocabulary, *, drake: bool) -> Product:
         _place(edit, element, machine, name)
     own_file = source.resolve() == machine.mechanism.urdf.resolve()
     bodies = _inertials(machine, own_file)
-    links = {element.attributes.get("name", ""): element for element in edit.root.iter("link")}
+    links = {x.attributes.get("name", ""): x for x in edit.root.children if x.tag == "link"}
     for link, pi in bodies.items():
         if link in links and pi is not None:
             _inertia(edit, links[link], Body.of(pi))
