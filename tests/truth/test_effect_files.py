@@ -18,8 +18,13 @@ from identification import motion_log, plant, robot
 SITES = {
     "coupling": "crank,coupler", "gravity_tilt": "", "payload": "rocker_link",
     "geometry": "pin.a.x", "closure_compliance": "pin",
+    **{kind: "rocker_link" for kind in KINDS if KINDS[kind].sits == "frame"},
 }  # fmt: skip
 PLAIN = {
+    "power": 1.0,
+    "radius": 0.25,
+    "normal": 0.0,
+    "height": 0.1,
     "side": -1.0,
     "q1": 0.2,
     "vs": 0.3,
@@ -61,7 +66,8 @@ def test_written_and_read_back(kind, tmp_path):
     beside = [ident.effect(*label.split(":")) for label in effect.required]
     add_effects(ident.load(folder), [*beside, effect])
     assert ident.load(folder).effects == (*beside, effect)
-    assert ('joint = "' in (folder / "mechanism.toml").read_text()) == bool(effect.joints)
+    key = "frame" if effect.sits == "frame" else "joint"
+    assert (f'{key} = "' in (folder / "mechanism.toml").read_text()) == bool(effect.joints)
     bare = replace(effect, values={k: effect.values[k] for k in effect.settings})
     folder = copied(tmp_path / "again")
     add_effects(ident.load(folder), [*beside, bare])

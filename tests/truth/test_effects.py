@@ -6,22 +6,39 @@ import numpy as np
 import pytest
 
 from helpers import J, tree_urdf, write_mechanism
-from ident.effects import KINDS, Correcting, Correction, Signals, Sites, create, parse
+from ident.effects import (
+    KINDS,
+    Correcting,
+    Correction,
+    FrameForce,
+    FramePath,
+    Signals,
+    Sites,
+    create,
+    parse,
+)
 from ident.errors import MechanismError
 from ident.mechanism import load
 
 KNOTS = np.linspace(-2.0, 2.0, 6)
-SHAPES = {"vs": 0.5, "w": 0.5, "z0": 0.1, "q1": 0.3, "side": 1.0, "N": 5.0}
+SHAPES = {"B": 5.0, "vs": 0.5, "w": 0.5, "z0": 0.1, "q1": 0.3, "side": 1.0, "N": 5.0}
 SHAPES |= {f"x{i}": float(x) for i, x in enumerate(KNOTS)}
 SITED = {"payload": ("a_link",), "geometry": ("a.x",), "closure_compliance": ("pin",)}
-WITH_COLUMNS = [k for k in KINDS if not issubclass(KINDS[k], Correcting) and k != "payload"]
+WITH_COLUMNS = [
+    k for k in KINDS if not issubclass(KINDS[k], Correcting | FrameForce) and k != "payload"
+]
+TILTED = FramePath(
+    ("a",), np.eye(3)[None], np.zeros((1, 3)), np.array([[0.6, 0.0, 0.8]]), np.array([True]),
+    (np.eye(3), np.array([0.1, 0.2, 0.3])),
+)  # fmt: skip
 
 
 def made(kind, rotational=True):
     """An effect of a kind on as many joints as it needs."""
     joints = SITED.get(kind, tuple("ab"[: len(KINDS[kind].example().joints)]))
     signal = "q" if KINDS[kind].signals else ""
-    return create(kind, joints, rotational=rotational, signal=signal)
+    effect = create(kind, joints, rotational=rotational, signal=signal)
+    return effect.along(TILTED) if isinstance(effect, FrameForce) else effect
 
 
 def shape_of(effect):
@@ -41,6 +58,7 @@ def signals(effect, n=60, seed=0):
         a=a,
         still=np.full(joints, 0.02),
         extra={
+            **{f"{x}.a": 5 + rng.normal(size=n) for x in ("input", "wheel", "normal")},
             **{f"temperature.{k}": 20 + rng.normal(size=n) for k in "ab"},
             **{f"{x}.{k}": rng.normal(size=n) for k in "ab" for x in ("ref", "current", "voltage")},
         },
@@ -84,7 +102,7 @@ def test_every_kind_says_what_it_is(kind):
     for text in (effect.equation, effect.signature, effect.source, effect.__doc__):
         assert text
         assert text.strip() == text
-    assert effect.sits in ("joint", "driven", "mechanism", "link", "closure", "place")
+    assert effect.sits in ("joint", "driven", "mechanism", "link", "closure", "place", "frame")
     assert effect.parameters
     for parameter in effect.parameters:
         assert parameter.name.isidentifier()

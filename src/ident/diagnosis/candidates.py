@@ -116,11 +116,12 @@ def candidates_of(fit: Fit) -> list[Effect]:
     """Effects that could be missing, without those whose columns a link has already."""
     every = possible(fit.mechanism, fit.motion)
     free, resting = swinging_freely(fit), always_at_rest(fit)
+    acted_on = any(np.any(e.tau) or np.any(e.wrench) for e in fit.motion.experiments)
 
     def trivial(effect: Effect) -> bool:
         """Whether it may take all known forces off again, which a torque of zero does not ask."""
         if effect.loaded_link:
-            return free == {*fit.motion.independent}
+            return free == {*fit.motion.independent} or not acted_on
         return bool({"load", "torque"} & {*effect.asks}) and bool(free & {*effect.joints})
 
     return [

@@ -10,6 +10,7 @@ from ident.effects.effect import (
     Unknown,
     log_word,
 )
+from ident.effects.frame import FrameForce, FramePath
 from ident.effects.joint import ReversalPulses
 from ident.effects.library import (
     KINDS,
@@ -27,6 +28,8 @@ __all__ = [
     "Correcting",
     "Correction",
     "Effect",
+    "FrameForce",
+    "FramePath",
     "ReversalPulses",
     "Signals",
     "Sites",

@@ -151,6 +151,8 @@ class Sites:
     closure: tuple[str, ...] = ()  # closures of every kind
     loop: tuple[str, ...] = ()  # closures between two frames
     place: tuple[str, ...] = ()  # lengths of the URDF and the closures, zero or not
+    frame: tuple[str, ...] = ()  # links that move, those fixed to another one as well
+    flying: tuple[str, ...] = ()  # links of a body that nothing but forces at places moves
     length: tuple[str, ...] = ()  # places whose coordinate is not zero, beyond the first joint
 
 
@@ -320,8 +322,13 @@ class Effect(ABC):
 
     @property
     def site(self) -> str:
-        """The word for each of `joints`: joint, link, closure or place."""
-        return self.sits if self.sits in ("link", "closure", "place") else "joint"
+        """The word for each of `joints`: joint, link, closure, place or frame."""
+        return self.sits if self.sits in ("link", "closure", "place", "frame") else "joint"
+
+    @property
+    def acting(self) -> tuple[str, ...]:
+        """Names of the joints whose torques its columns are, in the columns' order."""
+        return self.joints
 
     @property
     def call(self) -> str:
@@ -424,9 +431,9 @@ class Effect(ABC):
 
     @abstractmethod
     def columns(self, s: Signals) -> np.ndarray:
-        """E (n, arity, unknowns): the torque each joint must supply per unit of each unknown.
+        """E (n, acting, unknowns): the torque each joint must supply per unit of each unknown.
 
-        The signals `s` are those of its joints, in their order, with the values of its shapes.
+        The signals `s` are those of `acting`, in their order, with the values of its shapes.
         """
 
     def informed(self, s: Signals) -> np.ndarray:

@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from ident.effects import drive, joint, servo
+from ident.effects import drive, frame, joint, servo
 from ident.effects.curve import Curve, OnFirst
 from ident.effects.effect import PER_LOG, Effect, Shape, Signals, Unknown
 from ident.errors import MechanismError, line_of, one_of
@@ -39,6 +39,8 @@ KINDS: Mapping[str, type[Effect]] = {
         drive.Delay, drive.EncoderOffset, drive.GravityTilt, joint.Payload, drive.Elasticity,
         drive.Backlash, drive.Geometry, drive.ClosureCompliance, joint.TemperatureFriction,
         drive.Drift, servo.CommandDelay, servo.Servo, servo.MotorCurrent, servo.MotorVoltage, Curve,
+        frame.Thrust, frame.BodyDrag, frame.Tyre, frame.TyreSaturation, frame.TyreSlip,
+        frame.GroundSpring,
     )
 }  # fmt: skip
 
@@ -110,7 +112,7 @@ def separating(kinds: Collection[str]) -> list[str]:
 
 # --- in plain words -------------------------------------------------------------------------------
 
-PREPOSITIONS = {"link": "on", "place": "at"}  # by site; of joints and closures: in
+PREPOSITIONS = {"link": "on", "place": "at", "frame": "at"}  # by site; of joints and closures: in
 
 
 def by_kind(effects: Iterable[Effect]) -> list[list[Effect]]:
@@ -385,8 +387,8 @@ def parse_user(text: str) -> tuple[Path, str, tuple[str, ...]] | None:
 
 
 def read_user_effect(
-    file: Path, name: str, *, allow_code: bool, where: str = ""
-) -> type[UserEffect]:
+    file: Path, name: str, *, allow_code: bool, where: str = "", at_frame: bool = False
+) -> type[UserEffect] | type[frame.UserFrameForce]:
     """The kind of effect that a Python file's function `name` describes; runs the file.
 
     Args:
@@ -394,13 +396,17 @@ def read_user_effect(
         name: of the function, and of the kind.
         allow_code: whether it may be run.
         where: begins the message of an error.
+        at_frame: whether it is a force at a frame (`frame.user_frame_force`).
 
     Raises:
         MechanismError: if it may not or cannot be run, or has no such function.
     """
     before = f"{where}: " if where else ""
     try:
-        return user_effect(name, function_of(file, name, allow_code=allow_code), file)
+        function = function_of(file, name, allow_code=allow_code)
+        if at_frame:
+            return frame.user_frame_force(name, function, _shapes(name, function), file)
+        return user_effect(name, function, file)
     except MechanismError as error:
         effect = f"effect '{name}': "
         raise MechanismError(f"{before}{effect}{str(error).removeprefix(effect)}") from None

@@ -115,14 +115,25 @@ def motion_noise(mechanism: Mechanism, e: State, point: Point, cutoff: float | N
     return total / max(len(chosen), 1)
 
 
-def torque_noise(mechanism: Mechanism, e: State, cutoff: float | None) -> np.ndarray:
-    """(d,) white noise of the measured torques that the rows' filter lets pass [N m | N]."""
+def torque_noise(mechanism: Mechanism, e: State, cutoff: float | None, point: Point) -> np.ndarray:
+    """(d,) white noise of the measured torques that the rows' filter lets pass [N m | N], and of
+    forces at places that depend on logged inputs.
+    """
     taps = Decimator.of(cutoff, e.rate).taps
     passed = 1.0 if taps is None else float(np.sqrt(taps @ taps))
     squares = np.zeros(e.leverage.shape[2])
     for name in mechanism.driven:
         W = e.leverage[e.usable, mechanism.joint_index[name]]
         squares += e.noise.get(f"tau.{name}", 0.0) ** 2 * (W**2).sum(axis=0)
+    base = Samples(mechanism, e, slice(None), point).reduced(slice(None))
+    for effect in mechanism.effects:
+        c, shape = point.of(effect)
+        for column in effect.reads() if effect.site == "frame" else ():
+            noisy = {**e.extra, column: e.extra[column] + e.noise.get(column, 0.0)}
+            both = np.zeros((2, *base.shape))
+            for out, extra in zip(both, (e.extra, noisy), strict=True):
+                replace(base, e=replace(e, extra=extra)).add_effect(out, effect, c, shape)
+            squares += (np.diff(both, axis=0)[0, e.usable] ** 2).sum(axis=0)
     return passed * np.asarray(np.sqrt(squares / max(int(e.usable.sum()), 1)))
 
 
@@ -131,7 +142,7 @@ def noise_floor(
 ) -> np.ndarray:
     """(d,) rms of r that noise of the sensors makes, of torques and motion together [N m | N]."""
     squares = [
-        torque_noise(mechanism, e, cutoff) ** 2
+        torque_noise(mechanism, e, cutoff, point) ** 2
         + (0.0 if e.smooth is None else motion_noise(mechanism, e, point, cutoff))
         for e in experiments
     ]

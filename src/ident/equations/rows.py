@@ -73,7 +73,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         if not (share := base.share_of(effect)):
             continue
         shape = {name: share * value for name, value in shape.items()}
-        what = effect.correction(replace(base.signals(effect.joints), shape=shape))
+        what = effect.correction(replace(base.signals(effect.acting), shape=shape))
         corrections.append((effect.margin, what))
         mechanism = mechanism.corrected(what)
     known = e.known(mechanism)
@@ -128,7 +128,7 @@ def perturbed(
 ) -> tuple[float, Samples]:
     """h [the shape's unit] and the state corrected with one shape of an effect at s + h."""
     _, shape = base.point.of(effect)
-    low, high = effect.bounds(replace(base.signals(effect.joints), shape=shape))[name]
+    low, high = effect.bounds(replace(base.signals(effect.acting), shape=shape))[name]
     h = STEP * (high - low)
     point = base.point.with_values({effect.full[name]: shape.get(name, 0.0) + h})
     return h, corrected(replace(base, point=point), cutoff, only)

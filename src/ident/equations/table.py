@@ -209,7 +209,7 @@ class Table(Rows):
 
     def pooled(self, effect: Effect) -> Signals:
         """Return the effect's signals of all experiments joined: for ranges, not for time."""
-        signals = [s.signals(effect.joints) for s in self.samples]
+        signals = [s.signals(effect.acting) for s in self.samples]
         if len(signals) == 1:
             return signals[0]
 

@@ -137,14 +137,14 @@ class Samples:
         share = self.share_of(effect)
         if share != 1.0:
             if not share:
-                return np.zeros((len(self), len(effect.joints), len(effect.unknowns)))
+                return np.zeros((len(self), len(effect.acting), len(effect.unknowns)))
             return share * self.columns(replace(effect, per="", log=""), shape)
         is_whole = isinstance(self.part, slice) and self.part == slice(None)
         if is_whole or not effect.memory:
-            return effect.columns(replace(self.signals(effect.joints), shape=shape))
+            return effect.columns(replace(self.signals(effect.acting), shape=shape))
         key = (effect.label, *sorted(shape.items()))
         if key not in self.memo:
-            signals = self.generalised(slice(None)).signals(effect.joints)
+            signals = self.generalised(slice(None)).signals(effect.acting)
             self.memo[key] = effect.columns(replace(signals, shape=shape))
         return self.memo[key][self.part]
 
@@ -172,7 +172,7 @@ class Samples:
         if not c.any():  # nothing, even at a shape of 0 that its columns would be divided by
             return
         E = self.columns(effect, shape)
-        for i, name in enumerate(effect.joints):
+        for i, name in enumerate(effect.acting):
             self.add_torque(out, name, E[:, i] @ c)
 
     def add_sensitivity(
@@ -181,7 +181,7 @@ class Samples:
         """Adds ∂(E(s) c)/∂s (n, r) of one shape parameter, by central differences."""
         key = ("range", effect.label, name)
         if key not in self.memo:
-            signals = self.generalised(slice(None)).signals(effect.joints)
+            signals = self.generalised(slice(None)).signals(effect.acting)
             low, high = effect.bounds(replace(signals, shape=shape)).get(name, (0.0, 1.0))
             self.memo[key] = np.array(high - low)
         h = max(min(STEP * float(self.memo[key]), 1e-2 * abs(shape[name]) or np.inf), 1e-9)
@@ -203,7 +203,7 @@ class Samples:
         """By effect and joint: name and (n,), false where dry friction at standstill is open."""
         joints = []
         for effect in filter(attrgetter("local"), self.mechanism.effects):
-            informed = effect.informed(self.signals(effect.joints)).T
+            informed = effect.informed(self.signals(effect.acting)).T
             both = zip(effect.joints, informed, strict=True)
             joints += [(name, moves) for name, moves in both if not moves.all()]
         return joints

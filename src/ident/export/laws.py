@@ -252,7 +252,7 @@ class _Measured:
         """Return the size of an effect that is an angle, or of no torque at one joint."""
         size, largest = 0.0, 0.0
         for scene in self.scenes:
-            s = scene.samples.signals(effect.joints)
+            s = scene.samples.signals(effect.acting)
             _, shape = self.machine.point.of(effect)
             if not effect.corrects:
                 continue

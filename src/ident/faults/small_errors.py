@@ -162,6 +162,8 @@ def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
     """
     x, rigid, free = estimate.solution.x, len(table.columns.rigid), ~estimate.fixed
     squares = (np.where(use, table.tau, 0.0) ** 2).sum(axis=0)
+    if not squares.any():  # no torque acts, of a body that flies or rolls
+        return False
     residual = np.where(use, table.b - table.A @ x, 0.0)
     late = np.where(use, -_rates(table, table.A[:, :, :rigid] @ x[:rigid] + table.tau - table.b), 0)
     weight = 1 / np.sqrt((residual**2).sum(axis=0) + SQUARES_ROUNDING * squares + 1e-300)

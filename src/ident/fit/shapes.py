@@ -79,7 +79,7 @@ def initial(mechanism: Mechanism, motion: Motion) -> Point:
     for effect in mechanism.effects:
         if effect.searched:
             samples = Samples(mechanism, motion.experiments[0], slice(None), point)
-            starts = effect.starts(samples.signals(effect.joints))
+            starts = effect.starts(samples.signals(effect.acting))
             middle = {effect.full[s]: value for s, value in starts[len(starts) // 2].items()}
             point = point.with_values({**middle, **point.values})
     return point
@@ -94,7 +94,7 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     full = effect.full
     if effect.corrects:
         samples = Samples(mechanism, motion.experiments[0], slice(None), point)
-        start = {**effect.starts(samples.signals(effect.joints))[0], **shape}
+        start = {**effect.starts(samples.signals(effect.acting))[0], **shape}
         return point.with_values({full[s.name]: start[s.name] for s in effect.shapes})
     others = tuple(
         e for e in mechanism.effects
@@ -249,7 +249,7 @@ def shape_bounds(problem: Problem) -> dict[int, tuple[float, float]]:
             if not (shapes >= 0).any():
                 continue
             shape = problem.point.of(effect)[1]
-            bounds_here = effect.bounds(replace(samples.signals(effect.joints), shape=shape))
+            bounds_here = effect.bounds(replace(samples.signals(effect.acting), shape=shape))
             for shape_parameter, place in zip(effect.shapes, shapes.tolist(), strict=True):
                 if place >= 0:
                     ends = *bounds_here[shape_parameter.name], *bounds.get(place, ())

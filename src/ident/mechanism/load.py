@@ -170,7 +170,7 @@ def _read(
     passive |= ({*chained.passive} | moved_by(motors)) - {*locks}
     basis, parameters = top.table("multipliers"), top.table("parameters")
     basis.check("basis", "spacing")
-    parameters.check("unknown", "bounds", "total_mass", "covariance")
+    parameters.check("unknown", "known", "bounds", "total_mass", "covariance")
     rotors = [motor.link for motor in motors]
     massless = {*source.auxiliary, *chained.links, *rotors}
     asked = [link for link in bodies.links if link not in massless]
@@ -179,11 +179,12 @@ def _read(
         parts = {joint.find("child").get("link") for joint in locked_joints}
         every = parameters.words("unknown")
         asked = [x for x in every if x not in parts and x.rpartition(".")[0] not in parts]
+    known = {*bodies.select(parameters.words("known"), parameters.where)}
     constraints = tuple(
         read_closure(table, context) for table in (*loops, *closures, *mimics, *ties)
     )
     driven = tuple(joint.name for joint in joints if joint.name not in passive)
-    without = _unmeasured(top.table("joints"), unmeasured, driven, locks)
+    without = _unmeasured(top.table("joints"), unmeasured, driven, locks, bool(passive))
     if without and constraints:
         raise top.table("joints").error(
             f"unmeasured: {listed(without)}: closures pass its torque on to all equations, so none "
@@ -198,7 +199,7 @@ def _read(
         driven=driven,
         passive=tuple(joint.name for joint in joints if joint.name in passive),
         start=start,
-        unknown=bodies.select(asked, parameters.where),
+        unknown=tuple(x for x in bodies.select(asked, parameters.where) if x not in known),
         multipliers=multipliers(
             basis.text("basis", "free"), basis.number("spacing", 0.0), basis.where
         ),
@@ -358,17 +359,21 @@ def _started(top: TomlTable, motors: Sequence[Motor]) -> TomlTable:
 
 def _effect(table: TomlTable, context: Context) -> Effect:
     kind = table.text("kind")
-    words = ("kind", "joint", "file", "signal", "per", "log")
+    words = ("kind", "joint", "frame", "file", "signal", "per", "log")
     values = {key: table.number(key) for key in table.data if key not in words}
     per, log = (table.text(key) if key in table else "" for key in ("per", "log"))
     if "file" in table:
         file = context.folder / table.text("file")
-        joints = tuple(part.strip() for part in table.text("joint").split(","))
-        read = read_user_effect(file, kind, allow_code=context.allow_code, where=table.where)
+        at_frame = "frame" in table
+        joints = tuple(x.strip() for x in table.text("frame" if at_frame else "joint").split(","))
+        read = read_user_effect(
+            file, kind, allow_code=context.allow_code, where=table.where, at_frame=at_frame
+        )
         return replace(read(joints, values), per=per or (log and PER_LOG), log=log)
     alone = KINDS[kind].arity == 0 and "joint" not in table
     signal = table.text("signal") if "signal" in table else ""
-    return create(kind, "" if alone else table.text("joint"), values, signal=signal,
+    site = "frame" if KINDS[kind].sits == "frame" and "joint" not in table else "joint"
+    return create(kind, "" if alone else table.text(site), values, signal=signal,
         per=per or (log and PER_LOG), log=log,
     )  # fmt: skip
 
@@ -454,15 +459,21 @@ def _expanded(
 
 
 def _unmeasured(
-    section: TomlTable, asked: Collection[str], driven: Sequence[str], locked: Collection[str]
+    section: TomlTable,
+    asked: Collection[str],
+    driven: Sequence[str],
+    locked: Collection[str],
+    passive: bool,
 ) -> tuple[str, ...]:
-    """Return the driven joints without a torque sensor, of [joints] unmeasured and asked for."""
+    """Return the driven joints without a torque sensor, of [joints] unmeasured and asked for; all,
+    where others are `passive`, as of a car whose steering is logged.
+    """
     if isinstance(asked, str):
         raise section.error(f"unmeasured = '{asked}'; give a list of joints, as ['{asked}']")
     names = {*section.words("unmeasured"), *asked} - {*locked}
     for name in sorted(names - {*driven}):
         raise section.error(f"unmeasured: '{name}' is no driven joint; {one_of(name, driven)}")
-    if names and names == {*driven}:
+    if names and names == {*driven} and not passive:
         raise section.error("unmeasured: names every driven joint, so no torque is left")
     return tuple(name for name in driven if name in names)
 

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ident.display import Displayed, render
-from ident.effects import KINDS, Correction, Effect, Sites, create, parse
+from ident.effects import KINDS, Correction, Effect, FrameForce, Sites, create, parse
 from ident.errors import MechanismError, one_of
 from ident.information import linear
 from ident.log import Column
@@ -23,6 +23,7 @@ from ident.mechanism.calibration import Calibration
 from ident.mechanism.chains import Chain
 from ident.mechanism.closures import Closure, shifted
 from ident.mechanism.drives import parse_drives
+from ident.mechanism.frames import moving_frames, path_to
 from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.motors import Motor, parallel_joints
 from ident.mechanism.parameters import Bodies, Consistency, Covariance
@@ -292,12 +293,20 @@ class Mechanism(Displayed):
             loaded=(*self.driven, *closure_joints), logged=names,
             link=self.bodies.links, place=tuple(self.lengths),
             closure=tuple(closure.name for closure in self.closures),
+            frame=moving_frames(self.model), flying=self._flying,
             loop=tuple(closure.name for closure in self.closures if closure.frames),
             length=tuple(
                 place for place, x in self.lengths.items()
                 if abs(x) > SHORTEST and not self._across(place)
             ),
         )  # fmt: skip
+
+    @property
+    def _flying(self) -> tuple[str, ...]:
+        """Links that floating joints move, one for each."""
+        last = {chain.turns[-1] for chain in self.chains if chain.floating}
+        links = zip([*self.model.names][1:], self.bodies.links, strict=True)
+        return tuple(link for joint, link in links if joint in last & {*self.passive})
 
     @property
     def _geared(self) -> tuple[tuple[str, str], ...]:
@@ -527,7 +536,7 @@ class Mechanism(Displayed):
         return 0.0 if log in logs else 1 / len(logs)
 
     def placed(self, effect: Effect) -> Effect:
-        """Return an effect with the units of its joints.
+        """Return an effect with the units of its joints, or the path to its frame.
 
         Raises:
             MechanismError: if the mechanism has no such joint, link, closure or place.
@@ -540,6 +549,9 @@ class Mechanism(Displayed):
                     f"{self.name}: effect '{effect.label}': no {what} '{name}'; "
                     f"{one_of(name, valid)}"
                 )
+        if isinstance(effect, FrameForce):
+            names = [joint.name for joint in self.joints]
+            return effect.along(path_to(self.model, effect.joints[0], names))
         joints = effect.joints if effect.site == "joint" else ()
         return effect.placed([self.joint(name).rotational for name in joints] or [True])
 
@@ -589,7 +601,8 @@ class Mechanism(Displayed):
             model = self.model.copy()
             index = model.getJointId(owner)
             model.jointPlacements[index] = shifted(model.jointPlacements[index], axis, by)
-            return replace(self, model=model)
+            bare = replace(self, model=model)
+            return replace(bare, effects=tuple(map(bare.placed, self.effects)))
         closures = [c.displaced(place, by) if place in c.places else c for c in self.closures]
         return replace(self, closures=tuple(closures))
 

@@ -159,7 +159,8 @@ def _array(tables: Iterable[Mapping[str, Any]]) -> tomlkit.items.AoT:
 
 def _effect_table(effect: Effect, values: Mapping[str, float], file: str | None) -> dict[str, Any]:
     words = {
-        "kind": effect.kind, "file": file, "joint": ",".join(effect.joints),
+        "kind": effect.kind, "file": file,
+        "frame" if effect.sits == "frame" else "joint": ",".join(effect.joints),
         "signal": effect.signal,
         "per": "" if effect.log else effect.per, "log": effect.log,
     }  # fmt: skip

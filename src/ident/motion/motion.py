@@ -425,7 +425,8 @@ def state_of(
         t, ends = signals.t[run], derived.ends - STEP_ROUNDING * signals.dt
         usable[run] = (t >= t[0] + ends) & (t <= t[-1] - ends)
     usable = usable if usable.any() else signals.usable
-    noisy = [f"{channel}.{name}" for name in names for channel in "qva"] + driven
+    inputs = [x for effect in mechanism.effects if effect.site == "frame" for x in effect.reads()]
+    noisy = [f"{channel}.{name}" for name in names for channel in "qva"] + driven + inputs
     base = State(
         name=log, t=signals.t, tau=tau, usable=usable, logged=names, independent=names,
         extra={k: x for k, x in columns.items() if not k.startswith(("q.", "v.", "a."))},

@@ -28,9 +28,9 @@ def unforced_base(mechanism: Mechanism, experiments: Sequence[State]) -> str:
     known = {name for name, x in both if name.endswith(".m") and x} - {*mechanism.unknown}
     if not slides or mechanism.closures or known:
         return ""
-    acting = {name for effect in mechanism.effects for name in effect.joints}
-    if acting & {*slides}:
-        return ""
+    acting = [effect for effect in mechanism.effects if {*effect.acting} & {*slides}]
+    if acting:
+        return "" if any(x.known for x in acting) else _without_scale(mechanism, experiments)
     for e in experiments:
         if e.wrench is not None and np.any(e.wrench):
             continue
@@ -50,6 +50,23 @@ def unforced_base(mechanism: Mechanism, experiments: Sequence[State]) -> str:
                 'each at its own link), or what holds it is a [[closure]] to link = "world"'
             )
     return ""
+
+
+def _without_scale(mechanism: Mechanism, experiments: Sequence[State]) -> str:
+    """Return what is missing where all forces have unknown factors and no mass is known, so that
+    every equation is homogeneous: Γ p + E c = 0.
+    """
+    if any(np.any(e.tau) or (e.wrench is not None and np.any(e.wrench)) for e in experiments):
+        return ""
+    both = zip(mechanism.bodies.names, mechanism.prior, strict=True)
+    masses = [name for name, x in both if name.endswith(".m") and x]
+    factors = [name for x in mechanism.effects if x.site == "frame" for name in x.names]
+    return (
+        f"{experiments[0].name}: no force and no mass has a known size, so only the ratios of "
+        f"masses and of {', '.join(factors)} can be identified; state one value, as [parameters] "
+        f'known = ["{(masses or ["body.m"])[0]}"] in mechanism.toml or a factor in its [[effect]], '
+        "and all others are in proportion to it"
+    )
 
 
 def free_slides(mechanism: Mechanism) -> list[str]:

@@ -200,6 +200,7 @@ SITS = {
     "mechanism": "the whole mechanism",
     "link": "a moving link",
     "closure": "a closure",
+    "frame": "a link that moves, fixed to another one or not",
     "place": "<joint>.<x|y|z>, <closure>.<a|b>.<x|y|z> or <closure>.length",
 }
 INDENT = 17

@@ -365,7 +365,7 @@ def _columns(
             columns |= {f"tau.{name}": x for name, x in tau.items()}
             motion = complete(mechanism, Log.from_arrays("run", t, columns), cutoff=None)
             samples = Samples(mechanism, motion.experiments[0], slice(None), point)
-            signals = samples.signals(effect.joints)
+            signals = samples.signals(effect.acting)
             shifts = effect.correction(replace(signals, shape=point.of(effect)[1])).dq
         else:
             shifts = constant_correction(effect, point).dq

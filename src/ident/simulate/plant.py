@@ -132,7 +132,7 @@ class ForwardLaws:
             if effect.loaded_link:
                 self.pi[mechanism.bodies.columns(effect.loaded_link)] += c
                 continue
-            at = tuple(mechanism.joint_index[name] for name in effect.joints)
+            at = tuple(mechanism.joint_index[name] for name in effect.acting)
             self.joints.update(at)
             for acts in dict.fromkeys(unknown.acts for unknown in effect.unknowns):
                 part = np.where([unknown.acts == acts for unknown in effect.unknowns], c, 0.0)
