@@ -8,6 +8,7 @@ import pytest
 
 import ident
 from helpers import ROBOTS
+from ident.assess.check import check_logs
 from ident.errors import FitError, MechanismError, MotionError
 
 pytest.importorskip("mujoco")
@@ -113,3 +114,28 @@ def test_a_log_without_the_command_names_the_column():
 def test_a_log_without_torques_is_told_of_drives():
     with pytest.raises(MotionError, match="--drive servo"):
         ident.complete(ident.load(ARM / "servo_arm.urdf"), ARM / "run.csv")
+
+
+def test_check_says_what_gives_each_drive_its_scale():
+    folder = ident.load(ARM)
+    motion = ident.complete(folder, ARM / "run.csv")
+    of = {check.joint: check for check in check_logs(folder, motion).drives}
+    assert of["elbow"].scale == "by known bodies: forearm"
+    assert 0 < of["elbow"].error < 0.01
+    assert any("kd and viscous friction are one number" in words for words in of["yaw"].apart)
+    unknown = ident.load(ARM / "servo_arm.urdf")
+    checks = check_logs(unknown.with_drives("servo"), motion)
+    assert not any(check.known for check in checks.drives)
+    assert "--drive yaw:kp=" in checks.problems[0]
+    given = check_logs(unknown.with_drives("servo", "elbow:kp=14"), motion).drives
+    assert [check.known for check in given] == [True] * 3
+    assert "given kp of elbow" in given[0].scale
+
+
+@pytest.mark.parametrize("known", ["turret", "upper_arm"])
+def test_a_scale_that_the_known_body_does_not_support_is_refused(known):
+    mechanism = ident.load(ARM)
+    others = [link for link in mechanism.bodies.links if link != known]
+    unknown = replace(mechanism, unknown=mechanism.bodies.select(others, "test"))
+    with pytest.raises(FitError, match="scale"):
+        ident.identify(unknown, ident.complete(unknown, ARM / "run.csv"))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.assess.drives import DriveCheck, check_drives, scale_problem
 from ident.equations.problem import information_of
 from ident.equations.unknowns import Columns
 from ident.errors import FitError
@@ -24,6 +25,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
+from ident.motion.motion import COMMANDS
 from ident.request import Step
 from ident.text import significant
 
@@ -46,6 +48,8 @@ class LogCheck:
         without: torque columns that are lacking; empty: whether they are there without values.
         others: whether other logs have them.
         problems: what looks wrong, the first to be looked at; notes: these and all further ones.
+        command: word of a drive whose columns they have of all joints without a torque, or "".
+        drives: what the logs say of the drives that torques are computed from.
         next: the step that goes on from here.
     """
 
@@ -61,6 +65,8 @@ class LogCheck:
     others: bool = False
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    command: str = ""
+    drives: tuple[DriveCheck, ...] = ()
     next: Step = field(default_factory=Step)
 
 
@@ -90,7 +96,13 @@ def check_logs(mechanism: Mechanism, motion: Motion | None = None) -> LogCheck:
             verb = ""
         if not unknowns:
             verb = "diagnose"
-    problems = [*map(str, wrong), *beyond_limits(mechanism, motion), *_empty_rows(motion)]
+    joints = [channel.removeprefix("tau.") for channel in without]
+    every = (word for c, word in COMMANDS.items() if {f"{c}.{j}" for j in joints} <= filled)
+    command = next(every, "") if joints else ""
+    drives = check_drives(mechanism, motion)
+    scale = scale_problem(drives)
+    problems = [scale] * bool(scale)
+    problems += [*map(str, wrong), *beyond_limits(mechanism, motion), *_empty_rows(motion)]
     problems += [note for note in motion.notes if CONTRADICTS in note]
     condition = known.get("condition_number", 0.0)
     if usable and condition > POOR:
@@ -103,6 +115,8 @@ def check_logs(mechanism: Mechanism, motion: Motion | None = None) -> LogCheck:
         usable=usable, identifiable=known, without=tuple(without),
         empty={*without} <= columns, others=len(motion.logs) > len(lacking),
         problems=tuple(dict.fromkeys(problems)), notes=tuple(dict.fromkeys(notes)),
+        command=command,
+        drives=drives,
         next=Step(verb, unmeasured=tuple(blind)) if verb else Step(),
     )  # fmt: skip
 

@@ -38,7 +38,8 @@ KINDS: Mapping[str, type[Effect]] = {
         drive.TorqueGain,
         drive.Delay, drive.EncoderOffset, drive.GravityTilt, joint.Payload, drive.Elasticity,
         drive.Backlash, drive.Geometry, drive.ClosureCompliance, joint.TemperatureFriction,
-        drive.Drift, servo.CommandDelay, servo.Servo, servo.MotorCurrent, servo.MotorVoltage, Curve,
+        drive.Drift, servo.CommandDelay, servo.Servo, servo.MotorCurrent, servo.MotorVoltage,
+        servo.MotorDuty, Curve,
         frame.Thrust, frame.BodyDrag, frame.Tyre, frame.TyreSaturation, frame.TyreSlip,
         frame.GroundSpring,
     )

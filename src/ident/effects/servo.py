@@ -3,6 +3,7 @@
     servo          τ = kp (ref(t − delay) − q) + kd (dref − q̇) + feedforward,      |τ| ≤ limit
     motor_current  τ = kt · current(t − delay)
     motor_voltage  τ = gain · voltage(t − delay) − kb q̇                            back-EMF
+    motor_duty     τ = gain · duty(t − delay) · supply − kb q̇
 
 A drive corrects the torque channel of its joint, as `delay` corrects its time: residuals, held-out
 errors, a diagnosis and a monitor see a torque like any other. Its scale (kp, kt, gain) enters the
@@ -233,3 +234,22 @@ class MotorVoltage(Drive):
 
     def offset(self, s: Signals) -> np.ndarray:
         return -s.shape["kb"] * s.v[:, 0]
+
+
+class MotorDuty(MotorVoltage):
+    """A motor that is driven by a share of its supply, against its back-EMF."""
+
+    kind = "motor_duty"
+    noun = "motor driven by a duty cycle"
+    commands = ("duty",)
+    shapes = (
+        Unknown("gain", ("N m", "N"), "torque at full duty, a volt where supply is logged", True),
+        Unknown("kb", ("N m s/rad", "N s/m"), "torque that the back-EMF takes, a speed", True),
+    )
+    equation = "τ = gain duty(t − delay) supply − kb q̇"
+    signature = "the log has duty cycles and no torques"
+
+    def error(self, s: Signals) -> np.ndarray:
+        duty, supply = self.command(s, "duty"), self.command(s, "supply")
+        assert duty is not None
+        return duty if supply is None else duty * supply

@@ -18,13 +18,14 @@ from ident.faults.channel_checks import copies
 from ident.files import Written
 from ident.finding import Finding
 from ident.fit.consistency import nearest_possible, possible_bodies
+from ident.fit.drives import with_sensors_first
 from ident.fit.files import Saved
 from ident.fit.findings import basis_bias, beyond_range, findings_of, predicts_better
 from ident.fit.likelihood import Likelihood, weighed
 from ident.fit.prediction import Prediction
 from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
 from ident.fit.result import Fit
-from ident.fit.shapes import beyond_bounds, working_point
+from ident.fit.shapes import beyond_bounds, refuse_scales, unknown_scales, working_point
 from ident.fit.values import ParameterValues
 from ident.information.blocks import Error
 from ident.information.chance import covariance, held_out, prior_covariance
@@ -79,12 +80,13 @@ def identify(
         part(progress, *ends) for ends in pairwise((0.0, 0.3, 0.5, 0.8, 0.95, 1.0))
     )
     motion = unweighed(motion)
+    mechanism, compared = with_sensors_first(mechanism, motion)
     mechanism = mechanism.for_logs(motion.names)
     point = working_point(mechanism, motion, start, shapes)
     problem = Problem.of(mechanism, motion, point, equations)
     problem, estimate = with_rest(problem, estimate_of(problem))
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, likely)
-    fit = fit_of(problem, estimate, consistent, findings, likelihood, rest)
+    fit = fit_of(problem, estimate, consistent, [*findings, *compared], likelihood, rest)
     if validate is None:
         return fit
     texts = "its errors are no validation", "validate on another log"
@@ -121,6 +123,8 @@ def estimate_of(problem: Problem) -> Estimate:
         if not beyond.any():
             break
         estimate = problem.estimate(sigma=estimate.sigma, fixed=estimate.fixed | beyond)
+    fixed = estimate.fixed  # a scale that ran to its bounds is none
+    refuse_scales([effect for effect, at in unknown_scales(problem.columns) if fixed[at]])
     return estimate
 
 

@@ -11,6 +11,7 @@ meanwhile. A start for every shape comes from its own coarse search, everything 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -175,6 +176,8 @@ def variable_projection(
         stderr[now.base.independent] = np.sqrt(np.diag(now.solution.C))
         if (np.abs(x - before) <= OF_VALUE * np.abs(x) + OF_ERROR * stderr).all():
             break
+    if loss < np.inf:  # far from the start a scale may have lost what supported it
+        check_scales(columns, solved(point, first, first.fixed))
     return point
 
 
@@ -182,29 +185,51 @@ def check_scales(columns: Columns, first: Estimate) -> None:
     """Refuse drives whose torques could all be larger by one factor, with the model as good.
 
     Raises:
-        FitError: with the drives, and what would give them a scale.
+        NoScale: with the drives, and what would give them a scale.
     """
-    scales = [
-        (effect, place)
-        for effect, places in columns.effects
-        for shape, place in zip(effect.shapes, places[len(effect.unknowns) :], strict=True)
-        if place >= 0 and shape.name == effect.scale
-    ]
+    scales = unknown_scales(columns)
     if not scales:
         return
     base = rank_revealing(first.triangle)
     alone = base.independent[~base.K.any(axis=1)]  # no other column is made from it
-    unsupported = [effect for effect, place in scales if place not in alone]
+    refuse_scales([effect for effect, place in scales if place not in alone])
+
+
+def unknown_scales(columns: Columns) -> list[tuple[Effect, int]]:
+    """Return the drives whose scale is unknown, with its place in x."""
+    return [
+        (effect, int(place))
+        for effect, places in columns.effects
+        for shape, place in zip(effect.shapes, places[len(effect.unknowns) :], strict=True)
+        if place >= 0 and shape.name == effect.scale
+    ]
+
+
+def refuse_scales(unsupported: Sequence[Effect]) -> None:
+    """Refuse drives that nothing gives a scale, if there are any.
+
+    Raises:
+        NoScale: with the drives, and what would give them a scale.
+    """
     if not unsupported:
         return
     one, names = unsupported[0], listed([effect.joints[0] for effect in unsupported])
     key = f"{one.joints[0]}:{one.scale}"
-    raise FitError(
+    raise NoScale(
         f"{one.kind}: nothing gives the torques of {names} a scale: all unknown bodies, frictions "
         f"and gains could be larger by one factor. Give one gain (--drive {key}=…), a known body "
         "that these drives carry ([parameters] unknown without its link), or log once more with a "
-        f"known payload; --drive {key}=1 gives everything as a ratio to that gain"
+        f"known payload; --drive {key}=1 gives everything as a ratio to that gain",
+        [effect.joints[0] for effect in unsupported],
     )
+
+
+class NoScale(FitError):
+    """Drives whose torques could all be larger by one factor; `joints`: theirs."""
+
+    def __init__(self, message: str, joints: Sequence[str]) -> None:
+        super().__init__(message)
+        self.joints = tuple(joints)
 
 
 def drive_scales(mechanism: Mechanism, motion: Motion, point: Point) -> np.ndarray:

@@ -25,8 +25,14 @@ KEYS = {  # of a drive's kind, in mechanism.toml and --drive
     "servo": ("kp", "kd", "delay", "limit", "follows"),
     "motor_current": ("kt", "limit"),
     "motor_voltage": ("gain", "kb", "delay", "limit"),
+    "motor_duty": ("gain", "kb", "delay", "limit"),
 }
-SOURCES = {"servo": "servo", "current": "motor_current", "voltage": "motor_voltage"}
+SOURCES = {
+    "servo": "servo",
+    "current": "motor_current",
+    "voltage": "motor_voltage",
+    "duty": "motor_duty",
+}
 POSITIVE = ("kp", "kt", "gain", "limit")  # that must be above zero
 
 

@@ -20,6 +20,7 @@ from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.at_rest import measure_poses, rest_of
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
+from ident.motion.commands import check_commands
 from ident.motion.knots import by_torques, doubtful, without_time_errors
 from ident.motion.recipe import (
     AUTO,
@@ -40,7 +41,8 @@ from ident.motion.torque_class import informing_torques
 from ident.motion.unforced import unforced_base
 from ident.text import shortlist
 
-COMMANDS = {"ref": "servo", "current": "current", "voltage": "voltage"}  # and drives of them
+# columns, and drives of them
+COMMANDS = {"ref": "servo", "current": "current", "voltage": "voltage", "duty": "duty"}
 Given = Log | str | os.PathLike[str] | Any  # a polars or pandas data frame
 AGREE = 1e-9  # numerics: share of its motion below which a logged joint differs by rounding only
 MOSTLY = 0.5  # level: of a residual's squares that steps make, from which it is theirs
@@ -163,6 +165,8 @@ def complete(
     notes = [note for signals in measured for note in signals.notes]
     for signals in measured:
         notes += _missing_torques(mechanism, signals, torques)
+        if mechanism.drives:
+            check_commands(mechanism, signals.log.name, signals.t, signals.columns)
     names = _determining(mechanism, measured)
     band = Band(0.0, 0.0, None)
     informing = [informing_torques(mechanism, s.t, s.columns) for s in moving]

@@ -225,6 +225,7 @@ def measure(
     columns |= {
         f"tau.{name}": _supplied(drive, log, columns)
         for name, drive in mechanism.drives.items()
+        if f"tau.{name}" not in log.columns  # a sensor goes first
         if f"q.{name}" in columns and {*drive.reads()} <= {*columns}
     }
     limits = torque_limits(columns) if limits is None else limits

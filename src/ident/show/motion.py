@@ -19,6 +19,7 @@ from ident.assess.check import (
     identifiable,
     joints_json,
 )
+from ident.assess.drives import check_drives, drive_rows
 from ident.display import renders
 from ident.errors import MechanismError
 from ident.files import version
@@ -181,7 +182,9 @@ def check_card(check: LogCheck, request: Request = PYTHON) -> Card:
     elif check.unknowns:
         why = "its motion determines no parameter"
     sure = ""
-    if check.without and check.others:
+    if check.command:
+        sure = f"It has the commands of all drives: compute torques from them, --drive {check.command}."
+    elif check.without and check.others:
         sure = "Leave this log out, or map the columns of its torques in [log]."
     elif check.without and check.next.verb == "identify":
         sure = "Without a sensor, leave out the equation of the joint:"
@@ -215,6 +218,9 @@ def check_text(
         values = ", ".join(f'"{name}" = {value:g}' for name, value in start.items())
         parts.append([f"the loops close at, to keep in mechanism.toml: start = {{ {values} }}"])
     parts += [[note] for note in notes]
+    if check.drives:
+        parts.append(text_table(drive_rows(check.drives)))
+        parts += [[f"note: {words}"] for drive in check.drives for words in drive.apart]
     if motion is not None:
         channels = [CHANNELS, *text_table(_channels(mechanism, motion))]
         columns = [f"{log.name}: {_size(log)}; {', '.join(log.columns)}" for log in motion.logs]
@@ -283,6 +289,7 @@ def check_json(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, 
             for e in logs
         ],
         "cutoff": None if motion is None else motion.band.cutoff,
+        "drives": [drive.json() for drive in check_drives(mechanism, motion)],
         "identifiable": identifiable(mechanism, motion),
         "notes": [
             *mechanism.notes,

@@ -1,0 +1,172 @@
+"""Commands of drives as a log has them: what cannot be one, and how they are held.
+
+A command that cannot be that of its joint would be fitted by a wrong gain, so it is refused before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ident.effects import Effect
+from ident.errors import MotionError
+from ident.mechanism.mechanism import Mechanism
+from ident.text import listed, percent
+
+DEGREES = (40.0, 80.0)  # range: slope of a command over its position that is one of degrees, 57.3
+ALIKE = 0.9  # level: correlation of a command with the position that follows it …
+UNLIKE = 0.5  # level: … and below which it is that of another joint
+LONGEST_DELAY = 0.1  # range: share of a log by which a drive may be late
+FULL = 1.0 + 1e-6  # numerics: largest duty
+SATURATED = 0.98  # level: share of samples at the limit from which no gain shows
+OFF = 0.5  # range: `on.` below it is off
+HELD = 1.5  # range: samples from which a command is held between its changes
+
+
+def check_commands(
+    mechanism: Mechanism, log: str, t: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> None:
+    """Refuse commands and settings of drives that cannot be those of their joints.
+
+    Args:
+        mechanism: with drives.
+        log: its name; t: (n,) [s]; columns: (n,) each, by ident's names.
+
+    Raises:
+        MotionError: one line: which column, what was found, and what to write.
+    """
+    drives = mechanism.drives
+    for name in drives:
+        for gain in ("kp", "kd", "on"):
+            others = [f"{gain}.{other}" for other in drives if f"{gain}.{other}" in columns]
+            if others and f"{gain}.{name}" not in columns and f"ref.{name}" in columns:
+                raise MotionError(
+                    f"{log}: there is {listed(others[:3])}, and no '{gain}.{name}'; log it for "
+                    "every drive, or leave the column out for all"
+                )
+    for drive in drives.values():
+        late = drive.values.get("delay", 0.0)
+        if late > LONGEST_DELAY * (t[-1] - t[0]):
+            raise MotionError(
+                f"{log}: {drive.label}: delay = {late:g} s is more than a tenth of the log's "
+                f"{t[-1] - t[0]:.3g} s; a delay is in s, usually 0.001 to 0.05"
+            )
+        for column in drive.reads():
+            if column in columns:
+                _check_command(mechanism, log, drive, column, columns)
+        _check_saturation(log, drive, columns)
+    _check_on(mechanism, log, columns)
+
+
+def _check_command(
+    mechanism: Mechanism, log: str, drive: Effect, column: str, columns: Mapping[str, np.ndarray]
+) -> None:
+    kind, _, name = column.partition(".")
+    x = columns[column]
+    known = x[np.isfinite(x)]
+    if not len(known):
+        raise MotionError(f"{log}: column '{column}' has no value in any of {len(x)} rows")
+    if np.ptp(known) == 0:
+        raise MotionError(
+            f"{log}: {column} is always {known[0]:.4g}: a drive whose command never changes shows "
+            "no gain; log the command that it was sent, in a motion"
+        )
+    if kind == "duty" and np.abs(known).max() > FULL:
+        most = np.abs(known).max()
+        raise MotionError(
+            f"{log}: {column} reaches {most:.4g}; a duty is a share of the supply, -1 to 1: write "
+            f'[log] "{column}" = {{ column = "…", scale = {_share(most):g} }}'
+        )
+    q = columns.get(f"q.{name}")
+    if kind != "ref" or q is None:
+        return
+    own, slope = _correlation(x, q)
+    joint = mechanism.joint(name)
+    if joint.rotational and own > ALIKE and DEGREES[0] < slope < DEGREES[1]:
+        raise MotionError(
+            f"{log}: {column} is {slope:.3g} times q.{name}: in degrees, not in rad; write [log] "
+            f'"{column}" = {{ column = "…", scale = 0.017453293 }}'
+        )
+    if own < -ALIKE:
+        raise MotionError(
+            f"{log}: {column} is against q.{name} (correlation {own:.2f}): its sign is another; "
+            f'write [log] "{column}" = {{ column = "…", scale = -1 }}'
+        )
+    others = {
+        other: _correlation(x, columns[f"q.{other}"])[0]
+        for other in mechanism.drives
+        if other != name and f"q.{other}" in columns
+    }
+    nearest = max(others, key=lambda other: others[other], default="")
+    if own < UNLIKE and nearest and others[nearest] > ALIKE:
+        raise MotionError(
+            f"{log}: {column} is not followed by q.{name} (correlation {own:.2f}) but by "
+            f"q.{nearest} ({others[nearest]:.2f}): it is the command of another joint; map it in "
+            f'[log] "ref.{nearest}" = "{column}"'
+        )
+
+
+def _share(most: float) -> float:
+    """Return the scale of a duty in percent, in counts of 8 to 16 bit, or over its largest."""
+    full = next((x for x in (100.0, 255.0, 1000.0, 1023.0, 4095.0, 32767.0) if most <= x), most)
+    return float(f"{1 / full:.6g}")
+
+
+def _check_saturation(log: str, drive: Effect, columns: Mapping[str, np.ndarray]) -> None:
+    name, values = drive.joints[0], drive.values
+    ref, q = columns.get(f"ref.{name}"), columns.get(f"q.{name}")
+    if "kp" not in values or "limit" not in values or ref is None or q is None:
+        return
+    gain = columns.get(f"kp.{name}", np.ones(len(q)))
+    error = np.abs(values["kp"] * gain * (ref - q))
+    error = error[np.isfinite(error)]
+    at_limit = float((error >= values["limit"]).mean()) if len(error) else 0.0
+    if at_limit > SATURATED:
+        raise MotionError(
+            f"{log}: {drive.label} is at its limit of {values['limit']:g} in "
+            f"{percent(at_limit)} of the samples, so its command shows no torque; check limit and "
+            "kp, or command a smaller motion"
+        )
+
+
+def _check_on(mechanism: Mechanism, log: str, columns: Mapping[str, np.ndarray]) -> None:
+    names = [name for name in mechanism.drives if f"on.{name}" in columns]
+    known = np.setdiff1d(mechanism.bodies.names, mechanism.unknown)
+    has_mass = any(mechanism.prior[mechanism.bodies.names.index(name)] for name in known)
+    off = [name for name in names if not (columns[f"on.{name}"] > OFF).any()]
+    if off and len(off) == len(mechanism.driven) and not has_mass:
+        raise MotionError(
+            f"{log}: all drives are off throughout and no body is known, so everything is free up "
+            "to one factor; give a known body ([parameters] unknown without its link), or a log "
+            "with the drives on"
+        )
+
+
+def _correlation(x: np.ndarray, q: np.ndarray) -> tuple[float, float]:
+    """Return the correlation of a command with a position, and the slope of the first over it."""
+    both = np.isfinite(x) & np.isfinite(q)
+    x, q = x[both] - x[both].mean(), q[both] - q[both].mean()
+    squares = float(q @ q), float(x @ x)
+    if min(squares) <= 0:
+        return 0.0, 0.0
+    return float(x @ q / np.sqrt(squares[0] * squares[1])), float(x @ q / squares[0])
+
+
+def held_samples(x: np.ndarray) -> int:
+    """Return for how many samples a command (n,) is held between its changes, 1 if for none."""
+    changes = np.flatnonzero(np.diff(x))
+    if len(changes) < 3:
+        return 1
+    usual = float(np.median(np.diff(changes)))
+    return round(usual) if usual > HELD else 1
+
+
+def linear_samples(x: np.ndarray) -> int:
+    """Return over how many samples a command (n,) goes straight on between its bends, 1 if none."""
+    bend = np.abs(np.diff(x, 2))
+    bends = np.flatnonzero(bend > 1e-9 * max(float(np.ptp(x)), 1e-300))
+    if len(bends) < 3 or held_samples(x) > 1:
+        return 1
+    usual = float(np.median(np.diff(bends)))
+    return round(usual) if usual > HELD else 1
