@@ -183,7 +183,7 @@ def check_card(check: LogCheck, request: Request = PYTHON) -> Card:
         why = "its motion determines no parameter"
     sure = ""
     if check.command:
-        sure = f"It has the commands of all drives: compute torques from them, --drive {check.command}."
+        sure = f"It has the drives' commands: compute torques from them, --drive {check.command}."
     elif check.without and check.others:
         sure = "Leave this log out, or map the columns of its torques in [log]."
     elif check.without and check.next.verb == "identify":
