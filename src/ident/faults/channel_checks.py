@@ -130,6 +130,14 @@ def torque_class(c: LoggedChannel) -> tuple[str, Judgement]:
                 f"take it as it is if the drive is fast; its delay and gain are --with "
                 f"delay:{c.joint.name} and --with torque_gain:{c.joint.name}"
             )
+        case "shared":
+            text = (
+                f"{verdict.column}: one drive's torque in several columns, which counts it as often"
+            )
+            remedy = (
+                "keep the column of the joint that the drive turns, and put the others among the "
+                "passive joints ([joints] passive)"
+            )
         case "copied":
             text = f"{verdict.column}: {A_COMMAND}"
         case "staircase":

@@ -28,14 +28,37 @@ from ident.information.chance import BEYOND, CONTRIBUTES, EXPLAINED_BELOW, FEWES
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import rigid_forces
-from ident.motion.torque_class import COMPUTED, computed_torques
+from ident.motion.torque_class import TorqueVerdict
 from ident.text import listed, percent, shortlist, two_digits
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
     "position swapped", "joints swapped", "motors", "time", "gravity", "another run", "units",
-    "logs disagree", "changed within the log", "computed",
+    "logs disagree", "changed within the log", "computed", "compensated",
 }  # fmt: skip
+MODELS = {  # by cause of a verdict: code, meaning and remedy of torques that are a model's
+    "computed": (
+        "computed",
+        "{terms} of {model} to {left}: computed by the controller's own model or a simulator, not "
+        "measured; a fit returns that model",
+        "log what sensors or motor currents show, and map these columns in [log]",
+    ),
+    "open_tree": (
+        "computed",
+        "what the open tree needs, to {left}: the closures would carry no force, so these were "
+        "computed without them, and no drive of this loop has made them",
+        "log the torques of the drives, put all other joints among the passive ones, or take the "
+        "closures out",
+    ),
+    "compensated": (
+        "compensated",
+        "all torques are explained without gravity (to {left}; with it to {before}): the "
+        "controller has subtracted its own model of gravity, as robots' interfaces do, or gravity "
+        "in mechanism.toml is not that of the machine",
+        "log the torque with gravity, or write gravity = [0.0, 0.0, 0.0] at the top of "
+        "mechanism.toml: then what the controller's model misses of it is left",
+    ),
+}
 DEAD = {"constant", "zero", "noise_only"}  # codes of findings on channels that measure nothing
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
 LIKE = 0.9  # level: from there on four fifths of the squares of one are of the other's shape
@@ -85,9 +108,13 @@ class DataChecks(FaultSearch):
     def health(self) -> Health:
         """Judge the data, gravest first."""
         faults, noise = self.faults
-        if (computed := self._computed()) is not None:
-            return Health((computed,))
-        findings = []
+        if of_models := self._of_models():
+            measured = {*self.mechanism.measured} - {
+                channel.removeprefix("tau.") for x in of_models for channel in x.where
+            }
+            if not measured:
+                return Health(tuple(of_models))
+        findings = [*of_models]
         for trial in faults:
             fall = trial.before_fault, trial.error
             named = fault_finding(self.mechanism, trial.fault, *fall, trial.rivals)
@@ -107,19 +134,23 @@ class DataChecks(FaultSearch):
             findings = findings or [*logs] or self._strangers(noise) or sizes
         return Health((*findings, *channels))
 
-    def _computed(self) -> Finding | None:
-        """Return a finding on torques that the file's own bodies give to the digits."""
-        computed = computed_torques(self.mechanism, self.problem.motion.experiments)
-        if computed is None:
-            return None
-        where = tuple(f"tau.{name}" for name in computed.joints)
-        text = (
-            f"{listed(where)}: {computed.terms} of {self.mechanism.urdf.name or 'the model'} to "
-            f"{percent(computed.difference)}: computed by the controller's own model or a "
-            "simulator, not measured; a fit returns that model"
-        )
-        remedy = "log what sensors or motor currents show, and map these columns in [log]"
-        return Finding("computed", text, remedy, where, computed.difference, COMPUTED)
+    def _of_models(self) -> list[Finding]:
+        """Return the findings on torques that a model has computed or corrected."""
+        channels = dict[TorqueVerdict, list[str]]()
+        for joint, verdict in self.problem.motion.torques.items():
+            if verdict.cause in MODELS:
+                channels.setdefault(verdict, []).append(f"tau.{joint}")
+        name = self.mechanism.urdf.name or "the model"
+        findings = []
+        for verdict, where in channels.items():
+            code, text, remedy = MODELS[verdict.cause]
+            values = {"terms": verdict.column, "model": name, "left": percent(verdict.number),
+                      "before": percent(verdict.threshold)}  # fmt: skip
+            text = f"{listed(where)}: {text.format(**values)}"
+            findings.append(
+                Finding(code, text, remedy, tuple(where), verdict.number, verdict.threshold)
+            )
+        return findings
 
     def _matters(self, finding: Finding) -> bool:
         """Whether the steps of a torque, if the finding is of these, have a part in the squared

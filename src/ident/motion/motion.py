@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -37,7 +38,14 @@ from ident.motion.signals import LogSignals, measure, runs, without_repeats
 from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
 from ident.motion.spline import Smoothed, grain, noise_level
 from ident.motion.state import State, wrenches
-from ident.motion.torque_class import informing_torques
+from ident.motion.torque_class import (
+    MEASURED,
+    TorqueClass,
+    TorqueVerdict,
+    informing,
+    torque_verdicts,
+)
+from ident.motion.torque_models import torques_of_models
 from ident.motion.unforced import unforced_base
 from ident.text import shortlist
 
@@ -61,7 +69,7 @@ class Motion(Displayed):
         notes: what was repaired, derived or left out, in words.
         logs: as they were read, under ident's column names.
         mechanism: that moves; None for a motion without one.
-        dead: joints of a tree whose torque column is constant or noise in some log.
+        channels: classes of the torques by the samples of each log, by joint.
     """
 
     experiments: tuple[State, ...]
@@ -71,7 +79,32 @@ class Motion(Displayed):
     notes: tuple[str, ...] = ()
     logs: tuple[Log, ...] = ()
     mechanism: Mechanism | None = None
-    dead: tuple[str, ...] = ()
+    channels: tuple[Mapping[str, TorqueVerdict], ...] = ()
+
+    @cached_property
+    def torques(self) -> Mapping[str, TorqueVerdict]:
+        """The class of each joint's torque: what its samples show in some log, or the equations."""
+        every = {
+            joint: next((x for x in of_logs if not x.measured), of_logs[0])
+            for joint in dict.fromkeys(joint for of in self.channels for joint in of)
+            for of_logs in ([of[joint] for of in self.channels if joint in of],)
+        }
+        if self.mechanism is None:
+            return every
+        of_models = torques_of_models(self.mechanism, self.experiments)
+        return every | {
+            joint: x
+            for joint, x in of_models.items()
+            if every.get(joint, MEASURED).measured or x.kind is TorqueClass.COMPUTED
+        }
+
+    @property
+    def dead(self) -> tuple[str, ...]:
+        """Joints of a tree whose torque column is constant or noise in some log."""
+        if self.mechanism is None or self.mechanism.closures:
+            return ()
+        dead = (j for of in self.channels for j, x in of.items() if x.kind is TorqueClass.DEAD)
+        return tuple(dict.fromkeys(dead))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -169,11 +202,12 @@ def complete(
             check_commands(mechanism, signals.log.name, signals.t, signals.columns)
     names = _determining(mechanism, measured)
     band = Band(0.0, 0.0, None)
-    informing = [informing_torques(mechanism, s.t, s.columns) for s in moving]
+    channels = [torque_verdicts(mechanism, s.t, s.columns) for s in moving]
+    informs = [informing(of_log) for of_log in channels]
     if moving:
         smoothing = checked_spacing(smoothing, moving)
         cutoff = cutoff if cutoff in (None, AUTO) else checked_cutoff(cutoff, moving)
-        band = band_of(moving, names, cutoff, informing)
+        band = band_of(moving, names, cutoff, informs)
 
     def derived_with(band: Band) -> list[Derived]:
         return [
@@ -217,7 +251,7 @@ def complete(
             progress("choosing knots by the torques", 0.0)
         in_motion = [x for x, y in zip(derived, measured, strict=True) if not y.log.poses]
         before, by_user = band, cutoff != "auto"
-        band = by_torques(mechanism, moving, band, in_motion, by_user, informing)
+        band = by_torques(mechanism, moving, band, in_motion, by_user, informs)
         if band != before:
             derived = derived_with(band)
             if np.isfinite(band.knots[1]):
@@ -250,15 +284,9 @@ def complete(
         if torques:
             raise MotionError(missing)
         notes.append(missing)
-    dead = () if mechanism.closures or not complete_torques else mechanism.measured
     return Motion(
         states, independent, band, worst, tuple(dict.fromkeys(notes)), tuple(read), mechanism,
-        tuple(
-            name
-            for name in dead
-            if any(name not in of and signals.columns[f"tau.{name}"].any()  # 0: it may swing freely
-                   for of, signals in zip(informing, moving, strict=True))
-        ),
+        tuple(channels),
     )  # fmt: skip
 
 

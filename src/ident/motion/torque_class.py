@@ -1,27 +1,22 @@
 """What a torque channel is: a measurement, a command, a model's own number, or nothing.
 
 Decided once by the samples of the channel and of the others in its log, and asked by knots, the
-cut-off, checks, candidates and laws alike. Of all torques together, and of the file's bodies π,
-
-    computed       τ = Γ(q, v, a) π to the digits, or its gravity, or what is left without gravity:
-                   a controller's model or a simulator's, of which a fit returns what it was given
+cut-off, checks, candidates and laws alike; by the equations in `torque_models`.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import rigid_forces
 from ident.motion.recipe import CLEAN
 from ident.motion.signals import REGULAR
 from ident.motion.spline import grain, noise_level, noise_share
-from ident.motion.state import State
 
 NOISE = 0.5**0.5  # level: noise over rms: from half of its squares on a torque is no torque
 ZERO = 0.2  # tuned: share of the samples at which a joint moves, where its torque is exactly zero
@@ -35,8 +30,6 @@ SWITCHED_SHARE = 0.98  # range: share of the samples that have one of them
 LEVEL_SHARE = 0.05  # range: share of the samples that each of two of them has at least
 FEWEST_SWITCHES = 4  # range: changes from one to another
 MOVING = 0.1  # range: of a joint's rms speed, from which it moves well above standstill
-COMPUTED = 2e-3  # numerics: of a torque, by which smoothed motions of clean logs may differ
-LOOKED_AT = 300  # work: samples of a log
 COMMAND = re.compile(
     r"(des|cmd|command|ref|set|target|goal|con)(ired|erence|point|trol)?[\W_\d]*", re.I
 )
@@ -69,6 +62,11 @@ class TorqueVerdict:
     threshold: float = 0.0
     column: str = ""
     levels: tuple[float, ...] = ()
+
+    @property
+    def measured(self) -> bool:
+        """Whether the channel says what acted, as far as is known."""
+        return self.kind in (TorqueClass.MEASURED, TorqueClass.FREE)
 
     @property
     def informs(self) -> bool:
@@ -154,7 +152,8 @@ def _multiple_of(
         if gain and off < SAME:
             times = "" if abs(gain - 1) < SAME else f"{gain:.4g} times "
             column = f"{times}the column '{other}'"
-            return TorqueVerdict(TorqueClass.COMMANDED, "copied", off, SAME, column)
+            cause = "shared" if other.startswith("tau.") else "copied"
+            return TorqueVerdict(TorqueClass.COMMANDED, cause, off, SAME, column)
     return None
 
 
@@ -171,83 +170,24 @@ def _less_noise_than_others(
     return share / usual_share
 
 
-def informing_torques(
+def torque_verdicts(
     mechanism: Mechanism, t: np.ndarray, columns: Mapping[str, np.ndarray]
-) -> frozenset[str]:
-    """Return the joints whose torques on a clock t (n,), as logged or as a drive supplies them, say
-    what it was.
+) -> dict[str, TorqueVerdict]:
+    """Return the classes of a log's torques on a clock t (n,), as logged or as a drive supplies
+    them, by joint.
     """
     used = {source.column for source in mechanism.columns.values()}
-    names = {joint for joint in mechanism.drives if f"tau.{joint}" in columns}
+    verdicts = {joint: MEASURED for joint in mechanism.drives if f"tau.{joint}" in columns}
     for joint in mechanism.measured:
         x, q = columns.get(f"tau.{joint}"), columns.get(f"q.{joint}")
         if x is None:
             continue
         speed = np.abs(np.gradient(q, t)) if q is not None and len(q) > 1 else np.ones(len(x))
         moving = speed > MOVING * float(np.sqrt(np.mean(speed**2)))
-        if torque_verdict(f"tau.{joint}", x, moving, columns, used).informs:
-            names.add(joint)
-    return frozenset(names)
+        verdicts[joint] = torque_verdict(f"tau.{joint}", x, moving, columns, used)
+    return verdicts
 
 
-@dataclass(frozen=True)
-class Computed:
-    """Torques that a model has computed: which of its terms, and by how much they differ.
-
-    Attributes:
-        terms: in words; joints: whose torques.
-        difference: largest rms over that of the torque.
-    """
-
-    terms: str
-    joints: tuple[str, ...]
-    difference: float
-
-
-def computed_torques(mechanism: Mechanism, states: Sequence[State]) -> Computed | None:
-    """Return the model's terms that the torques of all measured joints of a tree or loop are, to
-    the digits; None where they are a measurement, or where nothing of the bodies is unknown: values
-    of an earlier fit give the torques that they were fitted to.
-    """
-    states = [e for e in states if not e.poses]
-    if mechanism.drives or mechanism.unmeasured or not mechanism.unknown or not states:
-        return None
-    if not mechanism.prior.any():
-        return None
-    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    driven = [mechanism.joint_index[name] for name in mechanism.driven]
-    for e in states:
-        if e.wrench is not None and np.any(e.wrench):
-            return None
-        at = np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // LOOKED_AT)]
-        state, rest = e.at_samples(at), np.zeros((len(at), mechanism.model.nv))
-        both = (
-            rigid_forces(mechanism.model, state.q, v, a, mechanism.prior)
-            for v, a in ((state.v, state.a), (rest, rest))
-        )
-        with_inertia, gravity = (_reduced(state, forces) for forces in both)
-        parts.append(
-            (np.einsum("njd,nj->nd", state.leverage[:, driven], state.tau), with_inertia, gravity)
-        )
-    tau, with_inertia, gravity = (np.concatenate(x) for x in zip(*parts, strict=True))
-    size = np.sqrt(np.mean(tau**2, axis=0))
-    loud = size > COMPUTED * size.max(initial=0.0)
-    if not len(tau) or not size.max():
-        return None
-    models = {
-        "gravity and inertia": with_inertia,
-        "gravity alone": gravity,
-        "inertia alone": with_inertia - gravity,
-    }
-    for terms, torque in models.items():
-        off = np.sqrt(np.mean((tau - torque) ** 2, axis=0))
-        if np.all(off[loud] < COMPUTED * size[loud]):
-            return Computed(terms, mechanism.measured, float((off[loud] / size[loud]).max()))
-    return None
-
-
-def _reduced(e: State, forces: np.ndarray) -> np.ndarray:
-    """Forces (n, nv) of the tree in the independent coordinates (n, d)."""
-    if e.loop is None:
-        return forces
-    return np.einsum("nvd,nv->nd", e.pinv[:, :, -e.leverage.shape[2] :], forces)
+def informing(verdicts: Mapping[str, TorqueVerdict]) -> frozenset[str]:
+    """Return the joints whose torques knots and cut-off ask."""
+    return frozenset(joint for joint, verdict in verdicts.items() if verdict.informs)

@@ -212,6 +212,6 @@ def excerpt(
         notes += [note] if note and NO_MEASUREMENT not in note else []
     return Excerpt(
         motion.experiments, motion.independent, motion.band, motion.closure_error,
-        tuple(dict.fromkeys(notes)), tuple(logs), mechanism, motion.dead,
+        tuple(dict.fromkeys(notes)), tuple(logs), mechanism, motion.channels,
         tuple((s.name, s.clock.count, 1 / s.clock.step) for s in remaining),
     )  # fmt: skip
