@@ -139,3 +139,37 @@ def test_a_scale_that_the_known_body_does_not_support_is_refused(known):
     unknown = replace(mechanism, unknown=mechanism.bodies.select(others, "test"))
     with pytest.raises(FitError, match="scale"):
         ident.identify(unknown, ident.complete(unknown, ARM / "run.csv"))
+
+
+def test_commands_are_played_with_delay_hold_and_law(shipped):
+    # held-out commands: the loop is closed over the simulated motion, from its measured start
+    motion = ident.complete(shipped.mechanism, ARM / "other.csv")
+    played = ident.replay(shipped, motion=motion, most=6)
+    errors = next(iter(played.runs.values()))[0].errors
+    assert max(error.rms for error in errors.values()) < 2e-4  # [rad]; 1.1e-4 is the encoder's
+    assert set(shipped.command_errors) == {*JOINTS}
+    assert all(0 < e.rms < 1e-3 and e.unit == "rad" for e in shipped.command_errors.values())
+
+
+def test_a_simulated_log_of_drives_gives_its_gains_back(shipped, tmp_path):
+    run = ident.integrate(
+        shipped.mechanism, ident.Torques(ARM / "other.csv"), values=shipped.point.values,
+        pi=shipped.point.pi, duration=5.0, tolerance=1e-6, columns=["q"],
+    )  # fmt: skip
+    assert not any(name.startswith("tau.") for name in run.log.columns)
+    fit = ident.identify(shipped.mechanism, ident.complete(shipped.mechanism, run.log))
+    for joint in JOINTS:
+        name = f"servo.{joint}.kp"
+        assert fit.point.values[name] == pytest.approx(shipped.point.values[name], rel=0.02)
+
+
+def test_a_delay_at_its_bound_is_said():
+    truth = replace(Servos(), delay=0.0)
+    columns = servo_log(truth, seed=4, seconds=10.0)
+    late = round(0.08 * 200)  # of a clock of its own
+    for joint in JOINTS:
+        ref = columns[f"ref.{joint}"]
+        columns[f"ref.{joint}"] = np.concatenate([ref[late:], np.full(late, ref[-1])])
+    mechanism = ident.load(ARM).with_calibration("exact")
+    fit = ident.identify(mechanism, ident.complete(mechanism, pl.DataFrame(columns)))
+    assert [f.threshold for f in fit.findings if f.code == "delay at its bound"] == [0.05]

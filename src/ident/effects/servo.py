@@ -99,11 +99,14 @@ class Drive(Correcting):
         """Return the gain (n,) of the firmware in each sample, 1 where the log has none."""
         return s.extra.get(f"{self.scale}.{self.joints[0]}", np.ones(len(s.t)))
 
+    def unlimited(self, s: Signals) -> np.ndarray:
+        """Return the torque (n,) [N m | N] that the law asks for, within limits or not."""
+        return s.shape[self.scale] * self.gain(s) * self.error(s) + self.offset(s)
+
     def torque(self, s: Signals) -> np.ndarray:
         """Return the torque (n,) [N m | N] of the drive at the shape `s.shape`."""
         limit = self.setting("limit")
-        torque = s.shape[self.scale] * self.gain(s) * self.error(s) + self.offset(s)
-        torque = np.clip(torque, -limit, limit)
+        torque = np.clip(self.unlimited(s), -limit, limit)
         on = s.extra.get(f"on.{self.joints[0]}")
         return torque if on is None else np.where(on > 0.5, torque, 0.0)
 

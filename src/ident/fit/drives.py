@@ -9,14 +9,17 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.effects.effect import Signals
+from ident.equations.problem import Problem
 from ident.finding import Finding
 from ident.information import linear
+from ident.information.estimate import Estimate
 from ident.mechanism.drives import with_common_delay
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, State
-from ident.text import percent
+from ident.text import listed, percent
 
 DIFFERS = 0.1  # level: share of the measured torque by which a drive's differs and is named
+AT_BOUND = 1e-6  # numerics: [s] from the end of its search within which a delay is at it
 SHARED = "command_delay"  # kind of the delay that drives of one bus have in common
 
 
@@ -87,3 +90,26 @@ def _compared(mechanism: Mechanism, drive: Effect, experiments: Sequence[State])
         f"check the gains, limit and delay of the drive, or leave out the column {column}",
         (column,), share, DIFFERS,
     )  # fmt: skip
+
+
+def delays_at_bounds(problem: Problem, estimate: Estimate) -> list[Finding]:
+    """Return a finding on each delay of commands that ends where its search ends."""
+    findings = []
+    for effect, places in problem.columns.effects:
+        if effect.kind != SHARED or places[-1] < 0:
+            continue
+        (shape,) = effect.shapes
+        assert shape.range is not None
+        low, high = shape.range
+        value = float(problem.point_at(estimate.x).of(effect)[1][shape.name])
+        if low + AT_BOUND < value < high - AT_BOUND:
+            continue
+        end = high if value > (low + high) / 2 else low
+        text = f"delay of the commands of {listed(effect.joints)}: at its bound of {end:g} s"
+        remedy = (
+            "check that commands and positions have one clock, or give the delay: [drives] delay"
+            if end == high
+            else "no lateness shows: give delay = 0 in [drives], which makes kd more certain"
+        )
+        findings.append(Finding("delay at its bound", text, remedy, effect.joints, value, end))
+    return findings

@@ -181,6 +181,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
             **_error_sets(fit),
             "unfiltered": _errors(fit.unfiltered),
             "with_standstill": _error_sets(fit, standstill=True),
+            **({"command": _errors(fit.command_errors)} if fit.command_errors else {}),
         },
         "noise": fit.noise,
         "smoothing": [

@@ -18,7 +18,7 @@ from ident.faults.channel_checks import copies
 from ident.files import Written
 from ident.finding import Finding
 from ident.fit.consistency import nearest_possible, possible_bodies
-from ident.fit.drives import with_sensors_first
+from ident.fit.drives import delays_at_bounds, with_sensors_first
 from ident.fit.files import Saved
 from ident.fit.findings import basis_bias, beyond_range, findings_of, predicts_better
 from ident.fit.likelihood import Likelihood, weighed
@@ -86,7 +86,8 @@ def identify(
     problem = Problem.of(mechanism, motion, point, equations)
     problem, estimate = with_rest(problem, estimate_of(problem))
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, likely)
-    fit = fit_of(problem, estimate, consistent, [*findings, *compared], likelihood, rest)
+    findings = [*findings, *compared, *delays_at_bounds(problem, estimate)]
+    fit = fit_of(problem, estimate, consistent, findings, likelihood, rest)
     if validate is None:
         return fit
     texts = "its errors are no validation", "validate on another log"

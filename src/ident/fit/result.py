@@ -123,6 +123,19 @@ class Fit(Charted):
         return {"train": self.train, "held out": self.held_out, **self.validation}
 
     @property
+    def command_errors(self) -> dict[str, Error]:
+        """Errors [rad | m] of the commands that servos would need in place of theirs, by joint:
+        those of their torques, held out if they are known, over kp; empty without servos.
+        """
+        errors = dict[str, Error]()
+        for joint, drive in self.mechanism.drives.items():
+            kp = self.point.values.get(f"{drive.kind}.{joint}.kp", 0.0)
+            e = (self.held_out or self.train).get(joint)
+            if e is not None and kp > 0:
+                errors[joint] = Error(e.rms / kp, None, self.mechanism.joint(joint).unit)
+        return errors
+
+    @property
     def relative(self) -> dict[str, float]:
         """Relative error by joint, fitted or held out, the larger."""
         both = (self.train, self.held_out)

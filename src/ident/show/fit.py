@@ -115,6 +115,8 @@ def error_table(fit: Fit) -> tuple[str, Rows]:
     if cut:
         errors["unfiltered"] = fit.unfiltered
     errors_at_rest = {joint: item.with_standstill for joint, item in judged.items()}
+    if commands := fit.command_errors:
+        errors["in its command"] = commands
     if still := any(element.rms != judged[joint].rms for joint, element in errors_at_rest.items()):
         errors["at standstill too"] = errors_at_rest
     caption = "error of the predicted torque" + (f" below {cut:.3g} Hz" if cut else "")

@@ -31,6 +31,7 @@ from ident.motion import State, complete
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.spline import noise_share
 from ident.motion.state import joint_coordinates
+from ident.simulate.commands import command_laws, commanded
 from ident.simulate.dynamics import STICK, Actuator, Dynamics
 from ident.simulate.events import Integration, Transition
 from ident.simulate.inverse import (
@@ -52,10 +53,10 @@ AnyLog = Log | str | os.PathLike[str]
 
 @dataclass(frozen=True, eq=False)
 class Torques:
-    """The torques of a log, interpolated by cubic splines.
+    """The torques of a log, interpolated by cubic splines; of drives, its commands.
 
     Attributes:
-        log: with a `tau.` column of every driven joint, or its path.
+        log: with a `tau.` column of every driven joint, or the commands of its drive; or its path.
     """
 
     log: AnyLog
@@ -85,12 +86,12 @@ class ComputedTorque(PD):
 Drive = Torques | PD
 
 
-def actuator_of(drive: Drive | None, plant: Plant, e: State | None) -> Actuator:
+def actuator_of(drive: Drive | None, plant: Plant, point: Point, e: State | None) -> Actuator:
     """Return the torques of a drive that plays or follows a completed log; zeros without one."""
     if drive is None or e is None:
         return lambda m, against: np.zeros(len(plant.driven))
     if isinstance(drive, Torques):
-        return torque_series(e)
+        return commanded(command_laws(plant.mechanism, point, e), torque_series(e))
     at, gains = plant.driven, drive.gains
     reference = CubicSpline(e.t, np.hstack([e.y[:, at], e.yd[:, at], e.ydd[:, at]]))
     computed = isinstance(drive, ComputedTorque)
@@ -260,7 +261,11 @@ def integrate(
     plant = Plant(model, point)
     independent = best_conditioned(model, q[None]) if model.closures else ()
     dynamics = Dynamics(
-        plant, actuator_of(drive, plant, e), independent, extra, 0.0 if e is None else float(e.t[0])
+        plant,
+        actuator_of(drive, plant, point, e),
+        independent,
+        extra,
+        0.0 if e is None else float(e.t[0]),
     )
     integration = Integration(dynamics, tolerance, longest, knots)
     integration.run((q, v, np.zeros(len(plant.laws.states))), t, progress)
@@ -354,12 +359,16 @@ def _columns(
     joints: Sequence[str] | None,
 ) -> dict[str, np.ndarray]:
     """Return the log's columns (n,) by name, with the errors of its sensors, without noise."""
-    tau = dict(zip(mechanism.driven, torques.T, strict=True))
+    # a machine with drives has no torque sensor
+    both = zip(mechanism.driven, torques.T, strict=True)
+    tau = {name: x for name, x in both if name not in mechanism.drives}
     sensed, names = [x.copy() for x in true], mechanism.driven
     if len(independent_joints(mechanism, names)) < mechanism.degrees_of_freedom:
         tree = tuple(joint.name for joint in mechanism.joints if joint.in_tree)
         names = tree or tuple(joint.name for joint in mechanism.joints)
     for effect in mechanism.effects:
+        if effect.supplies_torque:
+            continue
         if effect.corrects and effect.implicit:  # it depends on the load, over the whole run
             columns = joint_columns(mechanism, dict(zip("qva", true, strict=True)), names)
             columns |= {f"tau.{name}": x for name, x in tau.items()}

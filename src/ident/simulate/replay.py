@@ -1,6 +1,7 @@
 """The verb `replay`: the simulated motion against the measured one, window by window.
 
-Each window begins in the measured state and is driven by the measured torques. A machine without
+Each window begins in the measured state and is driven by the measured torques, or by drives that
+play the logged commands. A machine without
 feedback leaves its measured motion sooner or later, however good the model is: errors of the start
 and of the torques grow, exponentially where the motion is unstable. Short windows (multiple
 shooting; Bock, 1987) show the model and not this growth.
@@ -23,6 +24,7 @@ from ident.fit.result import Fit
 from ident.information.blocks import Error, Squares
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, State
+from ident.simulate.commands import command_laws, commanded
 from ident.simulate.dynamics import Dynamics
 from ident.simulate.events import Integration
 from ident.simulate.integrate import STEPS, interpolated, rough_times, torque_series
@@ -157,11 +159,13 @@ def _replayed(
     mechanism, e = scene.mechanism, scene.e
     logged = tuple(mechanism.joint_index[name] for name in e.logged)
     plant = Plant(mechanism, model.point, logged)
-    torques, extra = torque_series(e), interpolated(e)
+    laws = command_laws(mechanism, model.point, e)
+    torques, extra = commanded(laws, torque_series(e)), interpolated(e)
     s = Samples(mechanism, e, slice(None), model.point)
     states = [s.columns(law.effect, law.shape)[:, 0, 0] for law in plant.laws.states]
     z = np.stack(states, axis=1) if states else np.zeros((len(e), 0))
-    knots, since = rough_times(e), float(e.t[0])
+    measured = len(laws) < len(mechanism.driven)  # some torques are those of a log
+    knots, since = rough_times(e) if measured else None, float(e.t[0])
 
     simulated, starts, failures = np.full(e.y.shape, np.nan), [], []
     length = max(2, round(window * e.rate))
