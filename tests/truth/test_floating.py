@@ -151,6 +151,41 @@ def test_a_body_that_tumbles_is_refused_with_the_order_that_would_do(flyer):
         ident.complete(mechanism, ident.Log.from_arrays("f", t, columns))
 
 
+def test_a_body_that_tumbles_has_a_fourth_turn(flyer):
+    """A somersault about an axis that itself turns, through every middle angle of three turns."""
+    t = np.arange(0, 10, 0.01)
+    model = pin.Model()
+    at = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+    model.appendBodyToJoint(at, INERTIA, pin.SE3.Identity())
+    data = model.createData()
+    paces = np.array([1.0, 1.3, 0.7, 0.3, 0.4, 0.25])
+    sizes = np.array([1.0, 1.0, 1.0, 2.6, 3.1, 2.9])
+    q, rows, h = pin.neutral(model), [], 1e-3
+    for k in range(round(10 / h)):
+        if k % 10 == 0:
+            v, a = sizes * np.cos(paces * k * h), -sizes * paces * np.sin(paces * k * h)
+            rows.append(np.concatenate([q, pin.rnea(model, data, q, v, a)]))
+        q = pin.integrate(model, q, h * sizes * np.cos(paces * (k + 0.5) * h))
+    table = np.array(rows)
+    columns = {
+        f"base.{x}": table[:, i] for i, x in enumerate(("x", "y", "z", "qx", "qy", "qz", "qw"))
+    }
+    columns |= {f"wrench.body.{x}": table[:, 7 + i] for i, x in enumerate(WRENCH)}
+    log = ident.Log.from_arrays("f", t, columns)
+    with pytest.raises(MotionError, match=r"tumbles.*xzyx"):
+        ident.complete(ident.load(flyer), log)
+    toml = 'urdf = "flyer.urdf"\nbase = { kind = "floating", order = "xzyx" }\n'
+    (flyer / "mechanism.toml").write_text(toml)
+    mechanism = ident.load(flyer)
+    assert mechanism.unmeasured == ("base.gimbal",)
+    assert mechanism.chains[0].gimbal == "x"
+    fit = ident.identify(mechanism, ident.complete(mechanism, log))
+    assert fit.rank == 10
+    names = [f"body.{word}" for word in DYNAMIC]
+    values = np.array([fit.point.pi[mechanism.bodies.names.index(name)] for name in names])
+    np.testing.assert_allclose(values, INERTIA.toDynamicParameters(), atol=2e-4, rtol=2e-3)
+
+
 @pytest.mark.parametrize("kind", ["floating", "planar", "ball"])
 def test_joints_of_several_coordinates_in_a_urdf(kind, tmp_path):
     joint = (

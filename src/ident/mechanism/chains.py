@@ -3,6 +3,7 @@
     floating   J.x J.y J.z, then a ball      planar   J.x J.y J.rz, in the plane across its axis
     ball       J.rz J.ry J.rx (or another order): R = R_z R_y R_x, yaw, pitch and roll of the child
     universal  two turns about given axes
+    tumbling   a fourth turn J.gimbal before the three of a ball, prescribed so that they stay apart
 
 Any three turns about x, y and z that follow each other at one point and are named `J.rx`, `J.ry`
 and `J.rz` are a ball, whether a reader made them or a file has them so. A log may have its
@@ -25,8 +26,10 @@ from ident.mechanism.description import UNLIMITED, align_z, attribute, words
 
 AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 ORDERS = tuple("".join(order) for order in permutations("xyz"))
+FOUR_TURNS = tuple(f"{axis}{order}" for order in ORDERS for axis in "xyz" if axis != order[0])
 ORDER = "zyx"  # range: yaw, pitch, roll
 BASE = "base"  # the joint of a floating base
+GIMBAL = "gimbal"  # the prescribed turn of a body that tumbles
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,7 @@ class Chain:
     name: str
     order: str  # of the three turns, from the parent to the child
     floating: bool  # whether three slides J.x, J.y, J.z are before them
+    gimbal: str = ""  # axis of a turn before the three, of a body that tumbles
 
     @property
     def turns(self) -> tuple[str, str, str]:
@@ -163,7 +167,10 @@ def expand(
             if kind in ("ball", "floating"):
                 _fix(joint, start, where)
             continue
-        turns = [(f"r{axis}", "revolute", AXES[axis]) for axis in orders.get(name, ORDER)]
+        order = orders.get(name, ORDER)
+        turns = [(f"r{axis}", "revolute", AXES[axis]) for axis in order[-3:]]
+        if len(order) > 3:
+            turns.insert(0, (GIMBAL, "revolute", AXES[order[0]]))
         if kind == "floating":
             slides = [(axis, "prismatic", AXES[axis]) for axis in "xyz"]
             auxiliary += replace_joint(robot, joint, [*slides, *turns])
@@ -230,7 +237,12 @@ def chains_of(robot: etree._Element, where: str) -> tuple[Chain, ...]:
             order += joint.get("name")[-1]
             joint = moving.get(by_parent.get(joint.find("child").get("link"), ""))
         if len(order) == 3:
-            chains.append(Chain(name, order, all(f"{name}.{x}" in moving for x in "xyz")))
+            gimbal = ""
+            if (outer := moving.get(f"{name}.{GIMBAL}")) is not None:
+                about = attribute(outer, "axis", "xyz", where)
+                gimbal = next(x for x in AXES if about == [float(c) for c in AXES[x].split()])
+            floating = all(f"{name}.{x}" in moving for x in "xyz")
+            chains.append(Chain(name, order, floating, gimbal))
     return tuple(chains)
 
 

@@ -24,6 +24,8 @@ from ident.log import Column
 from ident.mechanism.calibration import read_calibration
 from ident.mechanism.chains import (
     BASE,
+    FOUR_TURNS,
+    GIMBAL,
     ORDERS,
     chains_of,
     expand,
@@ -184,7 +186,9 @@ def _read(
         read_closure(table, context) for table in (*loops, *closures, *mimics, *ties)
     )
     driven = tuple(joint.name for joint in joints if joint.name not in passive)
-    without = _unmeasured(top.table("joints"), unmeasured, driven, locks, bool(passive))
+    without = _unmeasured(
+        top.table("joints"), {*unmeasured, *chained.gimbals}, driven, locks, bool(passive)
+    )
     if without and constraints:
         raise top.table("joints").error(
             f"unmeasured: {listed(without)}: closures pass its torque on to all equations, so none "
@@ -431,6 +435,7 @@ class _Chained:
 
     passive: tuple[str, ...]
     links: tuple[str, ...]
+    gimbals: tuple[str, ...]  # turns that are prescribed, without an equation of their own
 
 
 def _expanded(
@@ -449,13 +454,16 @@ def _expanded(
     if "order" in base:
         named[BASE] = base.text("order")
     for name, order in named.items():
-        if order not in ORDERS:
-            raise section.error(f"order of '{name}' = '{order}'; {one_of(order, ORDERS)}")
+        if order not in (*ORDERS, *FOUR_TURNS):
+            valid = f"{one_of(order, ORDERS)}; of a body that tumbles four, as xzyx"
+            raise section.error(f"order of '{name}' = '{order}'; {valid}")
     before = {joint.get("name") for joint in robot.findall("joint")}
     starts = {k: x for k, x in section.data.get("start", {}).items() if is_number(x)}
     links = expand(robot, where, locked, named, starts)
     after = (joint.get("name") for joint in robot.findall("joint"))
-    return _Chained(tuple(name for name in after if name not in before), tuple(links))
+    new = [name for name in after if name not in before]
+    gimbals = tuple(name for name in new if name.rpartition(".")[2] == GIMBAL)
+    return _Chained(tuple(x for x in new if x not in gimbals), tuple(links), gimbals)
 
 
 def _unmeasured(

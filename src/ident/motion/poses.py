@@ -7,7 +7,10 @@
     R = R_i(α) R_j(β) R_k(γ)          ω = (R_j R_k)ᵀ e_i α̇ + R_kᵀ e_j β̇ + e_k γ̇
 
 A quaternion and its negative are the same orientation. Angles are unwrapped here; the middle one
-must stay away from ±90°, where the two others cannot be told apart.
+must stay away from ±90°, where the two others cannot be told apart. Of a body that tumbles a fourth
+turn R_g(δ) is before them, and δ(t) a smooth path between the poses where that happens:
+
+    R_g(δ)ᵀ R = R_i R_j R_k       min ∫ (tan² β_j(δ, t) + PACE δ̇²) dt, by dynamic programming
 """
 
 from __future__ import annotations
@@ -15,12 +18,17 @@ from __future__ import annotations
 import numpy as np
 
 from ident.errors import MotionError
-from ident.mechanism.chains import BASE, ORDERS, Chain, angles_of
+from ident.mechanism.chains import BASE, GIMBAL, ORDERS, Chain, angles_of
 from ident.mechanism.mechanism import Mechanism
 
 UNIT = 0.01  # range: by which the length of a quaternion may differ from 1
 STEEPEST = np.radians(80.0)  # range: of the middle angle
 JUMP = np.pi / 2  # range: [rad] between two samples that are no gap
+LEVELS = 90  # work: of δ in a turn
+GRID = 0.05  # work: [s] between the instants of δ's path
+FASTEST = 4  # work: levels of δ from one instant to the next
+PACE = 0.05  # range: [s²] weight of the speed of δ
+KNOTS = 4  # work: instants of δ's path between knots of its spline
 XYZ = ("x", "y", "z")
 
 Columns = dict[str, np.ndarray]
@@ -60,7 +68,7 @@ def scalar_columns(
             quaternion = _taken(columns, prefix, ("qx", "qy", "qz", "qw"), log)
             if quaternion is not None:
                 R = _rotations(quaternion, t, f"{log}: {prefix}qx … {prefix}qw", ordered)
-                _add_angles(mechanism, chain, R, t, columns, log)
+                _add_angles(chain, R, t, columns, log, ordered)
         for prefix in (*prefixes, f"v.{chain.name}."):
             linear = _taken(columns, prefix, ("vx", "vy", "vz"), log)
             angular = _taken(columns, prefix, ("wx", "wy", "wz"), log)
@@ -74,9 +82,19 @@ def scalar_columns(
                 )
             turns = _turns(np.stack(angles, axis=1), chain.order)  # type: ignore[arg-type]
             if linear is not None:
-                along = np.einsum("nij,nj->ni", turns[0] @ turns[1] @ turns[2], linear)
+                rotation = turns[0] @ turns[1] @ turns[2]
+                if chain.gimbal:
+                    turn = columns[f"q.{chain.name}.{GIMBAL}"]
+                    rotation = _turns(turn[:, None], chain.gimbal)[0] @ rotation
+                along = np.einsum("nij,nj->ni", rotation, linear)
                 columns |= {f"v.{name}": x for name, x in zip(chain.slides, along.T, strict=True)}
             if angular is not None:
+                if chain.gimbal:  # its own rate is prescribed
+                    turn = columns[f"q.{chain.name}.{GIMBAL}"]
+                    speed = np.gradient(turn, t)
+                    columns[f"v.{chain.name}.{GIMBAL}"] = speed
+                    about = (turns[0] @ turns[1] @ turns[2])[:, "xyz".index(chain.gimbal), :]
+                    angular = angular - speed[:, None] * about
                 rates = np.linalg.solve(_axes(turns, chain.order), angular[:, :, None])[:, :, 0]
                 columns |= {f"v.{name}": x for name, x in zip(chain.turns, rates.T, strict=True)}
 
@@ -129,9 +147,15 @@ def _rotations(quaternion: np.ndarray, t: np.ndarray, where: str, ordered: bool)
 
 
 def _add_angles(
-    mechanism: Mechanism, chain: Chain, R: np.ndarray, t: np.ndarray, columns: Columns, log: str
+    chain: Chain, R: np.ndarray, t: np.ndarray, columns: Columns, log: str, ordered: bool
 ) -> None:
     known = np.isfinite(R[:, 0, 0])
+    if chain.gimbal:
+        turn = gimbal_path(R[known], t[known], chain, ordered)
+        columns[f"q.{chain.name}.{GIMBAL}"] = np.full(len(R), np.nan)
+        columns[f"q.{chain.name}.{GIMBAL}"][known] = turn
+        R = R.copy()
+        R[known] = _turns(turn[:, None], chain.gimbal)[0].transpose(0, 2, 1) @ R[known]
     angles = angles_of(R[known], chain.order)
     steepest = {order: float(np.abs(angles_of(R[known], order)[:, 1]).max()) for order in ORDERS}
     if steepest[chain.order] > STEEPEST:
@@ -145,11 +169,48 @@ def _add_angles(
         key = "[base] order" if chain.name == BASE else f"[joints] order = {{ {chain.name} = …"
         remedy = f'{key}: "{best}" keeps it below {np.degrees(steepest[best]):.3g}°'
         if steepest[best] > STEEPEST:
-            remedy = "nor in any other: the body tumbles; cut the log where it does"
+            remedy = f'nor in any other: the body tumbles; {key}: "xzyx" has a fourth turn for that'
+            if chain.gimbal:
+                remedy = "nor with a fourth turn; cut the log where it does"
         raise MotionError(f"{what}; {remedy}")
     for name, x in zip(chain.turns, np.unwrap(angles, axis=0).T, strict=True):
         columns[f"q.{name}"] = np.full(len(R), np.nan)
         columns[f"q.{name}"][known] = x
+
+
+def gimbal_path(R: np.ndarray, t: np.ndarray, chain: Chain, ordered: bool) -> np.ndarray:
+    """Return δ (n,) [rad] of the turn before the three, smooth in time t (n,) if rows are
+    `ordered`, so that the middle angle of the three stays small.
+    """
+    levels = 2 * np.pi * np.arange(LEVELS) / LEVELS
+    i, _, k = ("xyz".index(axis) for axis in chain.order)
+    around = _turns(levels[:, None], chain.gimbal)[0][:, :, i]  # R_g e_i, (levels, 3)
+    grid = np.arange(t[0], t[-1] + GRID, GRID) if ordered else t
+    near = np.clip(np.searchsorted(t, grid), 0, len(t) - 1)
+    sine = np.clip(R[near][:, :, k] @ around.T, -0.9999, 0.9999)  # of the middle angle
+    cost = 1.0 / (1.0 - sine**2) - 1.0
+    if not ordered:
+        return levels[cost.argmin(axis=1)]
+    step = np.arange(-FASTEST, FASTEST + 1)
+    speed = PACE * (step * 2 * np.pi / LEVELS / GRID) ** 2
+    total, before = cost[0], np.zeros(cost.shape, dtype=int)
+    for row in range(1, len(cost)):
+        every = np.stack([np.roll(total, s) for s in step]) + speed[:, None]
+        before[row] = every.argmin(axis=0)
+        total = every.min(axis=0) + cost[row]
+    path = np.empty(len(cost), dtype=int)
+    path[-1] = at = int(total.argmin())
+    for row in range(len(cost) - 1, 0, -1):
+        at -= step[before[row, at % LEVELS]]
+        path[row - 1] = at
+    delta = path * 2 * np.pi / LEVELS
+    if len(grid) < 3 * KNOTS:
+        return np.full(len(t), delta.mean())
+    from scipy.interpolate import make_lsq_spline  # takes 0.2 s to import
+
+    inner = grid[KNOTS:-KNOTS:KNOTS]
+    knots = np.concatenate([np.full(6, grid[0]), inner, np.full(6, grid[-1])])
+    return np.asarray(make_lsq_spline(grid, delta, knots, k=5)(t))
 
 
 def _turns(angles: np.ndarray, order: str) -> list[np.ndarray]:

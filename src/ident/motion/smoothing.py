@@ -81,6 +81,9 @@ def resolution(channels: Sequence[Channel], t: np.ndarray, band: Band) -> float:
         [channel for channel in inside if channel.joint == name]
         for name in dict.fromkeys(channel.joint for channel in inside)
     ]
+    # what is exact but for rounding, as a turn that is prescribed, asks for no knots beside noise
+    noisy = [x for x in joints if any(c.sigma > ALONE * np.std(c.x) for c in x)]
+    joints = noisy or joints
     coarsest = min(band.knots[1], (t[-1] - t[0]) / MIN_INTERVALS)
     h = best = float(np.clip(finest(band, channels), *band.knots))
     least, worse = np.inf, 0
