@@ -117,12 +117,12 @@ def with_effects(
 
 
 def other(mechanism: Mechanism) -> Log:
-    """Positions of the drives along the nominal motion, backwards and three quarters as wide."""
+    """Positions of the drives along the nominal motion, backwards and half as wide."""
     (e,) = nominal_motion(mechanism).experiments
     columns = {}
     for name in mechanism.driven:
         x = e.y[::-1, mechanism.joint_index[name]]
-        columns[f"q.{name}"] = x[0] + 0.75 * (x - x[0])
+        columns[f"q.{name}"] = x[0] + 0.5 * (x - x[0])
     return Log.from_arrays("other", e.t, columns)
 
 

@@ -209,7 +209,7 @@ def _not_vouched(
 
 
 def _beyond_limits(machine: Machine, motion: Motion) -> list[str]:
-    """Return joints that the log moves beyond their limits, where a simulator stops them."""
+    """Return joints that the log moves or drives beyond their limits, where simulators end."""
     notes = []
     for link in machine.links:
         joint = link.joint
@@ -219,6 +219,18 @@ def _beyond_limits(machine: Machine, motion: Motion) -> list[str]:
                 f"{joint.name}: moves from {q.min():.4g} to {q.max():.4g} {joint.unit} in the log, "
                 f"beyond its limits {joint.lower:.4g} and {joint.upper:.4g} {joint.unit}, where "
                 "simulators stop it; correct the limits in the mechanism's file"
+            )
+    for i, name in enumerate(machine.mechanism.driven):
+        effort = machine.mechanism.joint(name).effort
+        if effort <= 0 or name in machine.mechanism.drives:
+            continue
+        tau = np.concatenate([e.tau[e.usable, i] for e in motion.experiments])
+        tau = np.abs(tau[np.isfinite(tau)])
+        if len(tau) and tau.max() > effort:
+            notes.append(
+                f"{name}: torques up to {tau.max():.4g} in the log, beyond its limit {effort:.4g} "
+                f"{machine.mechanism.joint(name).force_unit}, to which simulators cut them; "
+                "correct the effort in the mechanism's file"
             )
     return notes
 

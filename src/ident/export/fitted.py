@@ -34,6 +34,9 @@ STEPS = 6  # work: of Gauss–Newton
 DIFFERENCE = 1e-3  # numerics: of a parameter's size, for forward differences
 PULL = 3e-3  # numerics: of the largest column: what no motion tells stays at its physical value
 ENOUGH = 1e-3  # numerics: relative fall of the sum of squares below which the search ends
+# range: share of its error that must remain at most, or the physical values stay: ones that hardly
+# move a controlled motion nearer may move one under torques alone far away
+WORTH = 0.8
 PHYSICAL = 0.02  # shown: relative change from which a number is said to be no longer physical
 TOLERANCE = 1e-8  # numerics: of the exact motion
 
@@ -54,6 +57,11 @@ class Fitted:
     def notes(self) -> list[str]:
         """What is no longer physical, and why."""
         step = 1e3 * self.numbers.step
+        if not self.changed:
+            return [
+                f"at a step of {step:g} ms the motion with the physical values is off by "
+                f"{1e3 * self.before:.2g} mrad rms, and no others bring it much nearer"
+            ]
         text = (
             f"fitted to MuJoCo's own friction and a step of {step:g} ms: motion off by "
             f"{1e3 * self.after:.2g} mrad rms instead of {1e3 * self.before:.2g}"
@@ -264,6 +272,10 @@ def fit_numbers(
         fall, x, now = 1 - new_cost / cost, trial, rest
         if fall < ENOUGH:
             break
+    after = float(np.sum(now**2))
+    if len(x) and after > WORTH**2 * before:
+        rms = _rms(before, exact.q.size)
+        return Fitted(translation, numbers, rms, rms, {})
     new, at = made(x)
     words = {"viscous": "damping", "coulomb": "frictionloss", "armature": "armature"}
     changed = {
@@ -271,7 +283,7 @@ def fit_numbers(
         for (name, word), old, value in zip(keys, start, x, strict=False)
     }
     count = exact.q.size
-    return Fitted(new, at, _rms(before, count), _rms(float(np.sum(now**2)), count), changed)
+    return Fitted(new, at, _rms(before, count), _rms(after, count), changed)
 
 
 def _rms(total: float, count: int) -> float:
