@@ -6,7 +6,6 @@ writes a step in the language of its reader: Python here, a line of the shell in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -24,7 +23,10 @@ class Step:
         speed: joints of it with their largest speed [rad/s | m/s].
         unmeasured: further joints without a torque sensor.
         known: whether the bodies of an earlier fit are known, which names the cause of a change.
-        grown: whether the model is the one that `grow` has written.
+        duration: of a planned motion [s]; 0 for the usual one.
+        around: whether it begins in the middle of what was logged.
+        as_logged: whether joints without a range and speed of their own move as they did.
+        grown: labels of effects that `grow` has added, which are in the folder that it has written.
         consistent: whether bodies must be possible.
     """
 
@@ -35,8 +37,11 @@ class Step:
     range: tuple[tuple[str, float, float], ...] = ()
     speed: tuple[tuple[str, float], ...] = ()
     unmeasured: tuple[str, ...] = ()
+    duration: float = 0.0
+    around: bool = False
+    as_logged: bool = False
     known: bool = False
-    grown: bool = False
+    grown: tuple[str, ...] = ()
     consistent: bool = False
 
     def __bool__(self) -> bool:
@@ -59,10 +64,13 @@ class Request:
 
     Attributes:
         mechanism, logs: paths as given; options: of the model, as words.
+        of_fit: options of the verb `identify` alone, as words.
         like: logs of normal running; fit: folder of an earlier fit that is compared with the logs.
+        validate: logs that were held back.
         folder: where files of the result are written; empty where they are not.
         acceptable: share of a joint's torque that is good enough; None where none is stated.
         command: the command line that asked, for reports; empty where there is none.
+        noun: variable of Python in which the fit is that a step goes on from.
     """
 
     mechanism: str = ""
@@ -73,37 +81,48 @@ class Request:
     folder: str = ""
     acceptable: float | None = None
     command: str = ""
+    of_fit: tuple[str, ...] = ()
+    validate: tuple[str, ...] = ()
+    noun: str = "fit"
 
     def line(self, step: Step) -> str:
         """Return a step as the reader of the result can run it; empty where none can be run."""
-        return python_line(step) if step else ""
+        return python_line(step, self.noun) if step else ""
 
 
 PYTHON = Request()
 
 
-def python_line(step: Step) -> str:
-    """Return a step in Python, with `mechanism`, `motion` and `fit` for the nouns at hand.
+def python_line(step: Step, noun: str = "fit") -> str:
+    """Return a step in Python; `noun` is the variable in which the fit is that it goes on from.
 
-    >>> python_line(Step("identify", effects=("viscous", "coulomb:elbow")))
-    'ident.identify(mechanism.with_effect("viscous").with_effect("coulomb:elbow"), motion)'
+    >>> python_line(Step("identify", effects=("coulomb:elbow",)), "better")
+    'ident.identify(better.mechanism.with_effect("coulomb:elbow"), better.motion)'
     """
-    model = "mechanism" + "".join(f'.with_effect("{label}")' for label in step.effects)
-    other = 'ident.complete(mechanism, ident.read_log("OTHER.csv"))'
+    added = "".join(f'.with_effect("{label}")' for label in step.effects)
+    model, motion = f"{noun}.mechanism{added}", f"{noun}.motion"
     if step.files:
-        return "ident.identify(mechanism + diagnosis.laws[0], motion)"
+        laws = noun.removesuffix(".fit") if noun.endswith(".fit") else "diagnosis"
+        return f"ident.identify({noun}.mechanism + {laws}.laws[0], {motion})"
     if step.verb in ("add", "identify"):
         consistent = ", consistent=True" * step.consistent
-        return f"ident.identify({model}, motion{consistent})"
+        return f"ident.identify({model}, {motion}{consistent})"
     return {
-        "compare": f"ident.compare(fit, motion={other})",
-        "diagnose": "ident.diagnose(fit)",
-        "explore": f"ident.explore({model}, motion)",
-        "grow": f"ident.grow({model}, motion)",
-        "excite": f"ident.excite({model}{_separate(step.separate)})",
-        "monitor": "ident.Monitor.of(fit, motion)",
+        "diagnose": f"ident.diagnose({noun})",
+        "explore": f"ident.explore({model}, {motion})",
+        "grow": f"ident.grow({model}, {motion})",
+        "excite": f"ident.excite({model}{_planned(step, motion)})",
+        "monitor": f"ident.Monitor.of({noun}, {motion})",
     }.get(step.verb, "")
 
 
-def _separate(labels: Sequence[str]) -> str:
-    return f", separate={tuple(labels)}" if labels else ""
+def _planned(step: Step, motion: str) -> str:
+    """Return the arguments of a motion that is planned."""
+    ranges = {name: (float(f"{low:.3g}"), float(f"{high:.3g}")) for name, low, high in step.range}
+    speeds = {name: float(f"{speed:.3g}") for name, speed in step.speed}
+    limits = [f"range={ranges}"] * bool(ranges) + [f"speed={speeds}"] * bool(speeds)
+    words = [f"separate={step.separate}"] * bool(step.separate)
+    words += [f"limits=ident.Limits({', '.join(limits)})"] * bool(limits)
+    words += [f"around={motion}"] * step.around + ["as_logged=True"] * step.as_logged
+    words += [f"duration={step.duration:g}"] * bool(step.duration)
+    return "".join(f", {word}" for word in words)

@@ -139,7 +139,7 @@ def test_the_command_to_copy_tells_rivals_apart(robots, tmp_path, done):
     words = shlex.split(line)
     assert words[:3] == ["ident", "excite", str(robots / "four_bar")]
     assert words[3] == "--separate"
-    assert "planned for all drives by this command; by hand" in text
+    assert "apart; this command plans it" in " ".join(text.split())
     out = tmp_path / "next.csv"
     done(*words[1:-1], out, "--tries", 1, "--harmonics", 3)
     assert out.is_file()
@@ -184,7 +184,7 @@ def test_grow_prints_the_ladder_and_writes_a_mechanism(arm_folder, tmp_path, don
     lines = outcome.out.splitlines()
     head = next(i for i, line in enumerate(lines) if line.startswith("effect"))
     assert lines[head].split() == ["effect", "yaw", "shoulder", "elbow", "wrist"]
-    assert lines[head + 1].startswith("as given")
+    assert lines[head + 1].startswith("nothing added")
     assert lines[head + 2].startswith("  on run.csv")
     rungs = [line for line in lines if line.startswith("+ ")]
     assert rungs
@@ -213,7 +213,7 @@ def test_grow_prints_the_ladder_and_writes_a_mechanism(arm_folder, tmp_path, don
 
 def test_grow_where_nothing_is_missing_has_one_rung(arm_folder, done):
     outcome = done("grow", arm_folder, arm_folder / "run.csv", *given(*FRICTION))
-    assert any(line.startswith("as given") for line in outcome.out.splitlines())
+    assert any(line.startswith("nothing added") for line in outcome.out.splitlines())
     assert "Left: noise of the sensors" in " ".join(outcome.out.split())
     assert not [line for line in outcome.out.splitlines() if line.startswith("+ ")]
 

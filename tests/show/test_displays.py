@@ -23,6 +23,7 @@ from ident.show.charts import Line
 from ident.show.comparison import comparison_card, comparison_json, plot_forces
 from ident.show.diagnosis import LINES, short
 from ident.show.diagnosis import card as diagnosis_card
+from ident.show.experiment import PLANNED
 from ident.show.fit import card as fit_card
 from ident.show.headline import good_enough_words
 from ident.show.html import paragraph, report_page, table
@@ -137,9 +138,9 @@ def narrow(monkeypatch):
 
 @pytest.mark.usefixtures("narrow")
 def test_a_diagnosis_has_twenty_lines_in_a_narrow_terminal(nouns):
-    """The reason for the next experiment goes first, then bars, then sentences."""
+    """What the next experiment is in numbers goes first, then bars, then sentences."""
     d, sentence = nouns["diagnosis"], "A sentence of the card with eight words. " * 40
-    step = "Next experiment: Move the crank from 1 to 2 rad: it tells apart " + "what is alike " * 9
+    step = f"log a motion that shows more{PLANNED}: move the crank, " + "and what is alike, " * 9
     quiet, loud = Error(0.01, 0.01, "N m"), Error(0.1, 0.1, "N m")
     bars = (Bar("a", loud, quiet), *(Bar(name, quiet) for name in "bcdefgh"))
     found = {
@@ -153,9 +154,9 @@ def test_a_diagnosis_has_twenty_lines_in_a_narrow_terminal(nouns):
     assert all(-(-len(line) // 80) <= 4 for text in texts for line in text.splitlines())
     assert all(sum(-(-len(x) // 80) or 1 for x in text.split("\n")) <= LINES for text in texts)
     assert command in texts[-1]  # whole, as it is copied
-    assert "it tells apart" in found[2]
-    assert "it tells apart" not in found[6]
-    assert all("Move the crank" in text for text in found.values())
+    assert "move the crank" in found[2]
+    assert "move the crank" not in found[8]
+    assert all("log a motion" in text for text in found.values())
     assert "more about the next experiment, more candidates" in " ".join(found[8].split())
 
 
@@ -207,7 +208,7 @@ def test_noise_is_one_number_in_every_result(nouns):
         assert {bar.joint: bar.noise for bar in card.bars} == fit.noise
     answers = {words.split("Good enough? ")[1].split(".")[0] for words in (c.sure for c in cards)}
     assert len(answers) == 1
-    assert cards[-1].then == ""  # its command adds what is named
+    assert cards[-1].then.startswith("add ")
     assert cards[-1].step.verb in ("add", "grow")
 
 

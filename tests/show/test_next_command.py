@@ -1,12 +1,13 @@
 """The step that goes on from a result, as a line of the shell: it runs as it is printed."""
 
 import shlex
+from dataclasses import replace
 
 import ident
 from helpers import ROBOTS
 from ident.assess.fit import assess_fit
 from ident.cli.lines import ShellRequest, place_of
-from ident.request import Step
+from ident.request import PYTHON, Step
 from ident.show.fit import card
 
 COMPARE, DIAGNOSE, MONITOR = Step("compare"), Step("diagnose"), Step("monitor")
@@ -23,27 +24,36 @@ def words(request, step):
 
 def test_names_with_blanks_stay_in_one_piece():
     request = given(["--with", "coulomb"], out="o 1")
-    assert words(request, MONITOR)[2:] == [
-        "my arm", "NEXT.csv", "--like", "a  b.csv", "--like", "c.csv", "--with", "coulomb",
+    held = replace(request, validate=("held back.csv",))
+    assert words(held, MONITOR)[2:] == [
+        "my arm", "held back.csv", "--like", "a  b.csv", "--like", "c.csv", "--with", "coulomb",
     ]  # fmt: skip
     assert words(request, COMPARE)[-2:] == ["--fit", "o 1/fit.json"]
 
 
 def test_normal_running_stays_what_a_command_was_given_as_such():
-    line = given(like=("normal.csv",)).line(MONITOR)
-    assert line == "ident monitor 'my arm' NEXT.csv --like normal.csv"
+    line = replace(given(like=("normal.csv",)), validate=("new.csv",)).line(MONITOR)
+    assert line == "ident monitor 'my arm' new.csv --like normal.csv"
 
 
-def test_a_fit_that_was_not_written_is_written_first():
-    line = given(["--with", "coulomb"]).line(COMPARE)
-    assert line.startswith("ident identify 'my arm' 'a  b.csv' c.csv --with")
+def test_no_command_names_a_file_that_is_not_known():
+    assert given(out="out").line(MONITOR) == ""
+    assert words(given(out="out"), COMPARE)[2:5] == ["my arm", "a  b.csv", "c.csv"]
+
+
+def test_options_of_a_fit_and_logs_held_back_stay_in_the_next_one():
+    request = replace(given(out="fit"), of_fit=("--consistent",), validate=("held.csv",))
+    identify = words(request, Step("identify", consistent=True))
+    assert identify[5:] == ["--consistent", "--validate", "held.csv", "--out", "fit_2"]
+    assert words(request, Step("grow"))[5:] == ["--validate", "held.csv", "--out", "grown"]
+    assert "--consistent" not in words(request, DIAGNOSE)
 
 
 def test_no_command_where_the_verb_does_not_take_the_options():
-    spaced = given(["--spacing", "0.1"])
-    assert spaced.line(MONITOR) == ""
+    spaced, held = given(["--spacing", "0.1"]), {"validate": ("held.csv",)}
+    assert replace(spaced, **held).line(MONITOR) == ""
     assert spaced.line(DIAGNOSE).endswith("--spacing 0.1")
-    assert given(["--lock", "wrist"]).line(MONITOR).endswith("--lock wrist")
+    assert replace(given(["--lock", "wrist"]), **held).line(MONITOR).endswith("--lock wrist")
 
 
 def made(folder):
@@ -88,12 +98,11 @@ def test_a_step_has_a_line_for_every_reader():
     fit = ident.identify(arm, ident.complete(arm, ident.read_log(ROBOTS / "arm" / "run.csv")))
     step = assess_fit(fit).next
     assert (step.verb, step.effects) == ("identify", ("viscous", "coulomb"))  # it rubs
-    assert card(fit).command == (
-        'ident.identify(mechanism.with_effect("viscous").with_effect("coulomb"), motion)'
-    )
+    added = '.with_effect("viscous").with_effect("coulomb")'
+    assert card(fit).command == f"ident.identify(fit.mechanism{added}, fit.motion)"
+    assert eval(card(fit).command, {"ident": ident, "fit": fit})  # it runs as it stands
     shell = words(given(logs=["run.csv"]), step)
     assert shell[4:8] == ["--with", "viscous", "--with", "coulomb"]
-    assert ident.identify(arm.with_effect("viscous").with_effect("coulomb"), fit.motion)
 
 
 def test_what_is_offered_overwrites_nothing(tmp_path, monkeypatch):
@@ -123,16 +132,26 @@ def test_what_has_changed_since_a_fit_is_diagnosed_with_its_bodies():
 def test_after_growth_the_folder_that_was_written_is_used():
     added = tuple(f"coulomb:j{i}" for i in range(21))
     request = given(["--lock", "wrist"], out="grown", logs=("run.csv",))
-    explore = words(request, Step("explore", added, grown=True))
+    explore = words(request, Step("explore", grown=added))
     assert explore[2:] == ["grown", "run.csv", "--lock", "wrist"]
-    compare = words(request, Step("compare", added, grown=True))
-    assert compare[2:] == ["grown", "OTHER.csv", "--fit", "grown/fit.json", "--lock", "wrist"]
+    planned = words(request, Step("excite", ("cable:j1",), grown=added, around=True))
+    assert planned[2:] == [
+        "grown", "--lock", "wrist", "--with", "cable:j1", "--around", "run.csv", "--out",
+        "next.csv",
+    ]  # fmt: skip
+    assert words(request, Step("add", ("cable:j1",), grown=added))[2:] == ["grown", "cable:j1"]
+    not_written = words(replace(request, folder=""), Step("add", ("cable:j1",), grown=added))
+    assert not_written[2:] == ["my arm", *added, "cable:j1"]
 
 
 def test_a_planned_motion_has_the_ranges_and_speeds_of_the_experiment():
-    step = Step("excite", range=(("elbow", -0.5, 1.25),), speed=(("elbow", 0.085),))
+    step = Step(
+        "excite", range=(("elbow", -0.5, 1.25),), speed=(("elbow", 0.085),), around=True,
+        as_logged=True, duration=46.0,
+    )  # fmt: skip
     line = words(given(), step)
     assert line[3:] == [
-        "--around", "a  b.csv", "--range", "elbow=-0.5:1.25", "--speed", "elbow=0.085",
-        "--out", "next.csv",
+        "--around", "a  b.csv", "--as-logged", "--range", "elbow=-0.5:1.25", "--speed",
+        "elbow=0.085", "--duration", "46", "--out", "next.csv",
     ]  # fmt: skip
+    assert "limits=ident.Limits(range={'elbow': (-0.5, 1.25)}" in PYTHON.line(step)

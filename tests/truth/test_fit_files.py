@@ -71,6 +71,19 @@ def test_fit_json_gives_the_same_model(name, tmp_path):
         assert f[joint].rms == pytest.approx(e[joint].rms, rel=1e-9)
 
 
+def test_values_of_a_fit_that_was_read_are_found_by_name(tmp_path):
+    _, fit = identified("arm", "viscous")
+    fit.write(tmp_path)
+    saved = ident.read_fit(tmp_path, fit.mechanism)
+    for name in ("viscous.elbow.Fv", "hand.m", fit.base_parameters[0].name):
+        if name == "hand.m" and name not in fit.mechanism.bodies.names:
+            continue
+        assert saved[name].value == pytest.approx(fit[name].value)
+        assert saved[name].stderr == pytest.approx(fit[name].stderr)
+    with pytest.raises(KeyError, match=r"viscous\.elbow\.Fv"):
+        saved["viscous.elbow.Fw"]
+
+
 def test_fit_json_with_centroidal_names(tmp_path):
     mechanism = robot("arm")
     mechanism = replace(mechanism, unknown=tuple(n for n in mechanism.unknown if "hand" in n))

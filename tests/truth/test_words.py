@@ -186,7 +186,7 @@ def test_the_printed_summary_fits_and_has_all(make):
 def test_a_ladder_prints_and_draws():
     history = grown()
     lines = str(history).splitlines()
-    assert lines[2].startswith("as given")
+    assert lines[2].startswith("nothing added")
     first = named(history.added[:1]).split(" in ")[0]
     assert any(line.startswith("+ ") and first in line for line in lines)
     assert lines[-1].startswith("noise alone ")
@@ -216,7 +216,7 @@ def test_one_kind_at_several_joints_is_one_rung_and_one_name():
 def test_a_rung_on_which_effects_go():
     first, *_ = grown().steps
     drift, spring = ident.effect("drift", "yaw"), ident.effect("spring", "elbow")
-    assert str(first).startswith("as given")
+    assert str(first).startswith("nothing added")
     assert str(replace(first, removed=(drift,))).startswith("− torque drift in yaw ")
     several = " ".join(str(replace(first, removed=(drift, spring))).split())
     assert several.startswith("− torque drift in yaw and ")

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ident.assess.assessment import Assessment, Cause, Remainder
-from ident.assess.errors import JointErrors, joint_errors
-from ident.assess.experiment import next_experiment
+from ident.assess.errors import (
+    EARLIER_NUMBERS,
+    REFITTED_BODIES,
+    REFITTED_MODEL,
+    JointErrors,
+    joint_errors,
+)
+from ident.assess.experiment import Inseparable, SeparateRivals, next_experiment
 from ident.assess.fit import worst_on_validation
 from ident.assess.good_enough import Answer, good_enough
-from ident.assess.machine import watching_step
+from ident.assess.machine import TESTING, watching_step
 from ident.assess.verdict import (
     errors_with_named,
     incomplete_before,
@@ -30,9 +37,15 @@ HIGHER = 1.1
 
 
 def assess_diagnosis(
-    d: Diagnosis, *, acceptable: float | None = None, added: Sequence[Effect] = ()
+    d: Diagnosis,
+    *,
+    acceptable: float | None = None,
+    added: Sequence[Effect] = (),
+    grown: bool = False,
 ) -> Assessment:
-    """Judge a diagnosis; `added` effects are in its model, but not in the mechanism as given."""
+    """Judge a diagnosis; `added` effects are in its model, but not in the mechanism as given,
+    `grown`: but in the folder that `grow` writes.
+    """
     errors, after = errors_of(d.fit), errors_with_named(d)
     bars = tuple(
         JointErrors(joint, error, after.get(joint), d.floor[joint])
@@ -52,12 +65,12 @@ def assess_diagnosis(
         subject=f"{d.fit.mechanism.name} on {', '.join(d.fit.motion.names)}",
         verdict=d.verdict,
         errors=bars,
-        compared=("as it is", "with what is named") if after else ("", ""),
+        compared=(before_words(d.fit), "with what is named") if after else ("", ""),
         causes=causes_of(d),
         left=left,
         doubts=tuple(spoiling_faults(d)),
         good_enough=answer,
-        next=next_step(d, added),
+        next=next_step(d, added, grown=grown),
         worst=worst,
     )
 
@@ -72,40 +85,56 @@ def causes_of(d: Diagnosis) -> tuple[Cause, ...]:
     return (Cause(d.group, values, d.rivals, bool(d.candidates[0].known)),)
 
 
-def next_step(d: Diagnosis, added: Sequence[Effect] = ()) -> Step:
+def next_step(d: Diagnosis, added: Sequence[Effect] = (), *, grown: bool = False) -> Step:
     """Return what goes on from a diagnosis: a motion that separates rivals, a model with what is
     named, an experiment, or another verb.
     """
+    step = _next_step(d)
     labels = tuple(effect.label for effect in added)
+    if grown:
+        return replace(step, grown=labels)
+    return replace(step, effects=(*labels, *step.effects))
+
+
+def _next_step(d: Diagnosis) -> Step:
     if d.verdict == "nothing":  # of a model without unknowns nothing is to be identified
-        return Step("identify" if len(d.fit.columns) else "monitor", labels)
+        return Step("identify" if len(d.fit.columns) else "monitor")
     if incomplete_before(d):
-        return Step("grow", labels)
-    if (planned := separating_step(d, labels)) and d.health.good:
-        return planned
+        return Step("grow")
+    if d.best is not None and d.also and len(d.fit.columns):  # which `grow` names, too
+        return Step("grow")
+    separates = isinstance(next_experiment(d).suggestions[0], SeparateRivals)
+    if d.health.good and d.rivals and separates:
+        return next_experiment(d).step
     if d.best is not None:
         named = tuple(effect.label for effect in d.group)
         # a model in which everything is known is a reference, and stays as it is
-        verb = "add" if len(d.fit.columns) else "diagnose"
-        return Step(verb, (*labels, *named))
+        return Step("add" if len(d.fit.columns) else "diagnose", named)
     if d.laws:
-        return Step("add", labels, tuple(law.option for law in d.laws))
-    return Step("explore", labels)
+        return Step("add", (), tuple(law.option for law in d.laws))
+    return Step("explore")
 
 
-def separating_step(d: Diagnosis, added: Sequence[str] = ()) -> Step:
-    """Return the step that plans a motion which tells the best effect and a rival apart, if the
-    next experiment is one.
+def inseparable_effects(d: Diagnosis) -> tuple[Effect, ...]:
+    """Return the effects that no motion tells apart, where that is what a diagnosis ends with."""
+    first = next_experiment(d).suggestions[0]
+    return first.effects if isinstance(first, Inseparable) else ()
+
+
+def before_words(fit: Fit) -> str:
+    """Return what the errors of a fit are of, to which effects are added: unlike the URDF's
+    numbers, its own are fitted to the same log.
     """
-    step = next_experiment(d).step
-    return Step("excite", tuple(added), separate=step.separate) if step.separate else Step()
+    if not len(fit.columns):
+        return EARLIER_NUMBERS
+    return REFITTED_MODEL if fit.mechanism.effects else REFITTED_BODIES
 
 
 def assess_growth(history: History, *, acceptable: float | None = None) -> Assessment:
     """Judge a model that grew: from the model as given to the last one with all that is named."""
     d, first = history.diagnosis, history.steps[0].errors
     last = next((step.added for step in history.steps[::-1] if step.added), ())
-    assessment = assess_diagnosis(d, acceptable=acceptable, added=history.added)
+    assessment = assess_diagnosis(d, acceptable=acceptable, added=history.added, grown=True)
     errors = {**errors_of(history.fit), **errors_with_named(d)}
     joints = [assessment.worst, *(joint for effect in last for joint in effect.joints)]
     step, answer, fit = assessment.next, assessment.good_enough, history.fit
@@ -113,17 +142,16 @@ def assess_growth(history: History, *, acceptable: float | None = None) -> Asses
         held, floor = worst_on_validation(fit, lambda e, x: e.rms / (x or 1e-300))
         answer = good_enough(held, floor, acceptable=acceptable, logs=[*fit.validation])
     if d.verdict == "nothing":
-        labels = tuple(effect.label for effect in history.added)
-        step = Step("compare", labels, grown=True)
-        if answer.answer is Answer.YES:
-            step = watching_step(fit.motion, labels, grown=True)
-    elif step.verb == "explore":
-        step = Step("explore", step.effects, grown=True)
+        # what the log hides, another motion shows: on which the model is tested, too
+        step = next_experiment(d).step or TESTING
+        if answer.answer is Answer.YES and not next_experiment(d).step:
+            step = watching_step(fit.motion)
+        step = replace(step, grown=tuple(effect.label for effect in history.added))
     return Assessment(
         subject=assessment.subject,
         verdict=d.verdict,
         errors=joint_errors(first, errors, d.floor),
-        compared=("as given", "with all that is named"),
+        compared=(before_words(history.fits[0]), "with all that is named"),
         causes=(*causes_of_growth(history), *assessment.causes),
         left=assessment.left,
         doubts=assessment.doubts,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from weakref import WeakKeyDictionary
 
-from numpy.linalg import LinAlgError
+from numpy.linalg import LinAlgError, norm
 
 from ident.assess.verdict import joints_at_reversals
 from ident.diagnosis.experiment import (
@@ -17,6 +18,7 @@ from ident.diagnosis.experiment import (
     attempts,
     concerned,
     contenders,
+    orthonormal,
     proposal,
     questions,
 )
@@ -33,6 +35,8 @@ SHOWS = 0.02  # level: visible share from which an effect can be seen
 # shown: of the logged top speed: friction that depends on the speed shows between reversals
 SLOWLY = 0.1
 HALF = 0.5  # shown: of the logged top speed: what goes with speed falls in step
+SAME_COSINE = 0.999  # level: of two effects, from which no motion of a log tells them apart
+DURATION = 30.0  # shown: s of a planned motion, if nothing asks for more
 LOOKED_AT = 24  # work: invisible effects that are tried in other motions
 
 
@@ -148,12 +152,14 @@ class Experiment:
     """What to log next, the most urgent first.
 
     Attributes:
-        suggestions: in order; step: the command that writes the first motion of them, if any does.
+        suggestions: in order; step: the command that writes the first motion of them, if any does;
+            motion: that motion.
         interrupted: whether Ctrl-C came before a motion was worked out.
     """
 
     suggestions: tuple[Suggestion, ...]
     step: Step = field(default_factory=Step)
+    motion: Suggestion | None = None
     interrupted: bool = False
 
 
@@ -165,7 +171,11 @@ def next_experiment(d: Diagnosis) -> Experiment:
     if d not in _EXPERIMENTS:
         try:
             suggestions = tuple(_suggestions(d))
-            _EXPERIMENTS[d] = Experiment(suggestions, step_of(d, suggestions))
+            steps = {i: step_of_suggestion(d, one) for i, one in enumerate(suggestions)}
+            first = next((i for i, step in steps.items() if step), None)
+            motion = None if first is None else suggestions[first]
+            step = Step() if first is None else steps[first]
+            _EXPERIMENTS[d] = Experiment(suggestions, step, motion)
         except KeyboardInterrupt:  # all else of the diagnosis is kept
             _EXPERIMENTS[d] = Experiment((Nothing("interrupted"),), interrupted=True)
         except (IdentError, LinAlgError) as error:  # without advice the diagnosis is still one
@@ -281,36 +291,53 @@ def without_motion(effects: Sequence[Effect]) -> list[str]:
 # --- the command ----------------------------------------------------------------------------------
 
 
-def step_of(d: Diagnosis, suggestions: Sequence[Suggestion]) -> Step:
-    """Return the step that plans the first motion of suggestions; none without a motion."""
-    for one in suggestions:
-        if isinstance(one, SeparateRivals):
-            if pair := separable_pair(d, one.pairs):
-                return Step("excite", separate=pair)
-            return _plan(one.trial)
-        if isinstance(one, MoveSlowly):
-            return Step("excite", speed=one.speeds)
-        if isinstance(one, RevealEffects):
-            return _plan(one.trial)
-        if isinstance(one, FollowSignal) and one.move.speed:
-            share = HALF if one.signal.partition(".")[0] in ("v", "a") else SLOWLY
-            return Step("excite", speed=((one.move.joint.name, share * one.move.speed),))
+def step_of_suggestion(d: Diagnosis, suggestion: Suggestion) -> Step:
+    """Return the step that plans the motion of a suggestion; none where it is no motion."""
+    match suggestion:
+        case SeparateRivals(trial, now):
+            step = _plan(trial, now)
+            if suggestion.seconds > DURATION:
+                step = replace(step, duration=float(math.ceil(suggestion.seconds)))
+            return replace(step, separate=separable_pair(d, suggestion.pairs, trial))
+        case RevealEffects(trial, now):
+            return _plan(trial, now)
+        case MoveSlowly():
+            return Step("excite", speed=suggestion.speeds, around=True, as_logged=True)
+        case FollowSignal(move, _, signal) if move.speed:
+            share = HALF if signal.partition(".")[0] in ("v", "a") else SLOWLY
+            speeds = ((move.joint.name, share * move.speed),)
+            return Step("excite", speed=speeds, around=True, as_logged=True)
     return Step()
 
 
-def _plan(trial: Trial) -> Step:
+def _plan(trial: Trial, now: Sequence[Move]) -> Step:
     """Return the step that plans a motion in the ranges, and up to the speeds, of a trial."""
-    changed = [move for move in trial.changed if move.speed]
+    changed = [move for move in reached_moves(trial, now) if move.speed]
     ranges = tuple((move.joint.name, move.low, move.high) for move in changed)
     speeds = tuple((move.joint.name, move.speed) for move in changed)
-    return Step("excite", range=ranges, speed=speeds)
+    others = any(move.speed and move.joint.name not in trial.about for move in trial.moves)
+    return Step("excite", range=ranges, speed=speeds, around=True, as_logged=others)
+
+
+def reached_moves(trial: Trial, now: Sequence[Move]) -> tuple[Move, ...]:
+    """Return the moves of a trial that differ from those `now`, with the range that they reach."""
+    present_moves = {move.joint.name: move for move in now}
+    return tuple(
+        move if _same_range(move, present_moves[move.joint.name]) else trial.reached(move)
+        for move in trial.changed
+    )
+
+
+def _same_range(a: Move, b: Move) -> bool:
+    return math.isclose(a.low, b.low) and math.isclose(a.high, b.high)
 
 
 def separable_pair(
-    d: Diagnosis, pairs: Sequence[tuple[Effect, Effect]]
+    d: Diagnosis, pairs: Sequence[tuple[Effect, Effect]], trial: Trial | None = None
 ) -> tuple[str, str] | tuple[()]:
     """Return the best effect and a rival that `excite` tells apart, the one of the same kind if
-    there is one. Of bodies it cannot: only some of their ten parameters differ.
+    there is one. Of bodies it cannot: only some of their ten parameters differ; nor of effects of
+    which one can do in a trial whatever the other does.
     """
     best = d.best
     if best is None:
@@ -323,5 +350,22 @@ def separable_pair(
             rivals.append(pair[1 - labels.index(best.label)])
     if not rivals:
         return ()
-    rival = next((effect for effect in rivals if effect.kind == best.kind), rivals[0])
-    return best.label, rival.label
+    rivals.sort(key=lambda effect: effect.kind != best.kind)
+    probe = Probe.of(d, trial) if trial else None
+    apart = (x for x in rivals if probe is None or cosine(probe, best, x) < SAME_COSINE)
+    rival = next(apart, None)
+    return (best.label, rival.label) if rival else ()
+
+
+def cosine(probe: Probe, a: Effect, b: Effect) -> float:
+    """Return the largest canonical correlation of two effects' columns beside the model, 1 where
+    they have a torque in common; 1 where it cannot be computed.
+    """
+    with suppress(IdentError, LinAlgError, ValueError):
+        spans = [
+            orthonormal(C - probe.Q @ (probe.Q.T @ C))
+            for C in (probe.columns(x, [])[0] for x in (a, b))
+        ]
+        if all(span.size for span in spans):
+            return float(norm(spans[0].T @ spans[1], 2))
+    return 1.0

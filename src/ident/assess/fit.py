@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ident.assess.assessment import Assessment, Cause, Remainder
-from ident.assess.errors import JointErrors, joint_errors
+from ident.assess.errors import EARLIER_NUMBERS, URDF_NUMBERS, JointErrors, joint_errors
 from ident.assess.good_enough import GoodEnough, good_enough
-from ident.assess.machine import watching_step
+from ident.assess.machine import TESTING, watching_step
 from ident.assess.verdict import doubts_of, faults_that_explain
 from ident.effects.library import by_kind
 from ident.fit import Fit
@@ -113,10 +113,9 @@ def names_of(fit: Fit) -> tuple[str, str]:
     # the URDF's numbers, or those of the fit that wrote the mechanism
     earlier = earlier_of(fit)
     urdf = fit.mechanism.covariance is None
-    before = "with the URDF's numbers" if urdf else "with the earlier numbers"
+    before = URDF_NUMBERS if urdf else EARLIER_NUMBERS
     on = f"on {', '.join(fit.validation)}" if fit.validation else fixed
-    after = f"with the identified ones, {on}"
-    return f"with {earlier.name}" if earlier else before, after
+    return f"with {earlier.name}" if earlier else before, f"with the identified ones, {on}"
 
 
 def earlier_of(fit: Fit) -> Fit | Saved | None:
@@ -174,7 +173,7 @@ def next_step(fit: Fit, answer: GoodEnough) -> Step:
         return Step("diagnose", known=True)  # with the earlier bodies known, which names the cause
     if answer.fits:
         if len(fit.columns) and not fit.validation:
-            return Step("compare")
+            return TESTING
         return watching_step(fit.motion)
     if rubs(fit):
         return Step("identify", FRICTION)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:  # they take time to import, and a fit needs none of them
 
 # shown: of the torque: a model that leaves more hides differences between logs
 POOR = 0.05
+# a motion around the logged one, on which a model is tested
+TESTING = Step("excite", around=True)
 WATCHED = 60.0  # shown: s of normal running, from which on alarms can be offered
 MOSTLY = 0.9  # shown: of a log's difference, that a part must explain to be named
 
@@ -54,12 +56,12 @@ def assess_machine(
     return Assessment(name, verdict, bars, left=left, good_enough=answer, next=step)
 
 
-def watching_step(motion: Motion, effects: Sequence[str] = (), *, grown: bool = False) -> Step:
+def watching_step(motion: Motion) -> Step:
     """Return the step that watches the machine from now on; none where the logs are too short to
     tell what is normal.
     """
     long = motion.duration * len(motion.names) >= WATCHED
-    return Step("monitor", tuple(effects), grown=grown) if long else Step()
+    return Step("monitor") if long else Step()
 
 
 def typical_error(x: LogComparison) -> float | None:

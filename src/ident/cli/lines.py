@@ -13,7 +13,6 @@ from ident.request import Request, Step
 # options of the model that a verb takes: with a value, and without one
 WITH, PAIRS, FLAGS = "--with", ("--lock", "--unmeasured"), ("--absolute", "--allow-code")
 NO_BASIS = {"--basis", "--spacing"}  # options that `monitor` does not have
-OTHER, NEXT = "OTHER.csv", "NEXT.csv"  # a log that is still to be named
 MOTION, GROWN, FIT = "next.csv", "grown", "fit"  # names for what a command writes
 
 
@@ -22,9 +21,9 @@ class ShellRequest(Request):
     """What a command was asked for; a step becomes the command that goes on from it."""
 
     def line(self, step: Step) -> str:
-        """Return a step as a command; empty where the verb does not take the options given."""
-        if step.verb == "compare" and not self.folder:
-            step = replace(step, verb="identify", grown=False)  # which writes the fit
+        """Return a step as a command; empty where the verb does not take the options given, or
+        needs a log that is not known yet.
+        """
         words = self._words(step) if step else []
         return shlex.join(["ident", step.verb, *words]) if words else ""
 
@@ -32,35 +31,35 @@ class ShellRequest(Request):
         from ident.mechanism.load import has_identified  # which takes half a second to import
 
         verb, mechanism = step.verb, self.mechanism
+        if step.grown:  # its effects are in the folder that was written, or else named
+            if self.folder:
+                known = replace(self, mechanism=self.folder, options=self._model_options)
+                return known._words(replace(step, grown=()))
+            return self._words(replace(step, effects=(*step.grown, *step.effects), grown=()))
         if verb == "add":
             return [mechanism, *self._added(step)]
-        if step.grown and self.folder and verb in ("explore", "compare"):
-            options = self._options(step, *PAIRS, *FLAGS, effects=False)
-            if verb == "explore":
-                return [self.folder, *self.logs, *options]
-            return [self.folder, OTHER, "--fit", f"{self.folder}/fit.json", *options]
         every = self._options(step)
-        if verb == "monitor":
-            if NO_BASIS & {*self.options}:
+        if verb == "monitor":  # a log that was held back is compared with normal running
+            if NO_BASIS & {*self.options} or not self.validate:
                 return []
             like = [word for log in self.like or self.logs for word in ("--like", log)]
-            if step.grown and self.folder:  # which has the effects
-                options = self._options(step, *PAIRS, *FLAGS, effects=False)
-                return [self.folder, NEXT, *like, *options]
-            return [mechanism, NEXT, *like, *every]
-        if verb == "compare":  # with a log that was not fitted
+            return [mechanism, self.validate[0], *like, *every]
+        if verb == "compare":  # with the logs that were fitted
             fit = ["--fit", f"{self.folder}/fit.json"]
-            return [mechanism, OTHER, *fit, *self._options(step, *PAIRS, *FLAGS, effects=False)]
+            options = self._options(step, *PAIRS, *FLAGS, effects=False)
+            return [mechanism, *self.logs, *fit, *options]
         if verb == "excite":
             return [mechanism, *self._excited(step), "--out", self.unused(MOTION)]
         if verb == "grow":  # from what is unknown in it
             if has_identified(Path(mechanism).parent):
                 mechanism = str(Path(mechanism).parent)
-            return [mechanism, *self.logs, *every, "--out", self.unused(GROWN)]
+            out = ["--out", self.unused(GROWN)]
+            return [mechanism, *self.logs, *every, *self._held_back, *out]
         if verb == "identify":
-            out = self.unused(self.folder or FIT)
-            consistent = ["--consistent"] * step.consistent
-            return [mechanism, *self.logs, *every, *consistent, "--out", out]
+            out = ["--out", self.unused(self.folder or FIT)]
+            of_fit = [*self.of_fit]
+            of_fit += ["--consistent"] * (step.consistent and "--consistent" not in of_fit)
+            return [mechanism, *self.logs, *every, *of_fit, *self._held_back, *out]
         if verb == "diagnose":
             if has_identified(Path(mechanism)):
                 mechanism += "/identified"  # with known bodies a load can be the cause
@@ -68,6 +67,15 @@ class ShellRequest(Request):
                 options = self._options(step, *PAIRS, *FLAGS, effects=False)
                 return [f"{self.fit}/identified", *self.logs, *options]
         return [mechanism, *self.logs, *every]
+
+    @property
+    def _held_back(self) -> list[str]:
+        return [word for log in self.validate for word in ("--validate", log)]
+
+    @property
+    def _model_options(self) -> tuple[str, ...]:
+        """Those options that a folder which has the effects is read with, too."""
+        return tuple(self._options(Step(), *PAIRS, *FLAGS, effects=False))
 
     def _options(self, step: Step, *names: str, effects: bool = True) -> list[str]:
         """Return the options that the running command was given, all or those of some names, and
@@ -99,12 +107,13 @@ class ShellRequest(Request):
     def _excited(self, step: Step) -> list[str]:
         options = self._options(step, WITH, *PAIRS, "--allow-code")
         options += ["--separate", *step.separate] if step.separate else []
-        if step.separate or step.range or step.speed:  # from the middle of what was logged
-            options += ["--around", self.logs[0]] if self.logs else []
+        options += ["--around", self.logs[0]] if self.logs and step.around else []
+        options += ["--as-logged"] * (step.as_logged and bool(self.logs))
         for joint, low, high in step.range:
-            options += ["--range", f"{joint}={low:.4g}:{high:.4g}"]
+            options += ["--range", f"{joint}={low:.3g}:{high:.3g}"]
         for joint, speed in step.speed:
-            options += ["--speed", f"{joint}={speed:.3g}"]
+            options += ["--speed", f"{joint}={speed:.2g}"]
+        options += ["--duration", f"{step.duration:g}"] if step.duration else []
         return options
 
     def unused(self, name: str) -> str:

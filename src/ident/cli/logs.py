@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 import webbrowser
 from collections.abc import Mapping, Sequence
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ident.cli.app import conclude, go_on_by_resuming, notes, progress, result, wrote
-from ident.cli.lines import OTHER, ShellRequest, partly_done
+from ident.cli.lines import ShellRequest, partly_done
 from ident.cli.options import (
     CHARTS,
     DIAGNOSIS_FILES,
@@ -126,7 +125,12 @@ def identify(
     from ident.log.read import expanded, likely_rows
     from ident.mechanism import Consistency
 
-    request = model.request(logs, out=out, good_enough=good_enough)
+    of_fit = ["--consistent"] * consistent + ["--refine"] * refine + ["--stream"] * stream
+    of_fit += [word for limit in bound or () for word in ("--bound", limit)]
+    of_fit += [] if total_mass is None else ["--total-mass", f"{total_mass:g}"]
+    request = model.request(
+        logs, out=out, good_enough=good_enough, validate=validate, of_fit=of_fit
+    )
     mechanism = model.load(logs)
     remedy = (
         "is no bound; write NAME=LOW:HIGH, such as rod.m=0.4:0.6, or one of the two, rod.m=0.4:"
@@ -414,7 +418,6 @@ def diagnose(
 
                     wrote(write_fit(fit, out, request=request))
                     look = request.line(Step("compare"))
-                    look = look.replace(OTHER, shlex.join(map(str, logs)))
                     notes([f"{out} has the fit that was diagnosed; where it fails: {look}"])
                 raise
         written = [] if out is None else outcome.write(out, request)
@@ -457,7 +460,7 @@ def grow(
 
     decision = rule.given
     steps: list[Rung] = []
-    request = model.request(logs, out=out)
+    request = model.request(logs, out=out, validate=validate)
     mechanism = model.load(logs)
     if resume and out is None:
         raise IdentError("--resume: goes on in the folder of --out; give the one of that run")

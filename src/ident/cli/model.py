@@ -282,6 +282,9 @@ def excite(
         "none.",
         "LOG",
     ),
+    as_logged: bool = flag(
+        "Joints that --range and --speed do not name keep those of the log --around.", "--as-logged"
+    ),
     range_: Texts = setting("Range in place of the URDF's.", "JOINT=LOWER:UPPER", "--range"),
     speed: Texts = setting("Largest speed of all drives or of one joint.", BOUND),
     acceleration: Texts = setting("Largest acceleration; a URDF has no such limit.", BOUND),
@@ -312,6 +315,8 @@ def excite(
     from ident.excite.trajectory import moved_joints
     from ident.fit.files import read_fit, unfiltered_errors
 
+    if as_logged and not around:
+        raise IdentError("--as-logged: as in which log? give it with --around LOG")
     mechanism = model.load(logs=around or [])  # without a log, hands are held
     output_file(out, LOGS)
     output_file(plot, CHARTS)
@@ -366,6 +371,7 @@ def excite(
             noise=remaining | named(noise, "--noise", "write NAME=NUMBER, as elbow=1.5", finite),
             values=values,
             around=motion,
+            as_logged=as_logged,
             balance=balance,
             tries=tries,
             seed=seed,

@@ -80,15 +80,14 @@ def monitor(
             notes([f"{alone}more false alarms than stated; give several logs (--like A --like B)"])
     treatment = replace(model, poses=False).treatment  # what is followed moves
     online = Online(mechanism, like=fit, forget=forget, **treatment)
-    history = None
-    with contextlib.ExitStack() as ends:
-        if page or out is not None:
-            from ident.show.local import live_page
-            from ident.show.streams import MonitorHistory
+    from ident.show.streams import MonitorHistory
 
-            request = model.request(None if log == "-" else [Path(log)], like=like, out=out)
-            history = MonitorHistory(mechanism, silent, request)
-        if page and history is not None:
+    request = model.request(None if log == "-" else [Path(log)], like=like, out=out)
+    history = MonitorHistory(mechanism, silent, request)
+    with contextlib.ExitStack() as ends:
+        if page:
+            from ident.show.local import live_page
+
             title = f"{mechanism.name}: monitor"
             result(ends.enter_context(live_page(title, port, history.live)))
         session = ends.enter_context(Session(online, watch, out, every, history))
@@ -102,20 +101,16 @@ def monitor(
                 "numbers are needed"
             )
         snapshot = session.end()
-        if out is not None and history is not None:
+        if out is not None:
             wrote(write_all(out, {"report.html": history.report()}))
-        result(snapshot)
+        result(f"{snapshot}\n{history.next_text()}")
         if page and not interrupted():
             notes(["the page is available until Ctrl-C"])
             while not interrupted():
                 time.sleep(0.2)
-    if session.raised:
-        count = f"{n} alarms, first" if (n := len(session.raised)) > 1 else "1 alarm,"
-        text = f"{count} {session.raised[0].headline}"
-        if not all(alarm.from_start for alarm in session.raised):
-            text += "; parameters of all samples are a mean of before and after it: --forget S, or "
-            text += "a new start, tells what they are now"
-        notes([text])
+    if not all(alarm.from_start for alarm in session.raised):
+        mean = "parameters of all samples are a mean of before and after the alarm: --forget S, or "
+        notes([f"{mean}a new start, tells what they are now"])
 
 
 class Watch:
@@ -161,6 +156,7 @@ class Session(contextlib.ExitStack):
         self._due, self._left_out = -float("inf"), 0
         self._waiting = 0  # line of the sample that may wait for its successor
         self.raised: list[Alarm] = []
+        self._noted, self._waiting_findings = set[str](), list[str]()
         self._tables: dict[str, Any] = {}
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
@@ -196,7 +192,7 @@ class Session(contextlib.ExitStack):
             self._leave_out(int(lines.numbers[row]) if row >= 0 else self._waiting, why)
         rows = set(range(len(lines))) - {row for row, _ in left_out}
         self._waiting = int(lines.numbers[max(rows)]) if rows else self._waiting
-        notes(map(str, online.findings))
+        self._note(online.findings)
         self._record_forces()
         self._warn(lines.columns)
         if online.warm and online.t >= self._due:
@@ -217,8 +213,19 @@ class Session(contextlib.ExitStack):
         """Return the last snapshot, after the last alarms."""
         self._warn(None)
         snapshot = self._snapshot(self._online.finish())
-        notes(map(str, self._online.findings))
+        self._note(self._online.findings)
+        if not self.raised:  # an alarm says what has changed, which these only see
+            notes(self._waiting_findings)
         return snapshot
+
+    def _note(self, findings: Sequence[object]) -> None:
+        """Note findings, each once; of a machine that is watched at the end, without an alarm."""
+        new = [x for x in map(str, findings) if x not in self._noted]
+        self._noted.update(new)
+        if self._watch:
+            self._waiting_findings += new
+        else:
+            notes(new)
 
     def _snapshot(self, snapshot: Snapshot) -> Snapshot:
         self._record_forces()

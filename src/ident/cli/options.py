@@ -153,8 +153,12 @@ class MechanismOptions:
         like: Paths = None,
         out: Path | None = None,
         good_enough: float | None = None,
+        validate: Paths = None,
+        of_fit: Sequence[str] = (),
     ) -> ShellRequest:
-        """Return what the command is asked for; `good_enough` in percent."""
+        """Return what the command is asked for; `good_enough` in percent, `of_fit`: options that
+        `identify` alone has, as words.
+        """
         words: list[str] = []
         for field in fields(self):
             given, name = getattr(self, field.name), field.name.rstrip("_").replace("_", "-")
@@ -169,6 +173,8 @@ class MechanismOptions:
             folder="" if out is None else str(out),
             acceptable=None if good_enough is None else good_enough / 100,
             command=command_line(),
+            of_fit=tuple(of_fit),
+            validate=tuple(map(str, validate or ())),
         )
 
     def load(self, logs: Paths = None, like: Paths = None) -> Mechanism:

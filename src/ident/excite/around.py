@@ -22,9 +22,12 @@ from ident.motion import Motion
 INSIDE = 0.005, 0.995  # level: quantiles of a logged position that are its range
 
 
-def around_motion(mechanism: Mechanism, limits: Limits, motion: Motion) -> tuple[Mechanism, Limits]:
+def around_motion(
+    mechanism: Mechanism, limits: Limits, motion: Motion, *, as_logged: bool = False
+) -> tuple[Mechanism, Limits]:
     """Return the mechanism with its start in the middle of a motion, and the limits with the
-    motion's range and speed for the joints of which neither they nor the URDF have one.
+    motion's range and speed for the joints of which neither they nor the URDF have one;
+    `as_logged`: for all independent joints that the limits do not name.
 
     Raises:
         MotionError: if the motion has no usable sample.
@@ -40,9 +43,10 @@ def around_motion(mechanism: Mechanism, limits: Limits, motion: Motion) -> tuple
     for i, joint in enumerate(mechanism.joints):
         free = not np.isfinite(joint.upper - joint.lower)
         free |= joint.rotational and joint.upper - joint.lower > TURN
-        if free and high[i] > low[i]:
+        kept = as_logged and joint.name in motion.independent
+        if (free or kept) and high[i] > low[i]:
             ranges[joint.name] = float(low[i]), float(high[i])
-        if not joint.velocity and (fastest := float(np.abs(yd[:, i]).max())) > 0:
+        if (kept or not joint.velocity) and (fastest := float(np.abs(yd[:, i]).max())) > 0:
             speeds[joint.name] = fastest
     given = limits.speed
     if given is None or not isinstance(given, float | int):

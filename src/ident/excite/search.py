@@ -51,6 +51,7 @@ def excite(
     noise: Mapping[str, float] | None = None,
     values: Mapping[str, float] | None = None,
     around: Motion | None = None,
+    as_logged: bool = False,
     balance: float = 0.5,
     tries: int = 4,
     seed: int = 0,
@@ -74,6 +75,7 @@ def excite(
             mechanism's masses, and of effects, whose torque then counts in the limits.
         around: a motion of the machine: home is in its middle, and it gives the range and speed of
             joints that have no limit.
+        as_logged: joints that `limits` does not name keep the range and speed of that motion.
         balance: weight of the condition number beside the log-determinant; 0 ignores it.
         tries: searches, each from the best of 25 random motions; the best of them is finished.
         seed: of these; the same seed gives the same motion.
@@ -112,7 +114,7 @@ def excite(
         mechanism = with_rivals(mechanism, separate)
     limits = limits or Limits()
     if around is not None:
-        mechanism, limits = around_motion(mechanism, limits, around)
+        mechanism, limits = around_motion(mechanism, limits, around, as_logged=as_logged)
     say = progress or no_progress
     say(f"random motions of {mechanism.name}", 0.0)
     problem = DesignProblem(

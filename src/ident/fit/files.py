@@ -274,6 +274,7 @@ class Saved:
         errors: of the fit by set (`train`, `held out`, a log it was validated on), then joint.
         base_parameters: the combinations that its log determined.
         possible: the same with the nearest possible bodies, where those of the fit cannot exist.
+        values: of parameters and effects with their standard errors, by name: `saved["rod.m"]`.
         motion: always None, as of no fit that is read from a file.
     """
 
@@ -284,7 +285,19 @@ class Saved:
     errors: Mapping[str, Mapping[str, Error]] = field(default_factory=dict)
     base_parameters: tuple[BaseValue, ...] = ()
     possible: Point | None = None
+    values: Mapping[str, Value] = field(default_factory=dict)
     motion: Motion | None = field(default=None, init=False)  # a file does not hold its data
+
+    def __getitem__(self, name: str) -> Value | BaseValue:
+        """Return a parameter, effect's parameter or base parameter by its name, as of a `Fit`.
+
+        Raises:
+            KeyError: with the nearest name.
+        """
+        by_name = {value.name: value for value in self.base_parameters} | dict(self.values)
+        if name not in by_name:
+            raise KeyError(f"no parameter '{name}'; {one_of(name, by_name)}")
+        return by_name[name]
 
     @property
     def dynamic_parameters(self) -> np.ndarray:
@@ -428,7 +441,31 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
         for e in data.get("base_parameters") or () if e["stderr"] is not None
     )  # fmt: skip
     cutoff = cutoff if cutoff in (None, "auto") else float(cutoff)
-    return Saved(str(path), grown, point, cutoff, read, base, possible)
+    every = [*data["parameters"], *(x for effect in data["effects"] for x in effect["parameters"])]
+    known = {x["name"]: value for x in every if (value := _read_value(x)) is not None}
+    return Saved(str(path), grown, point, cutoff, read, base, possible, known)
+
+
+def _read_value(entry: Mapping[str, Any]) -> Value | None:
+    """Return one number of a fit.json; None of one without a value."""
+    numbers = {
+        key: None if entry.get(key) is None else float(entry[key])
+        for key in ("value", "stderr", "prior", "stderr_noise", "as_logged", "stderr_as_logged")
+    }
+    if numbers["value"] is None:
+        return None
+    return Value(
+        str(entry["name"]),
+        numbers["value"],
+        numbers["stderr"],
+        str(entry.get("unit", "")),
+        bool(entry.get("identifiable", numbers["stderr"] is not None)),
+        np.nan if numbers["prior"] is None else numbers["prior"],
+        bool(entry.get("at_bound", False)),
+        numbers["stderr_noise"],
+        np.nan if numbers["as_logged"] is None else numbers["as_logged"],
+        numbers["stderr_as_logged"],
+    )
 
 
 def unfiltered_errors(folder: Path) -> dict[str, float]:

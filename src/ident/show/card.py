@@ -10,14 +10,11 @@ from ident.assess.errors import JointErrors, joint_errors, times_noise
 from ident.information.blocks import Error
 from ident.request import PYTHON, Request, Step
 from ident.show.error_axis import KEY_BEFORE, KEY_NOISE, KEY_NOW, ErrorAxis
-from ident.show.headline import good_enough_words, headline
+from ident.show.headline import good_enough_words, headline, values_words
+from ident.show.next_step import step_words
 from ident.text import percent, places, significant, width, wrapped
 
 STRIP = 34  # shown: characters of the axis of errors in a terminal that has room for it
-GOOD = (
-    "Nothing is left to do with this model. To watch the machine, log a minute or more of normal "
-    "running, which `ident monitor --like` compares with what comes."
-)
 BARS = 8  # shown: joints that a terminal shows at most
 
 
@@ -66,7 +63,7 @@ class Card:
 
     Attributes:
         line, sure: sentences; bars: of the joints, in the mechanism's order.
-        command: to be copied; then: a sentence on what to do after it, or in its place.
+        command: the one to be copied; then: what it does, or what to do in its place.
         change: what the errors before and after are of, as `of a → of b`.
         most: bars in a terminal; first: joint whose bar is always one of them.
         step: what the command does, for a button.
@@ -129,8 +126,8 @@ class Card:
             larger = f", larger in {places(increased)}" * bool(increased)
             lines.append(f"  and {more} joint{'s' * (more > 1)} more{larger}")
         lines += ["", *self.ladder.splitlines()] if self.ladder else []
-        lines += ["", f"  {self.command}"] if self.command else []
-        return [*lines, *([""] if self.then else []), *wrapped(self.then, "  ")]
+        lines += ["", *wrapped(f"Next: {self.then}", "  ")] if self.then else []
+        return [*lines, *(["", f"  {self.command}"] if self.command else [])]
 
 
 def card_of(
@@ -145,9 +142,13 @@ def card_of(
     `sentences`, the errors by joint, and the next step in the language of its reader.
     """
     change = " → ".join(filter(None, a.compared))
-    if not a.next and a.good_enough.fits:
-        then = then or GOOD
-    words = [good_enough_words(a.good_enough) * bool(a.errors), *sentences]
+    then = then or step_words(a.next, fits=a.good_enough.fits, validated=bool(a.good_enough.logs))
+    values = values_words(a.causes)
+    words = [
+        good_enough_words(a.good_enough) * bool(a.errors),
+        *sentences,
+        f"Values: {values}." if values else "",
+    ]
     return Card(
         line or headline(a),
         " ".join(filter(None, words)),

@@ -9,34 +9,34 @@ from dataclasses import replace
 import numpy as np
 
 from ident.assess.assessment import Assessment
-from ident.assess.diagnosis import assess_diagnosis
+from ident.assess.diagnosis import assess_diagnosis, inseparable_effects
 from ident.assess.errors import NOISY
-from ident.assess.experiment import ApplyRemedy, Inseparable, Nothing, next_experiment
+from ident.assess.experiment import next_experiment
 from ident.assess.verdict import failing_joints, incomplete_before, spoiling_faults
-from ident.diagnosis.law_search import FittedFormula
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.display import renders
 from ident.effects import Effect
 from ident.effects.library import by_kind, named
 from ident.fit.findings import IN_PROPORTION
 from ident.information.chance import odds_ratio
-from ident.request import PYTHON, Request
+from ident.request import PYTHON, Request, Step
 from ident.show.card import Bar, Card
+from ident.show.experiment import PLANNED, effect_words, formula_noun, motion_words
 from ident.show.headline import good_enough_words
 from ident.show.html import Sheet
 from ident.show.laws import NONE, curve_name, curves, laws, numbers
+from ident.show.next_step import step_words
 from ident.show.residual import errors_of_fit, failure_text
 from ident.show.verdict import RAREST, certainty, known_values, verdict_line
 from ident.text import lines_of, listed, percent, places, shortlist, significant, two_digits
 
 SENTENCE_END = re.compile(r"(?<=\.) (?=[A-Z])")
-LINES = 20  # of a diagnosis in a terminal, if one joint and the words leave place
+LINES = 22  # of a diagnosis in a terminal, if one joint and the words leave place
 BRIEF = 4  # bars of joints that are worth more than further sentences
 MOST_DESCRIBED = 3  # joints and candidates that are described
 CANDIDATES = (
     "what adding an effect would do: held-out error; share of all squares (what chance does)"
 )
-MOTIONLESS = (ApplyRemedy, Inseparable, Nothing)  # suggestions that are no motion
 Rows = list[list[str]]
 
 
@@ -61,35 +61,32 @@ def card(
     bars = tuple(map(Bar.of, a.errors))
     if not d.health.good:
         return Card(line, sentences, bars, first=a.worst)
-    first = experiment_steps(d.next_experiment)[0]
-    then = ""
-    if d.best or not incomplete_before(d):
-        planned = a.next.verb == "excite"
-        motion = not isinstance(next_experiment(d).suggestions[0], MOTIONLESS)
-        then = _next(first, ", planned for all drives by this command; by hand" * planned, motion)
-        step = next_experiment(d).step
-        command = request.line(replace(step, effects=a.next.effects)) if step else ""
-        if command and not planned and not first.startswith("Add "):
-            then += f" File: `{command}`"
-    command = request.line(a.next)
+    command, then = request.line(a.next), next_words(d, a)
     return Card(line, sentences, bars, command, then, change, first=a.worst, step=a.next)
 
 
-def planning(d: Diagnosis, added: Sequence[Effect] = (), request: Request = PYTHON) -> str:
-    """Return the command that plans a motion that tells the best effect and a rival apart, or else
-    the first motion of the next experiment.
+def next_words(d: Diagnosis, a: Assessment) -> str:
+    """Return what the next step of a diagnosis does, and why."""
+    step, experiment = a.next, next_experiment(d)
+    answers = a.good_enough
+    if step.verb == "excite" and (step.range or step.speed) and experiment.motion:
+        return motion_words(experiment.motion, d.fit.mechanism)
+    if step.verb in ("add", "diagnose") and d.best is not None:
+        effects = named(d.group)
+        if apart := inseparable_effects(d):
+            return f"no motion can tell {effect_words(apart)} apart: take the simplest, {effects}."
+        return f"add {effects}: no other effect explains it as well."
+    return step_words(step, fits=answers.fits or d.verdict == "nothing")
+
+
+def planning(d: Diagnosis, added: Step, request: Request = PYTHON) -> str:
+    """Return the command that plans the first motion of the next experiment, of a model with the
+    effects of the step `added`.
     """
     step = next_experiment(d).step
-    labels = tuple(effect.label for effect in added)
-    return request.line(replace(step, effects=labels)) if step and d.health.good else ""
-
-
-def _next(step: str, way: str = "", motion: bool = True) -> str:
-    """Return the first step under its title, which says whether it is a motion; nothing where it is
-    that of the command: to add what is named.
-    """
-    title = f"Next motion{way}" if motion else "Next"
-    return f"{title}: {step}" if step and not step.startswith("Add ") else ""
+    if not step or not d.health.good:
+        return ""
+    return request.line(replace(step, effects=added.effects, grown=added.grown))
 
 
 def experiment_steps(advice: str) -> list[str]:
@@ -102,7 +99,7 @@ def experiment_steps(advice: str) -> list[str]:
 
 @renders(Diagnosis, "short")
 def short(d: Diagnosis, top: Card | None = None, request: Request = PYTHON) -> str:
-    """Return what a person needs first, in twenty lines: verdict, errors, what to do.
+    """Return what a person needs first, in some twenty lines: verdict, errors, what to do.
 
     Of more, `--verbose` has what is left out: first the formulas, then the reason for the next
     experiment, then bars of joints down to FEW, then sentences. The experiment stays.
@@ -115,11 +112,9 @@ def short(d: Diagnosis, top: Card | None = None, request: Request = PYTHON) -> s
     if d.verdict in ("unexplained", "undecided") and not d.laws and not spoiling_faults(d):
         words, formula = [*_nearest(d), *curves(d)], "what comes nearest"
     further = len(experiment_steps(d.next_experiment)) > 1 and d.health.good
-    title, *parts = shown.then.split(": ")
     step = shown.then  # without the reason for it
-    if parts[1:]:
-        command = shown.then.partition(" File: ")[2]
-        step = f"{title}: {parts[0]}." + f" File: {command}" * bool(command)
+    if PLANNED in step:
+        step = step.partition(PLANNED)[0] + PLANNED + "."
     sentences, bars = SENTENCE_END.split(shown.sure), min(shown.most, len(shown.bars))
     brief, count = min(BRIEF, bars), len(sentences)
     sizes = [(most, count) for most in range(bars, brief - 1, -1)]
@@ -294,11 +289,6 @@ def claim_words(d: Diagnosis) -> list[str]:
     ]
 
 
-def _relative(estimates: FittedFormula) -> str:
-    name = estimates.formula.terms[0].known_as.replace("_", " ")
-    return f"an {name}" if name[0] in "aeiou" else f"a {name}"
-
-
 def _apart(d: Diagnosis, effect: Effect, rivals: tuple[Effect, ...]) -> str:
     text = (
         f"The held-out errors of {named([effect, *rivals])} differ by less than "
@@ -320,7 +310,7 @@ def aside(d: Diagnosis) -> list[str]:
     """Return what is missing beside the effect that is named."""
     if d.best is None:
         return []
-    laws = [_relative(relative) for relative in d.relatives[:MOST_DESCRIBED]]
+    laws = [formula_noun(relative.formula) for relative in d.relatives[:MOST_DESCRIBED]]
     result = [f"Over the travelled range {listed(laws, 'or')} would do as well."] if laws else []
     more = [named(group) for group in by_kind(m.effect for m in d.also if not m.curve)]
     more += [f"{named([m.effect])} (or a {curve_name(m.curve)})" for m in d.also if m.curve]
@@ -333,7 +323,7 @@ def aside(d: Diagnosis) -> list[str]:
     if more:
         result.append(
             f"That is not all: {shortlist(more)} would lower the error further, and change the "
-            "values; `ident grow` goes on until nothing more can be named."
+            "values."
         )
     elif d.loud:
         result.append(

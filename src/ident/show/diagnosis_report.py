@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.assess.diagnosis import assess_diagnosis
+from ident.assess.diagnosis import assess_diagnosis, before_words
 from ident.assess.verdict import errors_with_named, spoiling_faults
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.diagnosis.unobservable import name_of
@@ -23,7 +23,7 @@ from ident.fit.files import residual_before
 from ident.fit.identify import Comparison
 from ident.fit.residual import Failure
 from ident.fit.values import EffectValues
-from ident.request import PYTHON, Request
+from ident.request import PYTHON, Request, Step
 from ident.show.card import Bar
 from ident.show.charts import BEFORE, MEASURED, NOW, Chart, Dots, Panel
 from ident.show.diagnosis import (
@@ -58,6 +58,7 @@ from ident.show.laws import curve_json, law_blocks, numbers, plot_curve
 from ident.show.residual import plot_joint, plot_maps
 
 SCHEMA = "ident.diagnosis/1"
+NOTHING_ADDED = Step()
 CLAIMS = {  # title of what each verdict says
     "missing": "What is missing",
     "nothing": "What adding an effect would do",
@@ -119,8 +120,12 @@ def plot_candidates(d: Diagnosis) -> Chart:
 # --- report ---------------------------------------------------------------------------------------
 
 
-def diagnosis_sections(d: Diagnosis, request: Request = PYTHON) -> tuple[Section, ...]:
-    """Return the words with tables and charts to them, and the fit that was diagnosed."""
+def diagnosis_sections(
+    d: Diagnosis, request: Request = PYTHON, added: Step = NOTHING_ADDED
+) -> tuple[Section, ...]:
+    """Return the words with tables and charts to them, and the fit that was diagnosed; `added`: a
+    step with the effects that its model has, but not the mechanism as given.
+    """
     claim = [paragraph(claim_word) for claim_word in claim_words(d)]
     if d.verdict != "nothing":  # the card has the first and what is missing beside it
         claim = claim[0 if spoiling_faults(d) else 1 : len(claim) - len(aside(d))]
@@ -132,7 +137,7 @@ def diagnosis_sections(d: Diagnosis, request: Request = PYTHON) -> tuple[Section
     following: list[Block] = []
     if d.next_experiment:
         following.append(table([["step", "why"], *steps], "The most urgent first", tied=False))
-        following += [code(item) for item in [planning(d, request=request)] if item]
+        following += [code(item) for item in [planning(d, added, request)] if item]
     caption = "Joint by joint: held-out error, and what noise would leave"
     by_laws = bool(d.laws) and d.best is None  # what comes nearest matters less
     felt = d.candidates[0].joint if d.best else ""
@@ -175,13 +180,13 @@ def screen_of(d: Diagnosis) -> FirstScreen:
             best.effect.label,
             replace(best.fit.residual, name=f"with {best.effect.label}"),
         )
-        before = replace(d.fit.residual, name="as it is")
+        before = replace(d.fit.residual, name=before_words(d.fit).removeprefix("with "))
         effects = [EffectValues(best.effect, best.parameters)]
         return first_screen(before, after, best.joint, label, marks, effects)
     if d.laws:
         law = d.laws[-1]  # its fit has all of them
         after = replace(law.fit.residual, name=f"with the formula in {law.joint}")
-        before = replace(d.fit.residual, name="as it is")
+        before = replace(d.fit.residual, name=before_words(d.fit).removeprefix("with "))
         screen = first_screen(before, after, law.felt, marks=marks)
         curves = [x for x in d.curves if x.effect.joints == law.effect.joints]
         front = [*screen.front[:1], *(plot_curve(x, law) for x in curves[:1])]

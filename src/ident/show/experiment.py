@@ -19,16 +19,20 @@ from ident.assess.experiment import (
     SeparateRivals,
     Suggestion,
     next_experiment,
+    reached_moves,
     without_motion,
 )
+from ident.diagnosis.experiment import TOLD_APART_SE
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.trials import Move, Trial
 from ident.display import renders
 from ident.effects import Effect
+from ident.effects.formula import Formula
 from ident.effects.library import by_kind, named
 from ident.mechanism.mechanism import Mechanism
 from ident.text import listed, places, two_digits
 
+PLANNED = "; this command plans it"
 TWICE = "a motion that is made at least twice in one log"
 REPEATS = "what then repeats is the mechanism, what does not is noise or drift"
 NOTHING = "This log leaves no question that another motion would answer."
@@ -88,7 +92,7 @@ def suggestion_words(suggestion: Suggestion, mechanism: Mechanism) -> str:
             return _separated(suggestion, mechanism)
         case Inseparable(effects):
             remedy = _capital(remedies_without_motion(mechanism, effects))
-            return f"No motion can tell {named(effects)} apart. {remedy}."
+            return f"No motion can tell {effect_words(effects)} apart. {remedy}."
         case RevealEffects(trial, now, effects):
             words = _capital(trial_words(trial, now))
             return f"{words}: that would show {named(effects)}, invisible in this log."
@@ -102,13 +106,37 @@ def suggestion_words(suggestion: Suggestion, mechanism: Mechanism) -> str:
     raise TypeError(type(suggestion).__name__)
 
 
+def motion_words(suggestion: Suggestion, mechanism: Mechanism) -> str:
+    """Return what the motion of a suggestion is for, and then what it is, behind `Next:`."""
+    match suggestion:
+        case SeparateRivals(trial, now):
+            return (
+                f"log a motion that tells {effect_words(suggestion.effects)} apart{PLANNED}: "
+                f"{trial_words(trial, now)}; they then differ by at least "
+                f"{two_digits(suggestion.separation)} standard errors, and "
+                f"{_enough(suggestion)}."
+            )
+        case RevealEffects(trial, now, effects):
+            shows = f"log a motion that shows {named(effects)}, which this log hides"
+            return f"{shows}{PLANNED}: {trial_words(trial, now)}."
+    words = suggestion_words(suggestion, mechanism)
+    return f"{words[:1].lower()}{words[1:].rstrip('.')}{PLANNED}."
+
+
+def _enough(suggestion: SeparateRivals) -> str:
+    """Return how long a log is enough: as long as this one, or longer."""
+    seconds = f"about {two_digits(suggestion.seconds)} s"
+    if suggestion.separation < TOLD_APART_SE:
+        return f"log {seconds} of it to be sure"
+    return f"a log of it takes {seconds}"
+
+
 def trial_words(trial: Trial, now: Sequence[Move]) -> str:
     """Return what to do in a trial, where the same joints did `now` in the present log."""
-    moves = trial.changed
+    moves, reached = trial.changed, reached_moves(trial, now)
     others = any(m.speed and m.joint.name not in trial.about for m in trial.moves)
     rest = ", the other joints as now" if others and trial.kind != "alone" else ""
     present = {m.joint.name: m for m in now}
-    reached = [m if _span(m) == _span(present[m.joint.name]) else trial.reached(m) for m in moves]
     tops = [f"{m.speed:.2g} {m.joint.unit}/s" for m in moves]
     text = HOW[trial.kind].format(
         names=", ".join(m.joint.name for m in moves),
@@ -157,16 +185,29 @@ def _followed(suggestion: FollowSignal) -> str:
 def _separated(suggestion: SeparateRivals, mechanism: Mechanism) -> str:
     text = (
         f"{_capital(trial_words(suggestion.trial, suggestion.now))}: "
-        f"{named(suggestion.effects)} then differ by at least "
-        f"{two_digits(suggestion.separation)} standard errors in a log as long as this one; log "
-        f"about {two_digits(suggestion.seconds)} s of it to be sure"
+        f"{effect_words(suggestion.effects)} then differ by at least "
+        f"{two_digits(suggestion.separation)} standard errors; {_enough(suggestion)}"
     )
     if suggestion.similar:
         effects = [effect for pair in suggestion.similar for effect in pair]
-        names = named({effect.label: effect for effect in effects}.values())
+        names = effect_words([*{effect.label: effect for effect in effects}.values()])
         remedy = remedies_without_motion(mechanism, effects)
         text += f". Not all of {names} differ in it; for those, {remedy}"
     return f"{text}."
+
+
+def effect_words(effects: Sequence[Effect]) -> str:
+    """Return effects in words, formulas among them by what they are known as."""
+    physical = [effect for effect in effects if not isinstance(effect, Formula)]
+    formulas = [effect for effect in effects if isinstance(effect, Formula)]
+    likes = [f"{formula_noun(x)} in {places(x.joints)}" for x in formulas]
+    return listed([*([named(physical)] if physical else []), *dict.fromkeys(likes)])
+
+
+def formula_noun(formula: Formula) -> str:
+    """Return what the force of a formula is known as, with its article."""
+    name = formula.terms[0].known_as.replace("_", " ")
+    return f"an {name}" if name[0] in "aeiou" else f"a {name}"
 
 
 def remedies_without_motion(mechanism: Mechanism, effects: Sequence[Effect]) -> str:

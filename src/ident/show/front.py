@@ -28,7 +28,7 @@ from ident.show.bodies import Shape, coil_shape, payload_shape
 from ident.show.charts import BEFORE, BELOW, MEASURED, NOW, Chart, Line, Panel
 from ident.show.html import Block, by_log, piece
 from ident.show.residual import compared, plot_map, plot_predictions, time_label, view_of_fit
-from ident.show.view import Ghosts
+from ident.show.view import Ghosts, poses_of
 from ident.simulate.ghost import drift
 from ident.text import rounded
 
@@ -37,6 +37,8 @@ FOREST = 12  # shown: identified values, the most certain first
 SPRINGS = ("spring", "elasticity", "cable")  # kinds that are drawn as a coil
 FILM = 400  # shown: pictures of the machine in a report
 HEIGHT = 2.6  # shown: inches of each of the two charts, which leave room for the machine
+SEEN = 0.01  # shown: of the machine's size, by which a ghost is beside it and seen
+LOOKED_AT = 60  # work: moments of a ghost that are looked at
 PERCENTILE_95 = 1.96  # level: standard errors of an interval of 95 %
 
 
@@ -158,13 +160,33 @@ def machine_of(
     for number, (old, new) in enumerate(zip(before.predictions, now.predictions, strict=True)):
         if stretch is None or stretch.experiment == number:
             samples = stretch.samples if stretch else slice(0, len(new.t))
-            pair = [new, new] if before is now else [old, new]
+            models = {"now": new} if before is now else {"before": old, "now": new}
             with suppress(np.linalg.LinAlgError):
-                positions, window = drift(pair, samples)
-                ghosts[number] = Ghosts(samples, positions, window)
+                positions, window = drift([*models.values()], samples)
+                known = now.motion.experiments[number].q[samples]
+                model = now.model.mechanism.model
+                seen = {
+                    name: q
+                    for name, q in zip(models, positions, strict=True)
+                    if departure(model, known, q) > SEEN
+                }
+                ghosts[number] = Ghosts(samples, [*seen.values()], window, tuple(seen))
     view = view_of_fit(now, now.predictions, marks, most, ghosts)
     shapes = [shape for x in effects if (shape := _effect_shape(now.model.mechanism, x, view.size))]
     return replace(view, shapes=[*view.shapes, *shapes])
+
+
+def departure(model: Any, known: np.ndarray, q: np.ndarray) -> float:
+    """Return how far a joint of a ghost with positions q (n, nq) is from that of the machine at
+    most, as a share of the room that all joints of the machine take.
+    """
+    use = np.flatnonzero(np.isfinite(q).all(axis=1))
+    use = use[:: max(1, len(use) // LOOKED_AT)]
+    if not len(use):
+        return 0.0
+    (_, machine), (_, ghost) = poses_of(model, known[use]), poses_of(model, q[use])
+    size = float(np.ptp(machine.reshape(-1, 3), axis=0).max()) or 1.0
+    return float(np.linalg.norm(ghost - machine, axis=-1).max()) / size
 
 
 def view_page(c: Comparison, before: Residual | None = None) -> Any:

@@ -9,15 +9,19 @@ import math
 from collections.abc import Sequence
 
 from ident.assess.assessment import Assessment, Cause, Range, Remainder
+from ident.assess.errors import BEFORE_NAMES
 from ident.assess.good_enough import Answer, GoodEnough, Reason
 from ident.effects import Effect
 from ident.effects.library import effect_noun, named
-from ident.text import listed, percent, places, shortlist, significant, two_digits
+from ident.fit.values import Value
+from ident.show.body import body_words
+from ident.text import listed, percent, places, rounded, shortlist, significant, two_digits
 
 ABOUT = 1.2  # shown: times the noise, up to which an error is called noise
 CLEAR = 10.0  # shown: times the noise, beyond which the number says nothing
 MANY = 3  # shown: joints, from which they are counted in the first line
 CAUSES = 5  # shown: causes in the first line
+VALUES, GROUPS = 8, 6  # shown: values of one parameter, and parameters, in the first lines
 
 
 def share_words(shares: Range) -> str:
@@ -60,7 +64,9 @@ def error_words(a: Assessment) -> str:
         return "no torque was measured that could be compared"
     if a.before is None:
         return f"error {share_words(now)} of the torque"
-    return f"error {share_words(a.before)} → {share_words(now)}"
+    name = a.compared[0].removeprefix("with ")
+    before = f" ({name})" * (a.compared[0] in BEFORE_NAMES)
+    return f"error {share_words(a.before)}{before} → {share_words(now)}"
 
 
 def cause_words(cause: Cause) -> str:
@@ -71,6 +77,39 @@ def cause_words(cause: Cause) -> str:
     if cause.rivals:
         words += f" or {named(cause.rivals, 'or')}, which this data cannot tell apart"
     return f"{'other values of ' * cause.changed}{words}"
+
+
+def values_words(causes: Sequence[Cause]) -> str:
+    """Return the values of what was found with their standard errors, those of one parameter of
+    several joints together; empty without any.
+    """
+    groups: dict[tuple[str, str, str], list[str]] = {}
+    bodies = []
+    for effect, values in values_by_effect(causes):
+        if effect.loaded_link:
+            words = body_words(values)
+            bodies += [f"{effect_noun(effect)} on {effect.loaded_link}: {words}"] * bool(words)
+            continue
+        for value in values:
+            if value.stderr is None or not math.isfinite(value.stderr):
+                continue
+            key = effect_noun(effect), value.name.rpartition(".")[2], value.unit
+            number = rounded(value.value, value.stderr)
+            groups.setdefault(key, []).append(f"{'/'.join(effect.joints)} {number}".strip())
+    texts = [
+        f"{noun} {name}: {shortlist(numbers, VALUES)} {unit}".removesuffix(" 1")
+        for (noun, name, unit), numbers in groups.items()
+    ]
+    return "; ".join([*bodies, *texts[:GROUPS], *["more in the tables"] * (len(texts) > GROUPS)])
+
+
+def values_by_effect(causes: Sequence[Cause]) -> list[tuple[Effect, list[Value]]]:
+    """Return each effect of the causes with its own values."""
+    return [
+        (effect, [v for v in cause.values if v.name in effect.names])
+        for cause in causes
+        for effect in cause.effects
+    ]
 
 
 def effects_words(effects: Sequence[Effect]) -> str:

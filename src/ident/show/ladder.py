@@ -11,12 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from ident.assess.diagnosis import assess_growth, larger_on_validation
+from ident.assess.diagnosis import (
+    assess_growth,
+    before_words,
+    causes_of_growth,
+    larger_on_validation,
+)
 from ident.assess.errors import largest_change, noise_errors
 from ident.assess.exploration import Exploration
 from ident.assess.verdict import formulas_explain
 from ident.diagnosis.grow import NAME as ROUNDS
-from ident.diagnosis.grow import History, Step
+from ident.diagnosis.grow import History
+from ident.diagnosis.grow import Step as Rung
 from ident.diagnosis.unobservable import name_of
 from ident.display import renders
 from ident.effects.library import named
@@ -27,7 +33,7 @@ from ident.fit.files import fit_json, identified_files, identified_urdf, multipl
 from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
-from ident.request import PYTHON, Request
+from ident.request import PYTHON, Request, Step
 from ident.show.card import Card
 from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import card, short
@@ -35,16 +41,15 @@ from ident.show.diagnosis import sheet as diagnosis_sheet
 from ident.show.diagnosis_report import diagnosis_files, diagnosis_sections, write_instead
 from ident.show.error_axis import ErrorAxis
 from ident.show.front import FirstScreen, first_screen, main_effect
-from ident.show.headline import headline
+from ident.show.headline import headline, values_words
 from ident.show.html import Section, Sheet, report_page, table
 from ident.show.verdict import formulas_of
-from ident.text import percent, rounded, shortlist, significant, width, wrapped
+from ident.text import percent, shortlist, significant, width, wrapped
 from ident.text import table as text_table
 
 NAME, CELL = 30, 7  # characters of the columns
 LONG = "+ viscous friction in "  # and a joint: as long as most names are
-NOISE = "noise alone"
-SIZES = 4  # numbers of what was added that stand in the first lines
+NOISE, NOTHING_ADDED = "noise alone", "nothing added"
 CAPTION = "Held-out error, rung by rung"
 
 
@@ -78,7 +83,7 @@ def _row(first: str, cells: Sequence[str], joints: Sequence[str], last: str = ""
     return "  ".join([first.ljust(_room(joints)), *middle, last]).rstrip()
 
 
-def rung(step: Step, joints: Sequence[str]) -> str:
+def rung(step: Rung, joints: Sequence[str]) -> str:
     """Return one rung: what was added, and errors; ≈ marks those that are announced, not fitted."""
     room = _room(joints)
     tied = changed(step).replace("+ ", "+\u00a0").replace("− ", "−\u00a0")  # sign and label
@@ -96,10 +101,10 @@ def rung(step: Step, joints: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
-def changed(step: Step) -> str:
+def changed(step: Rung) -> str:
     """Return what this rung adds to the one before, and removes from it."""
     ways = {"+": step.added, "−": step.removed}
-    return " ".join(f"{sign} {named(x)}" for sign, x in ways.items() if x) or "as given"
+    return " ".join(f"{sign} {named(x)}" for sign, x in ways.items() if x) or NOTHING_ADDED
 
 
 def noise_rung(history: History) -> str:
@@ -121,7 +126,7 @@ def cells(errors: Mapping[str, Error], joints: Sequence[str]) -> list[str]:
     ]
 
 
-renders(Step, "text")(lambda step: rung(step, list(step.errors)))
+renders(Rung, "text")(lambda step: rung(step, list(step.errors)))
 
 
 @renders(History, "text")
@@ -130,7 +135,7 @@ def text(history: History) -> str:
     return f"{rungs(history.steps, history.fit.motion.independent)}\n{noise_rung(history)}"
 
 
-def rungs(steps: Sequence[Step], joints: Sequence[str]) -> str:
+def rungs(steps: Sequence[Rung], joints: Sequence[str]) -> str:
     """Return the ladder without its last row: its head, and one rung a step."""
     return "\n".join([head(joints), *(rung(step, joints) for step in steps)])
 
@@ -155,7 +160,7 @@ def sheet(history: History) -> Sheet:
     return Sheet(headline(assess_growth(history)), tables={CAPTION: history.table()})
 
 
-def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
+def plot_rungs(steps: Sequence[Rung], noise: Mapping[str, Error]) -> Chart:
     """Draw the held-out error of every joint against models one after the other; dashed: noise."""
     names = [_code_name(step) for step in steps]
     errors, at = [step.errors for step in steps], np.arange(len(names), dtype=float)
@@ -180,7 +185,7 @@ def plot_rungs(steps: Sequence[Step], noise: Mapping[str, Error]) -> Chart:
 renders(History, "plot")(lambda history: plot_rungs(history.steps, noise_errors(history.fit)))
 
 
-def _code_name(step: Step) -> str:
+def _code_name(step: Rung) -> str:
     """Return what a rung changes by code names, which fit below a chart."""
     if len(step.added) > 1:
         return f"+ {step.added[0].kind} in {len(step.added)} places"
@@ -203,7 +208,7 @@ def screen_of(history: History) -> FirstScreen:
     labels = [effect.label for effect in history.added]
     added = [values for values in history.fit.effects if values.effect.label in labels]
     effect = main_effect(now, joint, labels)
-    before = replace(before, name="as given")
+    before = replace(before, name=before_words(history.fits[0]).removeprefix("with "))
     sites = [x for values in added if values.effect.label == effect for x in values.effect.joints]
     site = next((x for x in sites if x in history.mechanism.joint_index), joint)
     return first_screen(before, after, joint, effect, {site: effect or joint}, added)
@@ -215,7 +220,7 @@ def history_card(history: History, request: Request = PYTHON) -> Card:
     a = assess_growth(history, acceptable=request.acceptable)
     top = card(d, history.added, request, a)
     line = top.line if a.doubts else f"{headline(a)}{_named_beside(history)}"
-    sizes = _sizes(history)
+    sizes = values_words(causes_of_growth(history))
     values = f"Values: {sizes}. " if sizes else ""
     return replace(top, line=line, sure=f"{values}{_larger(history)}{top.sure}")
 
@@ -237,14 +242,6 @@ def _larger(history: History) -> str:
         text += f"On {log} an earlier rung predicts {shortlist(rises, 3)} better: "
         text += "not all that was added after it helps there. "
     return text
-
-
-def _sizes(history: History) -> str:
-    """Return the values of what was added, where they are few."""
-    added = {effect.label for effect in history.added}
-    values = [v for e in history.fit.effects if e.effect.label in added for v in e.parameters]
-    sizes = [f"{v.name} = {rounded(v.value, v.stderr)} {v.unit}".removesuffix(" 1") for v in values]
-    return ", ".join(sizes) if 0 < len(sizes) <= SIZES else ""
 
 
 # the first lines of a diagnosis, with the error before and after
@@ -275,7 +272,8 @@ def write(history: History, place: str | Path, request: Request = PYTHON) -> lis
     refuse_own(history.mechanism, Path(place))
     ladder = Section("The error falls", [history.plot()], unfolded=True)
     request = replace(request, folder=str(place))
-    sections = (ladder, *diagnosis_sections(history.diagnosis, request))
+    added = Step(grown=tuple(effect.label for effect in history.added))
+    sections = (ladder, *diagnosis_sections(history.diagnosis, request, added))
     title = f"{history.mechanism.name}: grown model"
     screen, top = screen_of(history), history_card(history, request)
     ladder_rows = rows(history)

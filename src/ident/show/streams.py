@@ -26,11 +26,11 @@ from ident.mechanism import Mechanism
 from ident.mechanism.parameters import DYNAMIC
 from ident.request import PYTHON, Request, Step
 from ident.show.card import Bar, Card, card_of
-from ident.show.charts import FAINT, RESIDUAL, Chart, Level, Line, Mark, Panel, pieces_of
+from ident.show.charts import MEASURED, RESIDUAL, Chart, Level, Line, Mark, Panel, pieces_of
 from ident.show.diagnosis import sheet as diagnosis_sheet
 from ident.show.diagnosis import short
 from ident.show.fit import summary
-from ident.show.headline import error_words
+from ident.show.headline import error_words, remainder_sentence
 from ident.show.html import ROWS, Block, Section, Sheet, paragraph, piece, report_page, table
 from ident.show.motion import made_of
 from ident.streams.charts import OFTEN
@@ -312,6 +312,7 @@ MOST_MOMENTS = 1000  # moments of a curve; beyond, every second one is forgotten
 SEEN = 2  # shown: parameters that are seen beside the headline
 PANELS = 8  # parameters that have a chart; all are in the tables
 FORCES = 6  # multipliers that have one
+NOTHING_LEFT = 0.02  # shown: of the squares beyond noise, below which a cause explains all of it
 SHARE = 1.96  # standard errors on either side of a band
 SETTLED = 10.0  # times its median: a standard error above, at the beginning, is not drawn
 
@@ -399,17 +400,39 @@ class MonitorHistory:
             noise = self._last.noise
             normal = [self._bar(n, e, noise.get(n)) for n, e in self._of_normal.items()]
             bars = tuple(normal) or tuple(map(Bar.of, a.errors))  # not those of the refitted model
+            change = "in normal running → now" * bool(normal)
+            line = f"{head}{count}: {self.alarms[-1].headline}. {self._left()}."
+            known = self._request.line(Step("diagnose")).partition(" --")[0]
+            if "/identified " in known:  # its bodies are known
+                then = "find the cause with all its values, with the bodies of normal running known"
+                return Card(line, "", bars, known, f"{then}.", change)
             fitted = replace(self._request, logs=self._request.like, folder="")
             command = fitted.line(Step("identify")) if self._request.like else ""
-            how = "What has changed with its values: identify the log of normal running"
-            how += " by this command" * bool(command) + ", then run `ident diagnose` with the "
-            how += "folder identified/ that it writes and this log."
-            change = "in normal running → now" * bool(normal)
-            return Card(
-                f"{head}{count}: {self.alarms[-1].headline}.", "", bars, command, how, change
-            )
+            then = "identify normal running, then diagnose this log with the folder identified/ "
+            return Card(line, "", bars, command, f"{then}that this writes.", change)
         size = f"; {error_words(a)}" if a.now else ""
-        return card_of(a, self._request, line=f"{head}{self._silent or 'no alarm'}{size}.")
+        remainder = f" {words}." if a.now and (words := remainder_sentence(a)) else ""
+        line = f"{head}{self._silent or 'no alarm'}{size}.{remainder}"
+        then = ""
+        if a.good_enough.fits or not a.good_enough.joints:
+            then = "give logs of normal running (`--like`): a change then raises an alarm."
+            if not self._silent:
+                then = "nothing has to be done: the machine runs as it did in normal running."
+        top = card_of(a, self._request, line=line, then=then)
+        return replace(top, command="") if then else top
+
+    def next_text(self) -> str:
+        """Return what to do next, for a terminal."""
+        top = self.card
+        return "\n".join(Card("", command=top.command, then=top.then).text())
+
+    def _left(self) -> str:
+        """Return what is left of the change with the likeliest cause of the last alarm."""
+        best = self.alarms[-1].best
+        if best is None:
+            return "Left: all of it"
+        rest = max(0.0, 1.0 - best.explains)
+        return f"Left: {percent(rest)} of what is new" if rest > NOTHING_LEFT else "Left: noise"
 
     def _bar(self, joint: str, now: Error, noise: float | None) -> Bar:
         """Return the error of the model of normal running now, beside the usual one."""
@@ -490,9 +513,9 @@ class MonitorHistory:
                 late = np.arange(len(t)) >= (half <= SETTLED * np.median(result)).argmax()
                 value, half = np.where(late, value, np.nan), np.where(late, half, np.nan)
             marks: tuple[Mark, ...] = (
-                Line(t, value - half, "95 % interval", FAINT, 1.0),
-                Line(t, value + half, "95 % interval", FAINT, 1.0),
-                Line(t, value, "value", 0, 1.6, dotted=len(t) < 3),
+                Line(t, value - half, "95 % interval", MEASURED, 1.6),
+                Line(t, value + half, "95 % interval", MEASURED, 1.6),
+                Line(t, value, "value", 0, 2.2, dotted=len(t) < 3),
                 *self._marks(t),
             )
             panels.append((Panel(marks, "t [s]", f"{name}\n[{unit}]", height=2.4),))

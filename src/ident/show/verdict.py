@@ -102,7 +102,8 @@ def certainty(d: Diagnosis) -> str:
         if rare
         else (f"1 in {1 / p:.0f} logs in which nothing is missing would show as much")
     )
-    sure = f"{'Certain' if rare else 'Not certain'} ({level})"
+    form = ", but for its form" * bool(rare and d.relatives)  # others do as well
+    sure = f"{'Certain' if rare else 'Not certain'}{form} ({level})"
     if (rest := share_unexplained(d)) > MAIN_CAUSE:
         sure = (
             f"Not certain that it is this: with it {100 * rest:.0f} % of the squared error beyond "

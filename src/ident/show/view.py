@@ -362,7 +362,8 @@ class View:
     def _ghosts(self) -> dict[str, tuple[int, int, int]]:
         """Colours of the models whose ghosts are drawn, by their names."""
         names = next((film.ghosts for film in self.films if film.ghosts), ())
-        return dict(zip(names, GHOSTS.values(), strict=False))
+        colours = [*GHOSTS.values()]
+        return {name: GHOSTS.get(name) or colours[i % 2] for i, name in enumerate(names)}
 
     @property
     def _played(self) -> list[float] | None:

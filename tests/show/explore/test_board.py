@@ -44,7 +44,7 @@ def test_a_click_adds_and_another_removes(board):
     assert state["joint"] == "elbow"
     assert [row[0] for row in state["ladder"]] == [
         "model",
-        "as given",
+        "nothing added",
         "+ viscous friction in elbow",
     ]
     assert "25.5\xa0%" in state["card"]
@@ -77,7 +77,7 @@ def test_clicks_during_work_do_nothing_but_looks_do(board, monkeypatch):
     go_on.set()
     first.join()
     assert [changed(rung) for rung in board.exploration.rungs] == [
-        "as given",
+        "nothing added",
         "+ viscous friction in elbow",
     ]
 

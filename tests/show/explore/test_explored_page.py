@@ -74,7 +74,7 @@ def test_the_error_falls_by_hand(serve, visit, tmp_path):
 
     add(page, "viscous:elbow")
     ladder = rungs(page)
-    assert [line[0] for line in ladder] == ["as given", "+ viscous friction in elbow"]
+    assert [line[0] for line in ladder] == ["nothing added", "+ viscous friction in elbow"]
     assert (
         page.locator("#status p")
         .inner_text()
@@ -155,7 +155,7 @@ def test_keys_are_enough(serve, visit):
             )
         )
     assert {"Joint", "Ladder", "Verdict"} & reached
-    assert "back to rung 0: as given" in reached
+    assert "back to rung 0: nothing added" in reached
 
 
 def test_names_of_joints_and_files_are_text(serve, visit, tmp_path):

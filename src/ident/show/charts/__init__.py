@@ -276,6 +276,11 @@ class Chart:
         """Height [pixel] of the live chart."""
         return (30 if self.stretch else 70) + sum(max(map(_pixels, row)) for row in self.rows)
 
+    def scaled(self, factor: float) -> Chart:
+        """Return the chart with panels so many times as high."""
+        rows = tuple(tuple(replace(p, height=factor * p.height) for p in row) for row in self.rows)
+        return replace(self, rows=rows)
+
     def __str__(self) -> str:
         return self.words
 

@@ -5,6 +5,7 @@ A `Sheet` is one description for terminals, Jupyter and reports.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,10 +21,11 @@ from ident.text import merged, wrapped
 from ident.text import table as text_table
 
 ROWS = 4  # of panels in one chart: what a window shows
-# shown: px of the first screen, of a chart and the machine in it; of the card: its title, a line of
-# about so many letters of the headline or of other text, and a row of its table
-SCREEN, CHART, SCENE = 880, 250, 345
-TITLE, HEADLINE, LINE, LETTERS, ROW = 80, 27, 25, 62, 31
+# shown: px of the first screen: of the machine, a chart's legend and caption, those with tools, a
+# row of a table; of the card: its title, the edges of what is next, a line of about so many letters
+# of the headline or of other text, and a row of its errors
+SCENE, CAPTION, TOOLS, TABLE_ROW = 350, 28, 60, 29
+TITLE, BOX, HEADLINE, LINE, LETTERS, ROW = 60, 50, 27, 25, 62, 31
 LOGS = 12  # whose curves are in a report
 SHORT = 32  # characters of a cell that stays on one line
 NUMBER = re.compile(r"[-−+≈<–]? ?\d")  # the beginning of one
@@ -177,16 +179,57 @@ def report_page(
     Args:
         title: of the page; top: its first lines, with the error by joint.
         sections: below the first screen, folded unless they are to be seen at once.
-        front: right of the first lines; below: below these, on the first screen too.
-        machine: below the shorter of both columns.
+        front: on the first screen, the first of them right of the first lines; below: below these.
+        machine: on the first screen, too.
     """
-    charts = [block for block in front if isinstance(block, Chart)]
-    full = len(charts) < len(front) or len(charts) * CHART + SCENE > SCREEN
-    if full or (not below and _height(top) + SCENE < SCREEN):
-        below = [*below, *machine]
+    if front and sections:
+        front, below = _columns(top, [*front, *machine], below)
     else:
-        front = [*front, *machine]
+        below = [*below, *machine]
     return piece("page", title, top, sections, [], scripts, front, below).encode()
+
+
+def _columns(
+    top: Card | str, blocks: Sequence[Block], below: Sequence[Block]
+) -> tuple[list[Block], list[Block]]:
+    """Return what is right of the first lines, and what is below them: the first block on the
+    right, the others so that the higher column is as low as can be; charts of the other one grow,
+    so that it is as high.
+    """
+    first, *others = blocks
+    heights = [_block_height(block) for block in others]
+    left, right = _height(top) + sum(map(_block_height, below)), _block_height(first)
+    best = (math.inf, math.inf, 0)
+    for chosen in range(2 ** len(others)):  # bits: of those on the left
+        moved = sum(height for i, height in enumerate(heights) if chosen >> i & 1)
+        ends = left + moved, right + sum(heights) - moved
+        best = min(best, (max(ends), max(ends) - min(ends), chosen))
+    chosen = best[2]
+    on_left = [block for i, block in enumerate(others) if chosen >> i & 1]
+    on_right = [first, *(block for i, block in enumerate(others) if not chosen >> i & 1)]
+    moved = sum(map(_block_height, on_left))
+    gap = left + moved - (right + sum(heights) - moved)
+    return _grown(on_right, gap), [*below, *_grown(on_left, -gap)]
+
+
+def _grown(blocks: Sequence[Block], gap: float) -> list[Block]:
+    """Return blocks, the charts among them higher by a gap [px] together, each at most twice as
+    high as it was.
+    """
+    charts = [block for block in blocks if isinstance(block, Chart)]
+    if gap <= 0 or not charts:
+        return [*blocks]
+    factor = 1 + min(gap / sum(chart.height for chart in charts), 1.0)
+    return [block.scaled(factor) if isinstance(block, Chart) else block for block in blocks]
+
+
+def _block_height(block: Block) -> int:
+    """Return about how high [px] a block of the first screen is."""
+    if isinstance(block, Chart):
+        return block.height + (CAPTION if block.stretch or not block.shared_x else TOOLS)
+    if hasattr(block, "films"):
+        return SCENE
+    return TABLE_ROW * (str(block).count("<tr") + 1)
 
 
 def _height(top: Card | str) -> int:
@@ -195,7 +238,8 @@ def _height(top: Card | str) -> int:
         return TITLE
     texts = [(top.line, HEADLINE), (top.sure, LINE), (top.then, LINE), (top.command, LINE)]
     lines = sum(size * -(-len(text) // LETTERS) for text, size in texts if text)
-    return TITLE + lines + ROW * (len(top.bars) + 2)
+    box = BOX * bool(top.then or top.command)
+    return TITLE + box + lines + ROW * (len(top.bars) + 2) * bool(top.bars)
 
 
 def by_log(names: Sequence[str], draw: Callable[[int], Chart]) -> tuple[Block, ...]:
