@@ -97,7 +97,8 @@ def with_effects(
             mechanism = mechanism.with_effect(f"{kind}:{joint}")
     for kind in ("spring", "drag", "torque_offset", "encoder_offset"):
         # about a vertical axis no motion shows an encoder's offset
-        joint = driven[1] if kind == "encoder_offset" else driven[random.integers(len(driven))]
+        joint = driven[random.integers(len(driven))]
+        joint = driven[min(1, len(driven) - 1)] if kind == "encoder_offset" else joint
         if kind != "encoder_offset" or not mechanism.closures:
             mechanism = mechanism.with_effect(f"{kind}:{joint}")
     link = mechanism.bodies.links[-1]
@@ -117,12 +118,12 @@ def with_effects(
 
 
 def other(mechanism: Mechanism) -> Log:
-    """Positions of the drives along the nominal motion, backwards and half as wide."""
+    """Positions of the drives along the nominal motion, backwards and, of trees, half as wide."""
     (e,) = nominal_motion(mechanism).experiments
-    columns = {}
+    columns, share = {}, 1.0 if mechanism.closures else 0.5
     for name in mechanism.driven:
         x = e.y[::-1, mechanism.joint_index[name]]
-        columns[f"q.{name}"] = x[0] + 0.5 * (x - x[0])
+        columns[f"q.{name}"] = x[0] + share * (x - x[0])
     return Log.from_arrays("other", e.t, columns)
 
 
@@ -130,7 +131,7 @@ def training(mechanism: Mechanism) -> Log:
     """Two sines a drive in the range of the nominal motion: one alone hides springs in inertias."""
     (e,) = nominal_motion(mechanism).experiments
     t, columns = np.arange(0.0, 10.0, 0.004), {}
-    for i, name in enumerate(mechanism.driven):
+    for i, name in enumerate(e.independent if mechanism.closures else mechanism.driven):
         x = e.y[:, mechanism.joint_index[name]]
         series = np.zeros((3, len(t)))
         series[0] = (x.max() + x.min()) / 2
