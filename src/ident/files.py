@@ -351,6 +351,7 @@ BUILT_IN = {
     "log.csv": "ident.log.storage:read_csv",
     "log.parquet": "ident.log.storage:read_parquet",
     "log.npz": "ident.log.storage:read_npz",
+    "log.pt": "ident.formats.torch_log:read_torch",
     "log.mcap": "ident.formats.rosbag:read_bag",
     "log.db3": "ident.formats.rosbag:read_bag",
     "mechanism.urdf": "ident.mechanism.description:Description",

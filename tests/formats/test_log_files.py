@@ -95,6 +95,7 @@ def test_parquet_types(tmp_path: Path) -> None:
             "digits": [str(k) for k in range(12)],
             "kind": pl.Series(["a"] * 12, dtype=pl.Categorical),
             "cov": [[1.0, 2.0]] * 12,
+            "tags": [["a"]] * 12,
             "void": [None] * 12,
         }
     )
@@ -107,7 +108,7 @@ def test_parquet_types(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.columns["x"], [np.nan, *k[:11]])
     np.testing.assert_array_equal(log.columns["on"], [1, 0, np.nan] * 4)
     np.testing.assert_array_equal(log.columns["digits"], k)
-    assert set(log.columns) == {"age", "n", "x", "on", "digits", "void"}
+    assert set(log.columns) == {"age", "n", "x", "on", "digits", "cov.0", "cov.1", "void"}
     said = "; ".join(log.repairs)
     for part in (
         "column 't' held Datetime",
@@ -115,7 +116,7 @@ def test_parquet_types(tmp_path: Path) -> None:
         "column 'age' held Duration",
         "column 'mode' holds text ('auto'), left out",
         "column 'kind' holds text ('a'), left out",
-        "column 'cov' holds List(Float64), left out",
+        "column 'tags' holds List(String), left out",
         "column 'void' is empty",
     ):
         assert part in said

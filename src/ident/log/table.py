@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 # how loggers and spreadsheets write "no value here" (compared in lower case)
 EMPTY = ["", "nan", "-nan", "nan(ind)", "-nan(ind)", "null", "none", "na", "n/a", "#n/a"]
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+MOST_PLACES = 500  # work: of a list in each cell, which become columns
 TICKS_PER_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
@@ -149,7 +150,7 @@ def table_of(
     columns: dict[str, Array] = {}
     ignored: dict[str, str] = {}
     notes = list(repairs)
-    for position, one in enumerate(series, start=1):
+    for position, one in enumerate(_flat(series), start=1):
         name = one.name.strip()
         if not name:  # a data frame's index, or a comma at the end of each line
             notes.append(f"column {position} has no name, left out")
@@ -166,6 +167,24 @@ def table_of(
         if one.dtype.is_temporal():
             notes.append(f"column {name!r} held {one.dtype}, now seconds since its first value")
     return replace(table, columns=columns, ignored=ignored, repairs=tuple(notes))
+
+
+def _flat(series: Iterable[pl.Series]) -> Iterator[pl.Series]:
+    """Yield columns, and of one whose cells are lists of one length, as LeRobot's `action`, a
+    column `name.0`, `name.1`, … for each place in them.
+    """
+    for one in series:
+        nested = isinstance(one.dtype, pl.List | pl.Array)
+        if not (nested and one.dtype.inner.is_numeric()):  # type: ignore[attr-defined]
+            yield one
+            continue
+        lists = one.cast(pl.List(pl.Float64))
+        count = lists.list.len().drop_nulls().unique()
+        if len(count) != 1 or not 0 < count[0] <= MOST_PLACES:
+            yield one
+            continue
+        for i in range(count[0]):
+            yield lists.list.get(i).alias(f"{one.name}.{i}")
 
 
 def _floats(column: pl.Series, table: RawTable, since: int | None) -> Array | str:
