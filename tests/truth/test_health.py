@@ -739,6 +739,25 @@ def test_a_late_velocity_is_named():
     assert finding.number == pytest.approx(25.0, rel=0.05)
 
 
+@pytest.mark.parametrize(("which", "meaning"), [
+    ("q.", "it is the positions"), ("v.", "it is the velocities"), ("tau.", "against the positions")
+])  # fmt: skip
+def test_which_of_positions_velocities_and_torques_is_late_is_a_contest(which, meaning):
+    """Two of the three agree."""
+    mechanism = robot("arm").with_effect("viscous").with_effect("coulomb")
+    noise = [Noise("tau", 0.01, relative=True), Noise("q", 1e-5), Noise("v", 1e-3)]
+    log = plant(mechanism, motion_log("arm", 200.0, 8.0), noise=noise, seed=1).log
+    columns = {name: x for name, x in log.columns.items() if name[0] != "a"}
+    for name, x in columns.items():
+        if name.startswith(which):
+            columns[name] = np.interp(log.t - 0.012, log.t, x)
+    motion = ident.complete(mechanism, Log.from_arrays("late", log.t, columns))
+    findings = ident.identify(mechanism, motion).health.findings
+    (finding,) = (x for x in findings if x.code in ("late rates", "delay"))
+    assert meaning in finding.meaning
+    assert f"{which}elbow" in finding.meaning
+
+
 def test_a_channel_of_two_publishers_is_named():
     p = planted("arm", noise=0.01, seed=2)
     turn = np.arange(len(p.log.t)) % 2 == 0

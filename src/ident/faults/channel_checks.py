@@ -50,6 +50,7 @@ MOST_THINNED = 10  # range: rows of which one may be kept
 LEAST_LAG = 2e-3  # range: s, a lateness of a velocity that matters
 LAG_STEPS = 3  # work: in which a lag settles
 LOCKED = 0.05  # range: [rad | m] by which a joint that is held may move: fingers give way a little
+LATE_RATES = "late rates"  # code of a finding; its number is negative where velocities are early
 A_COMMAND = "a command, not a measurement"
 ALTERNATES = 0.9  # range: share of rows from which a channel jumps to and fro in each
 
@@ -387,11 +388,8 @@ def late_rates(log: Log, mechanism: Mechanism) -> Iterator[Finding]:
             f"{two_digits(1e3 * abs(lag))} ms {words} against the rate of the position: a filter "
             "or another clock in one of them"
         )
-        remedy = (
-            "leave out the velocities where their filter makes it; where torques look early by as "
-            "much, the positions are late"
-        )
-        yield Finding("late rates", text, remedy, names, 1e3 * abs(lag), 1e3 * LEAST_LAG)
+        remedy = "leave out the velocities where their filter makes it"
+        yield Finding(LATE_RATES, text, remedy, names, 1e3 * lag, 1e3 * LEAST_LAG)
 
 
 def contradicted(log: Log, state: State, mechanism: Mechanism) -> Iterator[Finding]:

@@ -18,13 +18,13 @@ from ident.equations.motion_noise import noise_floor
 from ident.equations.problem import Problem
 from ident.equations.table import Table
 from ident.faults import small_errors
-from ident.faults.channel_checks import log_findings
+from ident.faults.channel_checks import LATE_RATES, log_findings
 from ident.faults.channel_fits import DOUBT, HALF, SAME_SHAPE, SMALL, columns_of
 from ident.faults.disagreements import differing_logs
 from ident.faults.fault import exact_factor, fault_finding, log_entry
 from ident.faults.search import FaultSearch
 from ident.finding import Finding
-from ident.information.chance import BEYOND, CONTRIBUTES, EXPLAINED_BELOW, FEWEST_EQUATIONS
+from ident.information.chance import BEYOND, CONTRIBUTES, EXCESS, EXPLAINED_BELOW, FEWEST_EQUATIONS
 from ident.information.estimate import Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import rigid_forces
@@ -60,6 +60,7 @@ MODELS = {  # by cause of a verdict: code, meaning and remedy of torques that ar
     ),
 }
 DEAD = {"constant", "zero", "noise_only"}  # codes of findings on channels that measure nothing
+TINY = 1e-12  # numerics: of a torque's squares
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
 LIKE = 0.9  # level: from there on four fifths of the squares of one are of the other's shape
 UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
@@ -121,6 +122,7 @@ class DataChecks(FaultSearch):
             meaning = f"{named.meaning}; standard errors hold what it does to parameters"
             findings.append(replace(named, meaning=meaning))
         channels = [*filter(self._matters, log_findings(self.mechanism, self.problem.motion))]
+        channels = [self._latest(x) if x.code == LATE_RATES else x for x in channels]
         if self.mechanism.driven:
             if all(finding.code == "delay" and len(finding.where) == 1 for finding in findings):
                 findings += self._late()  # in one joint alone it is that joint's friction
@@ -165,6 +167,39 @@ class DataChecks(FaultSearch):
         if finding.number <= least:
             least = np.sqrt(CONTRIBUTES) * float(self.reference[list(self.errors).index(joint)])
         return finding.number > least
+
+    def _latest(self, finding: Finding) -> Finding:
+        """Return a finding on velocities and positions of which one is late, with which of them it
+        is: torques are in time with the other.
+        """
+        equations, lag = self.equations, 1e-3 * (finding.number or 0.0)
+        near = equations.lags[: equations.near]
+        shift = int(np.abs(near - lag).argmin())
+        if not equations.drive_of_coordinate or not shift or abs(near[shift] - lag) > abs(lag) / 2:
+            return finding
+        with_rates = equations.as_logged.replaced(
+            "delay", float(near[shift]), shift=dict.fromkeys(equations.drive_of_coordinate, shift)
+        )
+        of_position, of_rates = (
+            0.5 * float(np.log(equations.errors(x, equations.noise(x)) + TINY).mean())
+            for x in (equations.as_logged, with_rates)
+        )
+        if abs(of_rates - of_position) < np.log(EXCESS):
+            return finding
+        size, joints = two_digits(1e3 * abs(lag)), [x[2:] for x in finding.where if x[0] == "q"]
+        if of_position < of_rates:
+            text = (
+                f"{finding.meaning}; torques are in time with the positions, so it is the "
+                "velocities"
+            )
+            return replace(finding, meaning=text, remedy="leave out the velocities")
+        text = (
+            f"{listed([f'q.{joint}' for joint in joints])}: {size} ms "
+            f"{'early' if lag > 0 else 'late'} against velocities and torques alike, which are in "
+            "time with each other: it is the positions"
+        )
+        remedy = f"shift the positions by {size} ms, or log all channels by one clock"
+        return replace(finding, meaning=text, remedy=remedy)
 
     def _swings(self, channels: Sequence[str]) -> bool:
         """Whether torques that are 0 throughout are those of joints that swing freely: gravity and
