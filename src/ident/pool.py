@@ -377,7 +377,7 @@ def _check_worker(ours: dict[str, str]) -> None:
 def _call_on_worker(
     ours: dict[str, str], shared: bytes, function: Function, task: Any
 ) -> tuple[Any, str | None]:
-    from threadpoolctl import threadpool_limits  # of the extra, as Dask
+    from threadpoolctl import threadpool_limits
 
     _check_worker(ours)  # a worker may have joined since
     with one_at_a_time, threadpool_limits(1):

@@ -87,6 +87,8 @@ def _clear_in_log(table: Table, number: int) -> np.ndarray:
     clipped = np.zeros(e.yd.shape, dtype=np.uint8)
     for name, torque in zip(mechanism.driven, e.tau.T, strict=True):
         clipped[:, mechanism.joint_index[name]] = at_limit(torque)
+    if not clipped.any():
+        return np.ones((len(at), len(table.motion.independent)), dtype=bool)
     taps = Decimator.of(table.motion.band.cutoff, e.rate).taps
     from scipy.ndimage import maximum_filter1d  # takes 0.1 s to import
 

@@ -12,6 +12,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from ident.display import Progress
+from ident.threads import on_one_thread
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -23,9 +24,12 @@ R = TypeVar("R")
 
 
 def watched(verb: Callable[P, R]) -> Callable[P, R]:
-    """Give a verb that is called without `progress` a bar, in a notebook or a terminal."""
+    """Give a verb that is called without `progress` a bar, in a notebook or a terminal; linear
+    algebra has one thread.
+    """
 
     @wraps(verb)
+    @on_one_thread
     def shown(*args: P.args, **options: P.kwargs) -> R:
         given: dict[str, Any] = dict(options)
         if given.get("progress") is not None:
