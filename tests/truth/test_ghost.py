@@ -9,7 +9,7 @@ import pytest
 
 import ident
 from helpers import ROBOTS
-from ident.simulate.ghost import drift
+from ident.fit.ghost import drift
 
 
 @pytest.fixture(scope="module", params=["arm", "four_bar"])

@@ -16,7 +16,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 from lxml import etree
-from scipy.spatial import ConvexHull
 
 from ident.errors import MechanismError
 from ident.mechanism import Mechanism
@@ -192,6 +191,8 @@ def hull(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return points (n, 3) and outward faces (m, 3) of their hull, of many only outer points."""
     if len(cloud) > HULL:
         cloud = cloud[np.unique((cloud @ sphere(1.0, HULL).T).argmax(axis=0))]
+    from scipy.spatial import ConvexHull  # takes 0.1 s to import
+
     convex = ConvexHull(cloud, qhull_options="QJ Pp")  # joggled: flat ones too
     faces = convex.simplices
     a, b, c = (cloud[faces[:, i]] for i in range(3))

@@ -18,6 +18,7 @@ from markupsafe import Markup
 
 from ident.assess.errors import largest_change
 from ident.fit.files import residual_before
+from ident.fit.ghost import drift
 from ident.fit.identify import Comparison
 from ident.fit.prediction import Prediction
 from ident.fit.residual import Residual, zero_of
@@ -29,7 +30,6 @@ from ident.show.charts import BEFORE, BELOW, MEASURED, NOW, Chart, Line, Panel
 from ident.show.html import Block, by_log, piece
 from ident.show.residual import compared, plot_map, plot_predictions, time_label, view_of_fit
 from ident.show.view import Ghosts, poses_of
-from ident.simulate.ghost import drift
 from ident.text import rounded
 
 SHARE, SHORTEST, LONGEST = 0.2, 2.0, 6.0  # shown: of a log, and s, that the stretch is long
