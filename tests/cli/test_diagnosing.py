@@ -139,7 +139,7 @@ def test_the_command_to_copy_tells_rivals_apart(robots, tmp_path, done):
     words = shlex.split(line)
     assert words[:3] == ["ident", "excite", str(robots / "four_bar")]
     assert words[3] == "--separate"
-    assert "apart; this command plans it" in " ".join(text.split())
+    assert "Next: log a motion that tells" in " ".join(text.split())
     out = tmp_path / "next.csv"
     done(*words[1:-1], out, "--tries", 1, "--harmonics", 3)
     assert out.is_file()

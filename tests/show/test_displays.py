@@ -23,7 +23,6 @@ from ident.show.charts import Line
 from ident.show.comparison import comparison_card, comparison_json, plot_forces
 from ident.show.diagnosis import LINES, short
 from ident.show.diagnosis import card as diagnosis_card
-from ident.show.experiment import PLANNED
 from ident.show.fit import card as fit_card
 from ident.show.headline import good_enough_words
 from ident.show.html import paragraph, report_page, table
@@ -140,11 +139,13 @@ def narrow(monkeypatch):
 def test_a_diagnosis_has_twenty_lines_in_a_narrow_terminal(nouns):
     """What the next experiment is in numbers goes first, then bars, then sentences."""
     d, sentence = nouns["diagnosis"], "A sentence of the card with eight words. " * 40
-    step = f"log a motion that shows more{PLANNED}: move the crank, " + "and what is alike, " * 9
+    step, how = "log a motion that shows more.", "move the crank, " + "and what is alike, " * 9
     quiet, loud = Error(0.01, 0.01, "N m"), Error(0.1, 0.1, "N m")
     bars = (Bar("a", loud, quiet), *(Bar(name, quiet) for name in "bcdefgh"))
     found = {
-        count: short(d, Card("x", sentence[: 41 * count].strip(), bars[:n], "ident grow x", step))
+        count: short(
+            d, Card("x", sentence[: 41 * count].strip(), bars[:n], "ident grow x", step, how=how)
+        )
         for count, n in ((2, 1), (6, 6), (8, 8), (40, 8))
     }
     name = "left_arm_shoulder_pitch_actuated_joint"
@@ -154,8 +155,8 @@ def test_a_diagnosis_has_twenty_lines_in_a_narrow_terminal(nouns):
     assert all(-(-len(line) // 80) <= 4 for text in texts for line in text.splitlines())
     assert all(sum(-(-len(x) // 80) or 1 for x in text.split("\n")) <= LINES for text in texts)
     assert command in texts[-1]  # whole, as it is copied
-    assert "move the crank" in found[2]
-    assert "move the crank" not in found[8]
+    assert "Move the crank" in found[2]
+    assert "Move the crank" not in found[8]
     assert all("log a motion" in text for text in found.values())
     assert "more about the next experiment, more candidates" in " ".join(found[8].split())
 

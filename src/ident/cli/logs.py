@@ -86,12 +86,39 @@ def check(
         wrote(write_all(write, contents))
     with progress() as on_progress:
         if logs:
-            motion = model.motion(mechanism, logs, on_progress, torques=False)
+            try:
+                motion = model.motion(mechanism, logs, on_progress, torques=False)
+            except IdentError:
+                _suggest_columns(mechanism, logs[0])
+                raise
         if json:
             conclude(check_json(mechanism, motion))
         else:
             request = model.request(logs)
             conclude(check_text(mechanism, motion, request, verbose=verbose))
+
+
+def _suggest_columns(mechanism: Mechanism, path: Path) -> None:
+    """Write the entries of [log] that the names of a log's columns suggest, if it has other ones
+    than the mechanism's.
+    """
+    from ident.log.mapping import suggested_entries
+    from ident.log.read import log_file
+
+    if not path.is_file():
+        return
+    with suppress(IdentError):
+        taken = {source.column for source in mechanism.columns.values()}
+        columns = [name for name in log_file(path, None).table().columns if name not in taken]
+        columns += mechanism.columns
+        joints = [mechanism.joint(name).name for name in mechanism.driven]
+        if not mechanism.closures:
+            joints = [joint.name for joint in mechanism.joints]
+        if lines := suggested_entries(columns, joints, mechanism.measured):
+            place = mechanism.toml or mechanism.urdf.with_name("mechanism.toml")
+            head = [] if mechanism.toml else [f'urdf = "{mechanism.urdf.name}"', ""]
+            result(f"{path.name} has other names; in {place}, if the order is right:\n")
+            result("\n".join([*head, *lines]) + "\n")
 
 
 def identify(

@@ -30,7 +30,7 @@ from ident.motion.torque_class import (
     held_samples,
     torque_verdict,
 )
-from ident.text import shortlist, significant, two_digits
+from ident.text import shortlist, significant, stamp, two_digits
 
 Judgement = tuple[float, float, str, str] | None  # number, threshold, meaning, remedy
 
@@ -212,7 +212,7 @@ def frozen(c: LoggedChannel) -> Judgement:
     else:
         wrong = last < len(step) and step[last] > JUMP * np.delete(step, last).max()
     text = (
-        f"stays at {significant(c.x[first], 4)} for {seconds:.3g} s from t = {c.t[first]:.4g} s "
+        f"stays at {significant(c.x[first], 4)} for {seconds:.3g} s from t = {stamp(c.t[first])} s "
         "on, while the joint moves"
     )
     return (seconds, FROZEN, text, "leave these samples empty") if wrong else None

@@ -46,8 +46,16 @@ IMPOSSIBLE_BODY = "impossible body"  # code of a finding
 # shown: shares by which the error of a joint that is named must fall, and the mean of all joints
 BETTER, EVERYWHERE = 0.1, 0.02
 POSSIBLE = -1e-6  # numerics: of a body's largest eigenvalue: what rounding may leave below zero
+# codes of findings on values that cannot be, which are read first, and on what was only left out
+GRAVE = (NEGATIVE_VALUE, DRIVING, IMPOSSIBLE_BODY, "possible bodies", "few equations", "absorbed")
+HARMLESS = ("note", "standstill", "scale", "rest on priors", "massless", "basis", "short runs")
 Errors = Mapping[str, Error]  # by joint
 Effects = Sequence[EffectValues]
+
+
+def severity(finding: Finding) -> int:
+    """Return the place of a finding among others: 0 of the gravest, 2 of what is harmless."""
+    return 0 if finding.code in GRAVE else 2 if finding.code in HARMLESS else 1
 
 
 def findings_of(

@@ -23,7 +23,7 @@ from ident.finding import Finding
 from ident.fit.calibration import Budget, budget_of
 from ident.fit.calibration_rows import FitRows, ReducedRows, WhitenedRows
 from ident.fit.consistency import Binding, PossibleBodies
-from ident.fit.findings import unexcited
+from ident.fit.findings import severity, unexcited
 from ident.fit.least_bodies import LeastBodies
 from ident.fit.likelihood import Likelihood
 from ident.fit.prediction import (
@@ -204,7 +204,8 @@ class Fit(Charted):
         again = [self.repeated.finding(self.motion.duration)] if self.repeated else []
         doubts = *self.checks.poor(), *self.checks.reversals()
         written = self.possible.findings if self.possible else []
-        return (*self.health.findings, *self._budget[1], *doubts, *self.findings, *written, *again)
+        rest = sorted((*self.findings, *written, *again), key=severity)
+        return (*self.health.findings, *self._budget[1], *doubts, *rest)
 
     @cached_property
     def possible(self) -> PossibleBodies | None:

@@ -63,7 +63,8 @@ class Card:
 
     Attributes:
         line, sure: sentences; bars: of the joints, in the mechanism's order.
-        command: the one to be copied; then: what it does, or what to do in its place.
+        command: the one to be copied; then: what it does, or what to do in its place; how: more on
+            that, folded where it can be.
         change: what the errors before and after are of, as `of a → of b`.
         most: bars in a terminal; first: joint whose bar is always one of them.
         step: what the command does, for a button.
@@ -80,6 +81,7 @@ class Card:
     first: str = ""
     step: Step = field(default_factory=Step)
     ladder: str = ""
+    how: str = ""
 
     @property
     def shown(self) -> list[Bar]:
@@ -126,8 +128,13 @@ class Card:
             larger = f", larger in {places(increased)}" * bool(increased)
             lines.append(f"  and {more} joint{'s' * (more > 1)} more{larger}")
         lines += ["", *self.ladder.splitlines()] if self.ladder else []
-        lines += ["", *wrapped(f"Next: {self.then}", "  ")] if self.then else []
+        words = f"Next: {self.then} {_sentence(self.how)}".rstrip()
+        lines += ["", *wrapped(words, "  ")] if self.then else []
         return [*lines, *(["", f"  {self.command}"] if self.command else [])]
+
+
+def _sentence(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 def card_of(

@@ -21,7 +21,7 @@ from ident.fit.findings import IN_PROPORTION
 from ident.information.chance import odds_ratio
 from ident.request import PYTHON, Request, Step
 from ident.show.card import Bar, Card
-from ident.show.experiment import PLANNED, effect_words, formula_noun, motion_words
+from ident.show.experiment import effect_words, formula_noun, motion_words
 from ident.show.headline import good_enough_words
 from ident.show.html import Sheet
 from ident.show.laws import NONE, curve_name, curves, laws, numbers
@@ -61,12 +61,12 @@ def card(
     bars = tuple(map(Bar.of, a.errors))
     if not d.health.good:
         return Card(line, sentences, bars, first=a.worst)
-    command, then = request.line(a.next), next_words(d, a)
-    return Card(line, sentences, bars, command, then, change, first=a.worst, step=a.next)
+    command, (then, how) = request.line(a.next), next_words(d, a)
+    return Card(line, sentences, bars, command, then, change, first=a.worst, step=a.next, how=how)
 
 
-def next_words(d: Diagnosis, a: Assessment) -> str:
-    """Return what the next step of a diagnosis does, and why."""
+def next_words(d: Diagnosis, a: Assessment) -> tuple[str, str]:
+    """Return what the next step of a diagnosis is for, and of a motion what it is."""
     step, experiment = a.next, next_experiment(d)
     answers = a.good_enough
     if step.verb == "excite" and (step.range or step.speed) and experiment.motion:
@@ -74,9 +74,10 @@ def next_words(d: Diagnosis, a: Assessment) -> str:
     if step.verb in ("add", "diagnose") and d.best is not None:
         effects = named(d.group)
         if apart := inseparable_effects(d):
-            return f"no motion can tell {effect_words(apart)} apart: take the simplest, {effects}."
-        return f"add {effects}: no other effect explains it as well."
-    return step_words(step, fits=answers.fits or d.verdict == "nothing")
+            words = effect_words(apart)
+            return f"no motion can tell {words} apart: take the simplest, {effects}.", ""
+        return f"add {effects}: no other effect explains it as well.", ""
+    return step_words(step, fits=answers.fits or d.verdict == "nothing"), ""
 
 
 def planning(d: Diagnosis, added: Step, request: Request = PYTHON) -> str:
@@ -112,9 +113,6 @@ def short(d: Diagnosis, top: Card | None = None, request: Request = PYTHON) -> s
     if d.verdict in ("unexplained", "undecided") and not d.laws and not spoiling_faults(d):
         words, formula = [*_nearest(d), *curves(d)], "what comes nearest"
     further = len(experiment_steps(d.next_experiment)) > 1 and d.health.good
-    step = shown.then  # without the reason for it
-    if PLANNED in step:
-        step = step.partition(PLANNED)[0] + PLANNED + "."
     sentences, bars = SENTENCE_END.split(shown.sure), min(shown.most, len(shown.bars))
     brief, count = min(BRIEF, bars), len(sentences)
     sizes = [(most, count) for most in range(bars, brief - 1, -1)]
@@ -122,14 +120,14 @@ def short(d: Diagnosis, top: Card | None = None, request: Request = PYTHON) -> s
     sizes += [(most, n) for n in (2, 1) for most in range(brief, 0, -1)]
     forms = [(shown, words), (shown, [])]
     for most, n in sizes:
-        least = replace(shown, then=step, most=most, sure=" ".join(sentences[:n]))
+        least = replace(shown, how="", most=most, sure=" ".join(sentences[:n]))
         forms.append((least, []))
     hides, result = len(d.invisible), ""
     for form, entry_ in forms:
         left_out = {
             "the whole verdict": form.sure != shown.sure,
             formula: entry_ != words,
-            "more about the next experiment": further or form.then != shown.then,
+            "more about the next experiment": further or form.how != shown.how,
             "more candidates": any(mark(d, candidate) != "*" for candidate in d.candidates),
             f"{hides} effect{'s' * (hides > 1)} this log hides": hides,
         }

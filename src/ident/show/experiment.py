@@ -32,7 +32,6 @@ from ident.effects.library import by_kind, named
 from ident.mechanism.mechanism import Mechanism
 from ident.text import listed, places, two_digits
 
-PLANNED = "; this command plans it"
 TWICE = "a motion that is made at least twice in one log"
 REPEATS = "what then repeats is the mechanism, what does not is noise or drift"
 NOTHING = "This log leaves no question that another motion would answer."
@@ -106,21 +105,21 @@ def suggestion_words(suggestion: Suggestion, mechanism: Mechanism) -> str:
     raise TypeError(type(suggestion).__name__)
 
 
-def motion_words(suggestion: Suggestion, mechanism: Mechanism) -> str:
-    """Return what the motion of a suggestion is for, and then what it is, behind `Next:`."""
+def motion_words(suggestion: Suggestion, mechanism: Mechanism) -> tuple[str, str]:
+    """Return what the motion of a suggestion is for, behind `Next:`, and what it is."""
     match suggestion:
         case SeparateRivals(trial, now):
             return (
-                f"log a motion that tells {effect_words(suggestion.effects)} apart{PLANNED}: "
+                f"log a motion that tells {effect_words(suggestion.effects)} apart.",
                 f"{trial_words(trial, now)}; they then differ by at least "
                 f"{two_digits(suggestion.separation)} standard errors, and "
-                f"{_enough(suggestion)}."
+                f"{_enough(suggestion)}.",
             )
         case RevealEffects(trial, now, effects):
-            shows = f"log a motion that shows {named(effects)}, which this log hides"
-            return f"{shows}{PLANNED}: {trial_words(trial, now)}."
+            shows = f"log a motion that shows {named(effects)}, which this log hides."
+            return shows, f"{trial_words(trial, now)}."
     words = suggestion_words(suggestion, mechanism)
-    return f"{words[:1].lower()}{words[1:].rstrip('.')}{PLANNED}."
+    return f"{words[:1].lower()}{words[1:]}", ""
 
 
 def _enough(suggestion: SeparateRivals) -> str:

@@ -8,7 +8,8 @@ the residual fall most:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -90,8 +91,18 @@ def plot_stretch(before: Residual, now: Residual, stretch: Stretch) -> Chart:
     axis = f"{stretch.joint} [{now.units[u]}]"
     panel = Panel(tuple(lines), time_label(zero), axis, height=HEIGHT)
     first, last = (float(new.t[part][k] - zero) for k in (0, -1))
-    words = f"Torque of {stretch.joint}, measured and predicted, from {first:.3g} to {last:.3g} s"
+    words = f"Torque of {stretch.joint}, measured and predicted, {time_span(first, last)}"
     return Chart(f"{words} of {new.name}", ((panel,),), shared_x=True, clock=new.name, stretch=True)
+
+
+def time_span(first: float, last: float) -> str:
+    """Return a stretch of time in words, to a hundredth of its length, far from 0 as well.
+
+    >>> time_span(1237.512, 1242.48), time_span(3.04, 7.03)
+    ('from 1237.51 to 1242.48 s', 'from 3.04 to 7.03 s')
+    """
+    digits = max(0, 2 - math.floor(math.log10(last - first))) if last > first else 2
+    return f"from {first:.{digits}f} to {last:.{digits}f} s"
 
 
 def _name(residual: Residual) -> str:
@@ -247,10 +258,12 @@ class Interval:
     words: str
 
 
-def forest_rows(values: Sequence[Value]) -> list[Interval]:
-    """Return intervals of 95 % beside the prior, those that are known best as shares first."""
+def forest_rows(values: Sequence[Value], foremost: Collection[str] = ()) -> list[Interval]:
+    """Return intervals of 95 % beside the prior, the `foremost` names first, then those that are
+    known best as shares.
+    """
     known = [v for v in values if v.stderr and np.isfinite(v.stderr)]
-    known.sort(key=lambda v: -abs(v.value) / (v.stderr or 1.0))
+    known.sort(key=lambda v: (v.name not in foremost, -abs(v.value) / (v.stderr or 1.0)))
     rows = []
     for v in known[:FOREST]:
         half = PERCENTILE_95 * (v.stderr or 0.0)
@@ -270,6 +283,6 @@ def forest(fit: Fit) -> Markup:
     """Return identified values with their intervals beside what was assumed, as a table."""
     values = [value for effect in fit.effects for value in effect.parameters]
     values += [value for value in fit.parameters if value.identifiable]
-    rows = forest_rows(values)
+    rows = forest_rows(values, {v.name for effect in fit.effects for v in effect.parameters})
     more = sum(bool(v.stderr) for v in values) - len(rows)
     return piece("forest", rows, more) if rows else Markup("")

@@ -171,9 +171,9 @@ def check_card(check: LogCheck, request: Request = PYTHON) -> Card:
         return Card(f"{name}: {words}.", command=command, step=check.next)
     logs = shortlist(check.logs, 2)
     if check.usable:
-        look = f", but look at this first: {check.problems[0]}" if check.problems else ""
-        look = look or ": nothing looks wrong in it"
-        line = f"{logs} can be used for identification of {size}{look}."
+        line = f"{logs} can be used for identification of {size}: no channel looks wrong."
+        if check.problems:
+            line = f"{logs}: look at this first: {check.problems[0]}. It would determine {size}."
         return Card(line, command=command, step=check.next)
     why = "nothing is unknown in the model"
     if check.without:

@@ -56,7 +56,7 @@ def effects_of(step: Step) -> str:
             known.append(create(kind, joints))
         else:
             others.append(WHOLE.get(label, label))
-    return " and ".join(filter(None, [named(known), " and ".join(others)]))
+    return " and ".join([*([named(known)] if known else []), *others])
 
 
 WHOLE = {"viscous": "viscous friction", "coulomb": "dry friction"}  # of all drives

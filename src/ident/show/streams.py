@@ -498,9 +498,16 @@ class MonitorHistory:
         ]
 
     def _charts(
-        self, words: str, curve: ThinnedSeries, known: dict[str, tuple[int, str]], most: int
+        self,
+        words: str,
+        curve: ThinnedSeries,
+        known: dict[str, tuple[int, str]],
+        most: int,
+        rows: int = ROWS,
     ) -> tuple[Chart, ...]:
-        """Draw the first `most` names that are determined, with bands of 95 %, a panel each."""
+        """Draw the first `most` names that are determined, with bands of 95 %, a panel each, so
+        many `rows` in a chart.
+        """
         if not curve.rows:
             return ()
         t, values = curve.series
@@ -520,7 +527,7 @@ class MonitorHistory:
             )
             panels.append((Panel(marks, "t [s]", f"{name}\n[{unit}]", height=2.4),))
         title = f"{words} over time, with intervals of 95 %"
-        return Chart(title, tuple(panels), True, clock="log").pieces(ROWS) if panels else ()
+        return Chart(title, tuple(panels), True, clock="log").pieces(rows) if panels else ()
 
     def report(self) -> bytes:
         """Return report.html."""
@@ -531,7 +538,7 @@ class MonitorHistory:
         if (result := self._last) is not None:
             known = self._identified(result)
             front = [self._error_chart(result)]
-            front += self._charts("Parameters", self._parameters, known, SEEN)
+            front += self._charts("Parameters", self._parameters, known, SEEN, 1)
         title = f"{self._mechanism.name}: monitor"
         return report_page(title, self.card, (*self.sections, went_in), front)
 

@@ -24,6 +24,7 @@ ROWS = 4  # of panels in one chart: what a window shows
 # shown: px of the first screen: of the machine, a chart's legend and caption, those with tools, a
 # row of a table; of the card: its title, the edges of what is next, a line of about so many letters
 # of the headline or of other text, and a row of its errors
+SCREEN = 880
 SCENE, CAPTION, TOOLS, TABLE_ROW = 350, 28, 60, 29
 TITLE, BOX, HEADLINE, LINE, LETTERS, ROW = 60, 50, 27, 25, 62, 31
 LOGS = 12  # whose curves are in a report
@@ -208,8 +209,10 @@ def _columns(
     on_left = [block for i, block in enumerate(others) if chosen >> i & 1]
     on_right = [first, *(block for i, block in enumerate(others) if not chosen >> i & 1)]
     moved = sum(map(_block_height, on_left))
-    gap = left + moved - (right + sum(heights) - moved)
-    return _grown(on_right, gap), [*below, *_grown(on_left, -gap)]
+    ends = left + moved, right + sum(heights) - moved
+    # a column that is longer than the first screen leaves nothing empty on it
+    gaps = [min(max(ends), max(SCREEN, end)) - end for end in ends]
+    return _grown(on_right, gaps[1]), [*below, *_grown(on_left, gaps[0])]
 
 
 def _grown(blocks: Sequence[Block], gap: float) -> list[Block]:
