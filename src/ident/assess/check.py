@@ -26,6 +26,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.closures import LoopSolver
 from ident.motion.motion import COMMANDS
+from ident.motion.unforced import unforced_base
 from ident.request import Step
 from ident.text import significant
 
@@ -48,6 +49,7 @@ class LogCheck:
         without: torque columns that are lacking; empty: whether they are there without values.
         others: whether other logs have them.
         problems: what looks wrong, the first to be looked at; notes: these and all further ones.
+        unforced: what is missing where nothing in them moves or holds a base, or has a size.
         command: word of a drive whose columns they have of all joints without a torque, or "".
         drives: what the logs say of the drives that torques are computed from.
         next: the step that goes on from here.
@@ -65,6 +67,7 @@ class LogCheck:
     others: bool = False
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    unforced: str = ""
     command: str = ""
     drives: tuple[DriveCheck, ...] = ()
     next: Step = field(default_factory=Step)
@@ -88,7 +91,8 @@ def check_logs(mechanism: Mechanism, motion: Motion | None = None) -> LogCheck:
     torques = {f"tau.{name}" for name in mechanism.measured}
     lacking = [log.name for log in motion.logs if torques - _filled(log)]
     several = bool(without) and len(motion.logs) > 1
-    usable = not without and bool(rank)
+    unforced = unforced_base(mechanism, motion.experiments)
+    usable = not without and bool(rank) and not unforced
     verb = "identify"
     if not usable:
         verb = "identify" if without and blind else "excite"
@@ -96,6 +100,8 @@ def check_logs(mechanism: Mechanism, motion: Motion | None = None) -> LogCheck:
             verb = ""
         if not unknowns:
             verb = "diagnose"
+        if unforced and not without:
+            verb = ""
     joints = [channel.removeprefix("tau.") for channel in without]
     every = (word for c, word in COMMANDS.items() if {f"{c}.{j}" for j in joints} <= filled)
     command = next(every, "") if joints else ""
@@ -115,7 +121,7 @@ def check_logs(mechanism: Mechanism, motion: Motion | None = None) -> LogCheck:
         usable=usable, identifiable=known, without=tuple(without),
         empty={*without} <= columns, others=len(motion.logs) > len(lacking),
         problems=tuple(dict.fromkeys(problems)), notes=tuple(dict.fromkeys(notes)),
-        command=command,
+        unforced=unforced, command=command,
         drives=drives,
         next=Step(verb, unmeasured=tuple(blind)) if verb else Step(),
     )  # fmt: skip

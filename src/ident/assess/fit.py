@@ -81,6 +81,10 @@ def share_of_gravity(fit: Fit, errors: Mapping[str, Error]) -> float | None:
     where there is no such joint, or no gravity.
     """
     shares = list[float]()
+    if any(e.wrench is not None and np.any(e.wrench) for e in fit.motion.experiments):
+        return None  # thrust or contact moves it
+    if any(effect.site == "frame" for effect in fit.mechanism.effects):
+        return None
     for u, joint in enumerate(fit.motion.independent):
         error = errors.get(joint)
         if error is None or error.relative is not None or error.unmeasured:

@@ -8,6 +8,7 @@ Which parameters a motion hides: it is compared with one made up in which everyt
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -346,6 +347,21 @@ def bodies_with_unknowns(mechanism: Mechanism) -> list[str]:
     return [link for link in mechanism.bodies.links if link in unknown]
 
 
+def with_inputs(mechanism: Mechanism, motion: Motion) -> Motion:
+    """Return a made-up motion with columns that forces at places read, lively ones."""
+    (e,) = motion.experiments
+    effects = [effect for effect in mechanism.effects if effect.site == "frame"]
+    columns = dict.fromkeys(name for effect in effects for name in effect.reads())
+    if not columns:
+        return motion
+    phases = np.random.default_rng(0).uniform(0, 2 * np.pi, (len(columns), 2))
+    extra = {
+        name: 1.0 + 0.3 * np.sin(3 * e.t + a) + 0.2 * np.sin(7 * e.t + b)
+        for name, (a, b) in zip(columns, phases, strict=True)
+    }
+    return replace(motion, experiments=(replace(e, extra={**e.extra, **extra}),))
+
+
 def excitation(mechanism: Mechanism) -> Motion:
     """Return a made-up motion around the start in which every degree of freedom moves.
 
@@ -369,7 +385,8 @@ def excitation(mechanism: Mechanism) -> Motion:
             try:
                 known, solver = amplitude * shape, LoopSolver(mechanism, names)
                 known[0] += solver.coordinates(mechanism.assembled[None]).value[0]
-                return prescribed(mechanism, "a made-up motion", t, names, known)
+                motion = prescribed(mechanism, "a made-up motion", t, names, known)
+                return with_inputs(mechanism, motion)
             except MotionError as error:
                 why = error
     raise MotionError(

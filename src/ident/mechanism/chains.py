@@ -48,6 +48,12 @@ class Chain:
         return first, middle, last
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all its joints."""
+        gimbal = (f"{self.name}.{GIMBAL}",) if self.gimbal else ()
+        return (*self.slides, *gimbal, *self.turns)
+
+    @property
     def slides(self) -> tuple[str, ...]:
         """Names of the joints that slide."""
         return tuple(f"{self.name}.{axis}" for axis in "xyz") if self.floating else ()

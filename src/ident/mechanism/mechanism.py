@@ -377,12 +377,14 @@ class Mechanism(Displayed):
         """
         sites = self.sites if logged is None else replace(self.sites, logged=tuple(logged))
         labels = {effect.label for effect in self.effects}
+        moved = {name for chain in self.chains if chain.floating for name in chain.names}
         every = (kind(joints) for kind in KINDS.values() for joints in kind.candidates(sites))
         hidden = {*(motor.link for motor in self.motors), *parallel_joints(self.motors)}
         return [
             self.placed(effect)
             for effect in every
             if effect.label not in labels and not hidden & {*effect.joints}
+            if not (effect.local and moved.issuperset(effect.joints))  # no friction is in a flight
             if labels.issuperset(effect.required) and {*columns}.issuperset(effect.reads())
         ]
 

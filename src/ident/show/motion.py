@@ -179,6 +179,8 @@ def check_card(check: LogCheck, request: Request = PYTHON) -> Card:
     if check.without:
         values = "values of " * check.empty
         why = f"it has no {values}{shortlist(check.without)}; with them it would determine {size}"
+    elif check.unforced:
+        why = check.unforced.partition(": ")[2]
     elif check.unknowns:
         why = "its motion determines no parameter"
     sure = ""
