@@ -182,7 +182,8 @@ def test_the_card_of_a_grown_model_has_its_law_and_its_rivals():
     added = named(history.added[:1])
     assert f"Found: {added}" in history_card(history).line
     rivals = history.mechanism.with_effect("cable:wrist").effects[-1:]
-    steps = [replace(step, rivals=rivals * bool(step.added)) for step in history.steps]
+    near = {history.added[0].label: rivals}
+    steps = [replace(step, rivals_of=near if step.added else {}) for step in history.steps]
     top = history_card(replace(history, steps=tuple(steps)))
     assert f"{added} or {named(rivals)}, which this data cannot tell apart" in top.line
     assert "coulomb.elbow.Fc = " in top.sure

@@ -7,10 +7,12 @@ import pytest
 
 import ident
 from ident import Log, Noise
+from ident.assess.diagnosis import causes_of
 from ident.diagnosis.candidates import Contest
 from ident.diagnosis.diagnosis import candidates_of
 from ident.diagnosis.null import with_noise
 from ident.diagnosis.search import Search
+from identification import motion_log, plant, robot
 
 LINK = (
     '<link name="{0}_link"><inertial><origin xyz="0 0 -{1}"/><mass value="{2}"/><inertia '
@@ -70,3 +72,42 @@ def test_what_came_with_others_has_the_same_effect_of_another_joint_as_rival(fit
     now = replace(alone, members=(replace(alone.members[0], grouped=True),))
     came = search.with_rivals(now, now.members[0])
     assert "coulomb:mirror" in {each.effect.label for each in came.rivals}
+
+
+def test_what_came_with_others_is_of_a_drive_where_a_passive_joint_does_as_well(fit):
+    contest = with_noise(Contest.of(fit, candidates_of(fit), lambda *_: None))
+    search = Search(contest, (), lambda *_: None)
+    first = search.ranked(search.start)
+    passive = next(e for e in first.credible if e.effect.label == "coulomb:mirror")
+    alone = search.start.plus(passive)
+    now = replace(alone, members=(replace(alone.members[0], grouped=True),))
+    now = search.driven_first(now)
+    (member,) = now.members
+    assert member.label == "coulomb:first"
+    came = search.with_rivals(now, member)
+    assert "coulomb:mirror" in {each.effect.label for each in came.rivals}
+
+
+def test_each_of_a_group_has_rivals_of_its_own_and_is_open_then(fit):
+    found = ident.diagnose(fit)
+    members = {m.label: m for m in found.selection.members}
+    first, second = members["coulomb:first"], members["coulomb:second"]
+    best = next(x for x in found.every if x.effect.label == second.label)
+    selection = replace(found.selection, members=(replace(second, rivals=()), first))
+    group = replace(found, selection=selection, candidates=(best, *found.candidates))
+    assert [effect.label for effect in group.group] == ["coulomb:second", "coulomb:first"]
+    causes = [([e.label for e in c.effects], [e.label for e in c.rivals]) for c in causes_of(group)]
+    assert causes == [(["coulomb:second"], []), (["coulomb:first"], ["coulomb:mirror"])]
+    assert "Certain (" not in group.short
+
+
+def test_a_given_friction_moves_to_the_joint_in_which_it_is():
+    """That of the rocker was given to the crank."""
+    true = robot("four_bar").with_effect("coulomb:rocker")
+    noise = [Noise("tau", 0.01, relative=True)]
+    case = plant(true, motion_log("four_bar", 100.0, 8.0), {"coulomb.rocker.Fc": 0.5}, noise=noise)
+    given = robot("four_bar").with_effect("coulomb:crank")
+    history = ident.grow(given, ident.complete(given, case.log))
+    assert [effect.label for effect in history.mechanism.effects] == ["coulomb:rocker"]
+    assert [e.label for step in history.steps for e in step.removed] == ["coulomb:crank"]
+    assert history.fit["coulomb.rocker.Fc"].value == pytest.approx(0.5, rel=0.05)

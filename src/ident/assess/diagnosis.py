@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ident.assess.assessment import Assessment, Cause, Remainder
@@ -24,8 +24,7 @@ from ident.assess.verdict import (
     spoiling_faults,
 )
 from ident.diagnosis.grow import History
-from ident.diagnosis.grow import Step as Rung
-from ident.diagnosis.result import Diagnosis, Explanation, errors_of
+from ident.diagnosis.result import Diagnosis, errors_of
 from ident.effects import Effect
 from ident.effects.library import by_kind
 from ident.fit import Fit
@@ -76,13 +75,28 @@ def assess_diagnosis(
 
 
 def causes_of(d: Diagnosis) -> tuple[Cause, ...]:
-    """Return what a diagnosis names, with its rivals."""
+    """Return what a diagnosis names: what has no rivals together, then each with its own."""
     if d.best is None:
         return ()
-    labels = {effect.label for effect in d.group}
-    named: list[Explanation] = [x for x in d.every if x.effect.label in labels]
-    values = tuple(value for explanation in named for value in explanation.parameters)
-    return (Cause(d.group, values, d.rivals, bool(d.candidates[0].known)),)
+    values = {x.effect.label: x.parameters for x in d.every}
+    changed = bool(d.candidates[0].known)
+    return tuple(
+        Cause(
+            group,
+            tuple(v for effect in group for v in values.get(effect.label, ())),
+            d.rivals_in_group.get(group[0].label, ()),
+            changed,
+        )
+        for group in apart_with_rivals(d.group, d.rivals_in_group)
+    )
+
+
+def apart_with_rivals(
+    effects: Sequence[Effect], rivals: Mapping[str, Sequence[Effect]]
+) -> list[tuple[Effect, ...]]:
+    """Return effects without rivals together, then each of the others by itself."""
+    sure = tuple(effect for effect in effects if effect.label not in rivals)
+    return [sure] * bool(sure) + [(effect,) for effect in effects if effect.label in rivals]
 
 
 def next_step(d: Diagnosis, added: Sequence[Effect] = (), *, grown: bool = False) -> Step:
@@ -163,35 +177,14 @@ def assess_growth(history: History, *, acceptable: float | None = None) -> Asses
 
 def causes_of_growth(history: History) -> tuple[Cause, ...]:
     """Return what was added and is still in the model, kind by kind, with its rivals."""
-    rivals = {
-        effect.label: near
-        for step in history.steps
-        for effect in step.added
-        if (near := _rivals_of(effect, step))
-    }
+    rivals = {label: near for step in history.steps for label, near in step.rivals_of.items()}
     values = values_by_effect(history.fit)
     causes = []
     for effects in by_kind(history.added):
-        sure = [effect for effect in effects if effect.label not in rivals]
-        groups = [sure] * bool(sure) + [[e] for e in effects if e.label in rivals]
-        for group in groups:
+        for group in apart_with_rivals(effects, rivals):
             of_group = tuple(v for e in group for v in values.get(e.label, ()))
-            causes.append(Cause(tuple(group), of_group, rivals.get(group[0].label, ())))
+            causes.append(Cause(group, of_group, tuple(rivals.get(group[0].label, ()))))
     return tuple(causes)
-
-
-def _rivals_of(effect: Effect, step: Rung) -> tuple[Effect, ...]:
-    """Return those rivals of a rung that could stand for one of its effects: in the same joint, or,
-    where they share none with any of them, for the first.
-    """
-    if not step.added[1:]:
-        return step.rivals
-
-    def stands_for(rival: Effect) -> Effect:
-        same = (x for x in step.added if {*x.joints} & {*rival.joints})
-        return next(same, step.added[0])
-
-    return tuple(rival for rival in step.rivals if stands_for(rival) is effect)
 
 
 def values_by_effect(fit: Fit) -> dict[str, tuple[Value, ...]]:

@@ -186,7 +186,7 @@ class Exploration(Displayed):
         """
         motion = log if isinstance(log, Motion) else complete(mechanism, log)
         fit = identify(mechanism, motion, estimator="least-squares", progress=progress)
-        return cls((Step((), (), (), fit, errors_of(fit)),))
+        return cls((Step((), (), {}, fit, errors_of(fit)),))
 
     @property
     def now(self) -> Step:
@@ -332,7 +332,7 @@ class Exploration(Displayed):
         fit = identify(  # least squares throughout, as the prediction has it
             mechanism, self.fit.motion, start=start, estimator="least-squares", progress=progress
         )
-        step = Step(added, removed, (), fit, errors_of(fit))
+        step = Step(added, removed, {}, fit, errors_of(fit))
         return Exploration(
             (*self.rungs, step), before=self._past, refused=self.refused, contest=self.contest
         )

@@ -90,8 +90,8 @@ def clock_is_a_rival(d: Diagnosis) -> bool:
 
 
 def is_open(d: Diagnosis) -> bool:
-    """Return whether this data cannot tell something from the best effect."""
-    return bool(d.rivals) or clock_is_a_rival(d)
+    """Return whether this data cannot tell something from what is named."""
+    return bool(d.rivals_in_group) or clock_is_a_rival(d)
 
 
 def incomplete_before(d: Diagnosis) -> dict[str, Error]:

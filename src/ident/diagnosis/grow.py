@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from ident.diagnosis.effect_set import EffectSet, leader, on_rows_in_motion, rew
 from ident.diagnosis.null import with_noise
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
 from ident.diagnosis.search import Search, select
-from ident.diagnosis.selection import can_be
+from ident.diagnosis.selection import can_be, rank
 from ident.diagnosis.unseen import carried
 from ident.display import Displayed, part, render
 from ident.effects import Effect
@@ -34,15 +34,15 @@ from ident.files import json_bytes, version, write_all
 from ident.fit import Fit, identify
 from ident.fit.shapes import widened
 from ident.information.blocks import Error, Information, Key
-from ident.information.chance import ALPHA, CERTAIN, RIVAL, zscore
+from ident.information.chance import ALPHA, CERTAIN, RIVAL, Chance, paired, zscore
 from ident.information.estimate import MATERIAL
-from ident.information.hypotheses import PartialRegression
+from ident.information.hypotheses import Index, PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
 NAME = "growing.json"
-SCHEMA = "ident.growing/1"
-CHANGES = ("added", "removed", "rivals")
+SCHEMA = "ident.growing/2"
+CHANGES = ("added", "removed")
 ROUNDS = 8  # work: fits, lest shapes that move with the working point take turns for ever
 
 
@@ -52,8 +52,8 @@ class SavedRounds:
 
     folder: Path | None  # where they are written; None: nowhere
     key: str  # of all that they depend on
-    # by round the `rungs` as (added, removed, rivals, errors), effects by label, the `start` of the
-    # fit's shapes, and the sets `visited` so far
+    # by round the `rungs` as (added, removed, rivals_of, errors), effects by label, the `start` of
+    # the fit's shapes, and the sets `visited` so far
     rounds: list[dict[str, Any]] = field(default_factory=list)
 
     @classmethod
@@ -103,7 +103,9 @@ class SavedRounds:
         """Write a further round: its steps, its fit's start, and all sets that were searched."""
         words = []
         for step in rungs:
-            effects = {n: [e.label for e in getattr(step, n)] for n in CHANGES}
+            effects: dict[str, Any] = {n: [e.label for e in getattr(step, n)] for n in CHANGES}
+            near = {name: [e.label for e in rivals] for name, rivals in step.rivals_of.items()}
+            effects["rivals_of"] = near
             errors = {joint: asdict(error) for joint, error in step.errors.items()}
             words.append({**effects, "errors": errors})
         sets = sorted(map(sorted, visited))
@@ -123,16 +125,22 @@ class Step(Displayed):
 
     Attributes:
         added: effects of one kind; removed: effects; both none on the first rung.
-        rivals: that could as well have been added.
+        rivals_of: by label of an added effect, those that could as well have been added.
         fit: everything refitted; None where the errors are announced by the search.
         errors: held out, by joint.
     """
 
     added: tuple[Effect, ...]
     removed: tuple[Effect, ...]
-    rivals: tuple[Effect, ...]
+    rivals_of: Mapping[str, tuple[Effect, ...]]
     fit: Fit | None
     errors: dict[str, Error]
+
+    @property
+    def rivals(self) -> tuple[Effect, ...]:
+        """The rivals of all added effects."""
+        near = (rival for rivals in self.rivals_of.values() for rival in rivals)
+        return tuple({rival.label: rival for rival in near}.values())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -218,7 +226,7 @@ def grow(
     saved = SavedRounds.of(folder, mechanism, motion, (decision, seed), resume)
     first = part(progress, 0.0, 0.05)
     fit = identify(mechanism, motion, validate=validate, estimator="least-squares", progress=first)
-    steps = [Step((), (), (), fit, errors_of(fit))]
+    steps = [Step((), (), {}, fit, errors_of(fit))]
 
     def contest_of(fit: Fit, on_progress: OnProgress, earlier: Contest | None = None) -> Contest:
         # curves judge what is left in the end, the search needs none
@@ -241,6 +249,7 @@ def grow(
         rungs, fit = _replay_round(done, fit, validate)
         visited |= set(map(frozenset, done["visited"]))
         reached(rungs)
+    given &= {effect.label for effect in fit.mechanism.effects}
     begun, contest, stopped = len(saved.rounds), None, ""
     for number in range(begun, ROUNDS + 1):
         done_before = 1 - 0.5 ** (number - begun)  # nobody knows how many rounds
@@ -250,9 +259,11 @@ def grow(
         search = Search(contest, given, part(on_round, 0.4, 0.6), visited, to_refit=True)
         grown, turning = None, None
         if number < ROUNDS and not stopped:
-            effect_set = carried(search.run(), given)
+            effect_set, moved = with_given_moved(search.run(), given)
             on_round("refitting", 0.6)
-            grown = refit_set(fit, search, effect_set, validate)
+            grown = refit_set(fit, search, carried(effect_set, given), validate, moved)
+            if moved and grown is not None:
+                given -= {effect.label for effect in moved}
             if grown is None and (turning := contest.at_reversals(part(on_round, 0.6, 0.65))):
                 elsewhere, turns = seen_elsewhere(search.first), part(on_round, 0.65, 0.9)
                 search = Search(with_noise(turning), given, turns)
@@ -283,7 +294,37 @@ def grow(
         reached(rungs)
         fit = again
     assert last is not None
-    return History(tuple(steps), last, stopped)
+    judged = rivals_in_the_end(steps, last.selection.first.contest)
+    return History(judged, last, stopped)
+
+
+def rivals_in_the_end(steps: Sequence[Step], contest: Contest) -> tuple[Step, ...]:
+    """Return the ladder with those rivals alone that do as well in the final model, of whose rows
+    `contest` is: many of a step are told apart by what later steps add.
+    """
+    places = columns_of(contest.fit)
+    losses = contest.regression.losses.sum(axis=1)
+
+    def as_good(label: str, rivals: Sequence[Effect]) -> tuple[Effect, ...]:
+        if (columns := places.get(label)) is None:
+            return ()  # removed since
+        bare = contest.with_model(contest.regression.without(columns))
+        near = {rival.label for rival in rivals}
+        no_limit = Chance({}, {}, contest.decision.alpha, -np.inf)
+        evidence = rank(bare, (), False, no_limit, 0.0, near).evidence
+        least = contest.decision.rival_se
+        good = {
+            e.effect.label
+            for e in evidence
+            if e.sensible and paired(e.refit.loss.sum(axis=1), losses) < least
+        }
+        return tuple(rival for rival in rivals if rival.label in good)
+
+    judged = []
+    for step in steps:
+        near = {label: as_good(label, rivals) for label, rivals in step.rivals_of.items()}
+        judged.append(replace(step, rivals_of={n: rivals for n, rivals in near.items() if rivals}))
+    return tuple(judged)
 
 
 def named_set(
@@ -340,15 +381,59 @@ Grown = tuple[EffectSet, tuple[Effect, ...], Point, Fit]
 """A set of effects, those that it no longer has, the start of its fit, and the fit."""
 
 
+def columns_of(fit: Fit) -> dict[str, Index]:
+    """Return the columns of each effect that a fit determines, by label; not of known ones."""
+    unknown = ((e.label, places[places >= 0]) for e, places in fit.columns.effects)
+    free = {label: places[~fit.estimate.fixed[places]] for label, places in unknown if len(places)}
+    return {label: columns for label, columns in free.items() if len(columns)}
+
+
+def with_given_moved(
+    now: EffectSet, given: Collection[str]
+) -> tuple[EffectSet, tuple[Effect, ...]]:
+    """Return a set in which effects of other joints of a loop stand for given ones of their kind,
+    where rows show that, by RIVAL standard errors of the paired difference; and those replaced.
+    """
+    fit, moved = now.contest.fit, list[Effect]()
+    if not fit.mechanism.closures:
+        return now, ()
+    no_limit = Chance({}, {}, now.contest.decision.alpha, -np.inf)
+    least = now.contest.decision.rival_se
+    for label, columns in columns_of(fit).items():
+        effect = next(e for e in fit.mechanism.effects if e.label == label)
+        if label not in given:
+            continue
+        contest = now.contest.with_model(now.regression.without(columns))
+        losses, bare = (x.losses.sum(axis=1) for x in (now.regression, contest.regression))
+        new = [m for m in now.members if m.evidence and m.effect.kind == effect.kind]
+        if new and paired(bare, losses) < least:  # another joint has it already
+            now = replace(now, contest=contest)
+            moved.append(effect)
+            continue
+        of_kind = {c.effect.label for c in now.contest.laws if c.effect.kind == effect.kind}
+        if not (others := of_kind - now.labels):
+            continue
+        better_ones = (
+            e
+            for e in rank(contest, (), False, no_limit, 0.0, others).credible
+            if paired(losses, e.refit.loss.sum(axis=1)) >= least
+        )
+        if (other := max(better_ones, key=lambda e: e.gain, default=None)) is not None:
+            now = replace(now, contest=contest).plus(other)
+            moved.append(effect)
+    return now, tuple(moved)
+
+
 def refit_set(
-    fit: Fit, search: Search, effect_set: EffectSet, validate: Motion | None
-) -> Grown | None:
+    fit: Fit, search: Search, effect_set: EffectSet, validate: Motion | None,
+    moved: tuple[Effect, ...] = (),
+) -> Grown | None:  # fmt: skip
     """Refit the set that a search found, without effects that the fit does not determine or that
-    have values that cannot be; None where it is the set at the start, or predicts left-out rows no
-    better.
+    have values that cannot be, and without those that have `moved`; None where it is the set at the
+    start, or predicts left-out rows no better.
     """
     model = fit.mechanism
-    without = search.start.labels - effect_set.labels
+    without = search.start.labels - effect_set.labels | {effect.label for effect in moved}
     removed = tuple(e for e in model.effects if e.label in without)
     for effect in removed:
         model = model.without(effect.label)
@@ -404,13 +489,14 @@ def _replay_round(
     known = {effect.label: effect for effect in (*possible(model, fit.motion), *model.effects)}
     rungs = []
     for rung in saved["rungs"]:
-        added, removed, rivals = (tuple(known[label] for label in rung[n]) for n in CHANGES)
+        added, removed = (tuple(known[label] for label in rung[n]) for n in CHANGES)
+        near = {n: tuple(map(known.__getitem__, x)) for n, x in rung["rivals_of"].items()}
         for effect in removed:
             model = model.without(effect.label)
         for effect in added:
             model = model + effect
         errors = {joint: Error(**error) for joint, error in rung["errors"].items()}
-        rungs.append(Step(added, removed, rivals, None, errors))
+        rungs.append(Step(added, removed, near, None, errors))
     start = Point(fit.point.pi, saved["start"])
     fit = identify(model, fit.motion, validate=validate, start=start, estimator="least-squares")
     rungs[-1] = replace(rungs[-1], fit=fit, errors=errors_of(fit))
@@ -477,13 +563,13 @@ def ladder(
         now = regression.losses.sum(axis=0) / regression.weight**2
         return announced_errors(errors, given, now)
 
-    last, removed_labels = errors, {effect.label for effect in removed}
+    last, places = errors, columns_of(contest.fit)
     if removed:
-        for member in search.start.members:
-            if member.label in removed_labels:
-                regression = regression.without(member.columns)
+        for effect in removed:
+            if effect.label in places:
+                regression = regression.without(places[effect.label])
         last = announced(regression)
-        rungs.append(Step((), removed, (), None, last))
+        rungs.append(Step((), removed, {}, None, last))
     new.sort(key=lambda member: first.place(member.label))
     lead = leader(new, first) if new else None
     new.sort(key=lambda member: member is not lead)
@@ -501,14 +587,19 @@ def ladder(
                 break
         _, i, regression, last = max(steps, key=lambda step: step[0])
         group = groups.pop(i)
-        equal = {rival.effect.label: rival.effect for member in group for rival in member.rivals}
-        rivals = tuple(rival for n, rival in equal.items() if n not in effect_set.labels)
-        rungs.append(Step(tuple(member.effect for member in group), (), rivals, None, last))
+        near = {
+            member.label: tuple(
+                e.effect for e in member.rivals if e.effect.label not in effect_set.labels
+            )
+            for member in group
+        }
+        near = {label: rivals for label, rivals in near.items() if rivals}
+        rungs.append(Step(tuple(member.effect for member in group), (), near, None, last))
     rungs[-1] = replace(rungs[-1], fit=after, errors=errors_of(after))
     while len(rungs) > 1 and _contradicted(rungs[-2].errors, rungs[-1].errors, material):
         *rungs, one, two = rungs
-        both = (one.added + two.added, one.removed + two.removed, one.rivals + two.rivals)
-        rungs.append(Step(*both, after, two.errors))
+        both = one.added + two.added, one.removed + two.removed
+        rungs.append(Step(*both, {**one.rivals_of, **two.rivals_of}, after, two.errors))
     return rungs
 
 

@@ -312,6 +312,18 @@ class Diagnosis(Concluded):
         """Effects that this data cannot tell from the best."""
         return self.candidates[0].rivals if self.verdict == "missing" else ()
 
+    @property
+    def rivals_in_group(self) -> dict[str, tuple[Effect, ...]]:
+        """By label of an effect of the group, effects that this data cannot tell from it."""
+        labels = {effect.label for effect in self.group}
+        rivals = {
+            m.label: tuple(e.effect for e in m.rivals if e.effect.label not in labels)
+            for m in self.members_of_group
+        }
+        if self.best is not None:
+            rivals[self.best.label] = self.rivals
+        return {label: near for label, near in rivals.items() if near}
+
     def of_same_form(self, law: Law) -> tuple[Law, ...]:
         """Laws of other joints that have a law's form, with constants of their own."""
         others = (other for other in self.laws if other is not law)

@@ -96,7 +96,34 @@ class Search:
                 self.at_end = ranking
                 break
             now = following
+        now = self.driven_first(now)
         return replace(now, members=tuple(self.with_rivals(now, member) for member in now.members))
+
+    def driven_first(self, now: EffectSet) -> EffectSet:
+        """The set with effects of drives in the place of those of passive joints of a loop, where
+        the rows cannot tell them apart: gears and bearings of drives carry more.
+        """
+        driven = {*now.contest.fit.mechanism.driven}
+        if not now.contest.fit.mechanism.closures:
+            return now
+        for member in self.new(now):
+            if not member.effect.joints or driven & {*member.effect.joints}:
+                continue
+            bare = now.minus(member)
+            ranking = self.replacements(bare, member, member.effect.kind)
+            present = next((e for e in ranking.evidence if e.effect.label == member.label), None)
+            if present is None:
+                continue
+            of_drive = (
+                e
+                for e in rivals(present, ranking)
+                if e.effect.kind == member.effect.kind and driven & {*e.effect.joints}
+            )
+            if (other := next(of_drive, None)) is not None:
+                now = bare.plus(other)
+                *rest, new = now.members
+                now = replace(now, members=(*rest, replace(new, grouped=True)))
+        return now
 
     def with_rivals(self, now: EffectSet, member: Member) -> Member:
         """The member; one that came with others with its rivals beside the rest of the set: of what
