@@ -14,6 +14,8 @@ from diagnosed import planted
 import ident
 from ident import Diagnosis, Fit, Log, Mechanism, MechanismError, Noise
 from ident.assess.fit import assess_fit
+from ident.faults.data_checks import Health
+from ident.finding import Finding
 from ident.fit.files import fit_json
 from ident.fit.values import BaseValue, Change, Changes
 from ident.request import Step
@@ -72,6 +74,17 @@ def test_nothing_is_compared_where_nothing_is_unknown_and_the_data_are_wrong():
     assert fit.health.findings
     assert fit.changes is not None
     assert not fit.changes.changed
+
+
+def test_what_a_named_load_explains_is_no_fault_of_the_data():
+    """By the model without it, the wrist seemed to read another unit."""
+    d = diagnosed("payload:hand")
+    wrong = Finding("scale", "tau.wrist: reads 1.5 times", "check its unit", ("tau.wrist",), 1.5)
+    d.fit.__dict__["health"] = Health((wrong,))
+    assert d.health.good
+    assert str(wrong) in d.fit.warnings
+    assert str(wrong) not in d.notes
+    assert str(wrong) in replace(d, health=Health((wrong,))).notes
 
 
 def test_the_errors_of_the_earlier_fit_are_no_change(tmp_path):

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 import ident
 from helpers import ROBOTS
 from ident import FitError, Noise
+from ident.assess.comparison import assess_comparison
 from ident.show.charts import Line
 from ident.show.comparison import rounded_name
 from ident.text import WIDTH, rounded, shortened
@@ -33,7 +34,7 @@ def test_the_tables(compared):
     fits, comparison = compared
     text = str(comparison)
     assert max(map(len, text.splitlines())) <= 100
-    for words in ("falls in", "rigid bodies", "coulomb", "depends on", "no structure found"):
+    for words in ("falls in", "rigid bodies", "coulomb", "depends on", "noise of the sensors"):
         assert words in text
     for (name, errors), fit in zip(comparison.fitted.items(), fits, strict=True):
         assert errors["train"] == fit.train
@@ -131,3 +132,23 @@ def test_a_log_too_short_for_the_filter_has_no_residual_of_another_one():
     for number, lines in ((0, 1), (1, 2)):  # the unfiltered difference, and the filtered one
         below = fit.plot(number).rows[1][0].marks
         assert sum(isinstance(mark, Line) for mark in below) == lines
+
+
+def test_an_error_that_is_noise_is_no_larger_one_beside_no_change():
+    """The second log's noise is larger, and so is its error."""
+    mechanism = robot("arm").with_effect("viscous")
+    quiet, loud = (
+        plant(
+            mechanism, motion_log("arm", 100.0, 8.0),
+            noise=[Noise("tau", size, relative=True)], seed=seed, spread=0.0, offset=0.0,
+        )
+        for seed, size in ((1, 0.01), (1, 0.02))
+    )  # fmt: skip
+    fit = quiet.fit(cutoff="auto")
+    c = ident.compare(fit, motion=ident.complete(mechanism, loud.log))
+    a = assess_comparison(c, names={name: name for name in c.residuals})
+    assert a.verdict == "unchanged"
+    assert any(bar.now.rms > 1.5 * bar.before.rms for bar in a.errors)
+    assert a.increased == ()
+    assert "noise of the sensors" in str(c)
+    assert "has structure" not in str(c)

@@ -7,9 +7,12 @@ import pytest
 
 import ident
 from ident import FitError, Log, Noise
+from ident.assess.fit import assess_fit
 from ident.equations.problem import information_of, stacks_information
+from ident.fit.files import residual_before
 from ident.information.blocks import Information
 from ident.information.chance import folds
+from ident.show.fit import card
 from identification import motion_log, plant, robot
 
 NOISE = [Noise("tau", 0.02, relative=True)]
@@ -323,3 +326,37 @@ def test_steps_of_an_encoder_that_a_repeated_motion_repeats_are_one_witness():
     assert again["viscous.left.Fv"].stderr > 1.4 * every["viscous.left.Fv"].stderr
     clean = case.fit()  # noise of the torques is another one in every period
     assert not [each for each in clean.all_findings if each.code == "repeated errors"]
+
+
+def test_errors_before_and_now_are_of_one_validation_log():
+    mechanism = robot("arm").with_effect("viscous")
+    case = plant(mechanism, motion_log("arm", 100.0, 6.0))
+    other = plant(mechanism, motion_log("arm", 100.0, 6.0, period=3.0))
+    shifted = Log.from_arrays("other.csv", other.log.t, dict(other.log.columns))
+    motions = [ident.complete(mechanism, log, cutoff=None) for log in (case.log, shifted)]
+    fit = ident.identify(mechanism, motions[0], validate=motions[1])
+    a = assess_fit(fit)
+    before = ident.identify(mechanism, motions[1])
+    expected = residual_before(before).errors
+    for bar in a.errors:
+        assert bar.before.rms == pytest.approx(expected[bar.joint].rms)
+        assert bar.after == fit.validation["other.csv"][bar.joint]
+    assert a.subject == "arm, fitted to arm.csv, on other.csv"
+
+
+def test_parameters_of_a_fit_far_above_its_noise_are_not_to_be_trusted():
+    """A spring is missing, and no sensor is accused of it."""
+    sprung = robot("arm").with_effect("viscous").with_effect("spring:shoulder")
+    given = {"spring.shoulder.k": 8.0, "spring.shoulder.b": 0.0}
+    noise = [Noise("tau", 0.001, relative=True), Noise("q", 1e-5)]
+    case = plant(sprung, motion_log("arm", 100.0, 8.0), given, noise=noise)
+    lacking = case.fit(cutoff="auto", mechanism=sprung.without("spring:shoulder"))
+    assert lacking.untrusted
+    first = lacking.all_findings[0]
+    assert first.code == "poor fit"
+    assert "not to be trusted" in first.meaning
+    assert "calibration" not in {finding.code for finding in lacking.all_findings}
+    assert assess_fit(lacking).untrusted
+    assert "not to be trusted" in str(card(lacking).sure)
+    right = case.fit(cutoff="auto")
+    assert not right.untrusted

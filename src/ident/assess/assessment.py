@@ -108,6 +108,7 @@ class Assessment:
             first; unmeasured_before: without a measured torque then; other_machine: whether so much
             has changed that the log may be of another machine.
         spoilt: whether the doubts explain the log, so that its numbers say nothing.
+        untrusted: whether so much is unexplained that identified values are not to be trusted.
         freely: of a machine that swings freely, with torques of 0 throughout, the largest error as
             a share of gravity's torque; None for others.
     """
@@ -126,6 +127,7 @@ class Assessment:
     unmeasured_before: tuple[str, ...] = ()
     other_machine: bool = False
     spoilt: bool = False
+    untrusted: bool = False
     freely: float | None = None
 
     @property

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from ident.assess.assessment import Assessment, Remainder
-from ident.assess.errors import joint_errors, largest_change
+from ident.assess.errors import NOISY, JointErrors, joint_errors, largest_change
 from ident.assess.good_enough import good_enough
 from ident.assess.machine import watching_step
 from ident.fit.identify import Comparison
@@ -41,6 +42,15 @@ def errors_that_count(c: Comparison, name: str) -> NamedErrors:
     return "held-out error" if held_out else "error in the fit", fitted_errors(c, name)
 
 
+def _larger(bar: JointErrors, changed: Sequence[str]) -> bool:
+    """Return whether an error is larger than at the fit: where it has `changed`, and if anything
+    has, where it is larger too and above the noise.
+    """
+    if bar.joint in changed or not changed:
+        return bar.joint in changed
+    return bar.rises and bar.times_noise > NOISY
+
+
 def assess_comparison(
     c: Comparison, *, names: Mapping[str, str], acceptable: float | None = None
 ) -> Assessment:
@@ -60,6 +70,8 @@ def assess_comparison(
     before = {joint: e for joint, e in before.items() if joint not in blind}
     changed = first.increased_errors(before) if alone else []
     bars = joint_errors(before, errors, floor)
+    if alone:  # one decision, which holds the scatter of motions and the noise of this log
+        bars = tuple(replace(bar, larger=_larger(bar, changed)) for bar in bars)
     fitted, logs = is_fitted_log(c, last.name), [trace.name for trace in first.traces]
     answer = good_enough(
         errors, floor, acceptable=acceptable, away_from_reversals=last.errors_away_from_reversals,

@@ -26,12 +26,15 @@ class JointErrors:
         before: the error before [N m | N], the only one where nothing has changed.
         after: the error now; None where there is one error only.
         noise: rms that noise of the sensors alone would leave [N m | N]; None where unknown.
+        larger: whether it is larger now, where that was decided by more than its share of the
+            torque; None elsewhere.
     """
 
     joint: str
     before: Error
     after: Error | None = None
     noise: float | None = None
+    larger: bool | None = None
 
     @property
     def now(self) -> Error:
@@ -53,6 +56,8 @@ class JointErrors:
     @property
     def rises(self) -> bool:
         """Whether the error is larger now."""
+        if self.larger is not None:
+            return self.larger
         before, after = self.before, self.now
         if before.relative is None or after.relative is None:
             return after.rms > (1 + SAME) * before.rms

@@ -61,7 +61,7 @@ def assess_fit(fit: Fit, *, acceptable: float | None = None) -> Assessment:
     if fit.changes is not None:
         verdict = "changed" if fit.changes.changed else "unchanged"
     return Assessment(
-        subject=f"{fit.mechanism.name} on {', '.join(fit.motion.names)}",
+        subject=subject_of(fit),
         verdict=verdict,
         errors=bars,
         compared=compared,
@@ -72,6 +72,7 @@ def assess_fit(fit: Fit, *, acceptable: float | None = None) -> Assessment:
         next=next_step(fit, answer),
         changed=joints_changed(fit),
         spoilt=bool(faults_that_explain(fit.health)),
+        untrusted=fit.untrusted and bool(len(fit.columns)),
         freely=share_of_gravity(fit, errors),
     )
 
@@ -95,14 +96,35 @@ def share_of_gravity(fit: Fit, errors: Mapping[str, Error]) -> float | None:
     return max(shares, default=None)
 
 
+def subject_of(fit: Fit) -> str:
+    """Return the mechanism and the logs that its errors are of."""
+    name, logs = fit.mechanism.name, ", ".join(fit.motion.names)
+    if fit.validation:
+        return f"{name}, fitted to {logs}, on {', '.join(fit.validation)}"
+    return f"{name} on {logs}"
+
+
 def errors_beside(fit: Fit) -> tuple[JointErrors, ...]:
-    """Return errors before and now: of the model before on the fitted logs, and of the fit, on the
-    worst validation log if there is one; those now alone where nothing was unknown.
+    """Return errors before and now: of the model before and of the fit, both on the fitted logs, or
+    on that validation log in which the fit is worst; those now alone where nothing was unknown, or
+    where validation logs were read in portions.
     """
     errors = fit.held_out or fit.train
     if fit.validation:
-        shown, floor = worst_on_validation(fit, lambda e, _: (e.relative or 0.0, e.rms))
-        before = residual_before(fit).errors if len(fit.columns) else errors
+        logs = {
+            joint: max(fit.validation, key=lambda log: fit.validation[log][joint].relative or 0.0)
+            for joint in fit.train
+        }
+        shown = {joint: fit.validation[log][joint] for joint, log in logs.items()}
+        floor = {joint: fit.noise_on(log)[joint] for joint, log in logs.items()}
+        before = errors
+        if len(fit.columns):
+            has_motion = fit.validated_on is not None
+            before = {
+                joint: residual_before(fit, log).errors[joint]
+                for joint, log in logs.items()
+                if has_motion
+            }
         return joint_errors(before, shown, floor)
     if not len(fit.columns):  # nothing is unknown: the model is as it was
         return joint_errors({}, errors, fit.noise)
@@ -118,8 +140,10 @@ def names_of(fit: Fit) -> tuple[str, str]:
     earlier = earlier_of(fit)
     urdf = fit.mechanism.covariance is None
     before = URDF_NUMBERS if urdf else EARLIER_NUMBERS
-    on = f"on {', '.join(fit.validation)}" if fit.validation else fixed
-    return f"with {earlier.name}" if earlier else before, f"with the identified ones, {on}"
+    after = "with the identified ones" if fit.validation else f"with the identified ones, {fixed}"
+    if fit.validation and fit.validated_on is None:
+        return "", ""
+    return f"with {earlier.name}" if earlier else before, after
 
 
 def earlier_of(fit: Fit) -> Fit | Saved | None:

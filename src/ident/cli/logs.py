@@ -431,7 +431,8 @@ def diagnose(
             if model.mechanism.name == "identified" and since is not None:
                 fit = fit.since(since)  # what it left in its own log
             try:
-                outcome, remarks = diagnose_(fit, progress=third, **decision), fit.warnings
+                outcome = diagnose_(fit, progress=third, **decision)
+                remarks = outcome.notes
                 if not model.lock and has_identified(model.mechanism):
                     from ident.show.comparison import fitted_anew
 

@@ -337,6 +337,17 @@ class Diagnosis(Concluded):
             m for m in members if best is None or (m.label != best.label and not m.gain <= 0)
         )
 
+    @cached_property
+    def notes(self) -> tuple[str, ...]:
+        """Findings of the fit, without errors of the data that what was found explains, and without
+        that it fails: where and why is what a diagnosis says.
+        """
+        judged = {(finding.code, finding.where) for finding in self.health.findings}
+        before = self.fit.health.findings
+        explained = [x for x in before if (x.code, x.where) not in judged]
+        explained += self.fit.poor
+        return tuple(str(x) for x in self.fit.all_findings if x not in explained)
+
     @property
     def verdicts(self) -> set[str]:
         """The verdict, as `Verdicts` has those of many logs."""

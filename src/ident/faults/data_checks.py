@@ -25,7 +25,7 @@ from ident.faults.fault import exact_factor, fault_finding, log_entry
 from ident.faults.search import FaultSearch
 from ident.finding import Finding
 from ident.information.chance import BEYOND, CONTRIBUTES, EXCESS, EXPLAINED_BELOW, FEWEST_EQUATIONS
-from ident.information.estimate import Estimate
+from ident.information.estimate import MATERIAL, Estimate
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import rigid_forces
 from ident.motion.torque_class import TorqueVerdict
@@ -62,6 +62,7 @@ MODELS = {  # by cause of a verdict: code, meaning and remedy of torques that ar
 DEAD = {"constant", "zero", "noise_only"}  # codes of findings on channels that measure nothing
 TINY = 1e-12  # numerics: of a torque's squares
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
+FAR = 10.0  # level: times noise of the sensors, from which values are those of another model
 LIKE = 0.9  # level: from there on four fifths of the squares of one are of the other's shape
 UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
 # tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing
@@ -315,19 +316,34 @@ class DataChecks(FaultSearch):
         )
         return [Finding("another run", text, "check columns and files", tuple(names))]
 
-    def poor(self) -> Iterator[Finding]:
-        """Report torques of which EXPLAINED_BELOW is left, or DOUBT where sensors leave less."""
+    def poor(
+        self, noise: Mapping[str, float] | None = None, calm: Mapping[str, float] | None = None
+    ) -> Iterator[Finding]:
+        """Report torques of which EXPLAINED_BELOW is left, DOUBT where sensors leave less, or FAR
+        times what these leave.
+
+        Args:
+            noise: rms by joint that noise of the sensors leaves [N m | N]; default: white noise.
+            calm: rms away from reversals of joints with dry friction [N m | N].
+        """
         problem, x, names = self.problem, self.estimate.x, self.problem.motion.independent
         errors = np.array([self.errors[name] for name in names])
-        if errors.max(initial=0.0) < DOUBT or not self.use.any():
+        if errors.max(initial=0.0) < MATERIAL or not self.use.any():
             return
-        rms = [t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in problem.information.totals]
-        states, cutoff = problem.motion.experiments, problem.motion.band.cutoff
-        floor = noise_floor(problem.mechanism, states, problem.point_at(x), cutoff)
-        beyond = np.array(rms) / np.maximum(floor, 1e-150)  # over what noise of the sensors makes
+        sizes = [t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in problem.information.totals]
+        if noise is None:
+            states, cutoff = problem.motion.experiments, problem.motion.band.cutoff
+            white = noise_floor(problem.mechanism, states, problem.point_at(x), cutoff)
+            noise = dict(zip(names, map(float, white), strict=True))
+        floor = np.maximum([noise[name] for name in names], 1e-150)
+        beyond = np.array(sizes) / floor  # over what noise of the sensors makes
         bad = errors > EXPLAINED_BELOW
+        far = np.zeros_like(bad)
         if not problem.motion.poses:  # of which friction at rest makes most, not noise of sensors
             bad |= (errors > DOUBT) & (beyond > BEYOND)
+            away = [(calm or {}).get(name, size) for name, size in zip(names, sizes, strict=True)]
+            far = (errors > MATERIAL) & (beyond > FAR) & (np.array(away) / floor > FAR)
+            bad |= far
         if not bad.any():
             return
         where = tuple(f"tau.{name}" for name, x in zip(names, bad, strict=True) if x)
@@ -341,7 +357,8 @@ class DataChecks(FaultSearch):
                 f" (with all linear effects {percent(self.reference[bad][most[0]])}): an effect is "
                 "missing, or data, a length or a known body is wrong"
             )
-            why += "; parameters are not to be trusted" if worst > EXPLAINED_BELOW else ""
+            spoilt = worst > EXPLAINED_BELOW or far.any()
+            why += "; parameters are not to be trusted, whatever their ±" if spoilt else ""
         text, remedy = (
             f"the model leaves {largest_errors}{least}{why}",
             "ident diagnose shows where it fails",
@@ -352,7 +369,7 @@ class DataChecks(FaultSearch):
             remedy,
             where,
             None,
-            EXPLAINED_BELOW if worst > EXPLAINED_BELOW else DOUBT,
+            EXPLAINED_BELOW if worst > EXPLAINED_BELOW else FAR if far.any() else DOUBT,
         )
 
     def _magnitudes(self) -> Iterator[Finding]:

@@ -305,18 +305,22 @@ class Saved:
         return self.point.pi
 
 
-_residuals_before: WeakKeyDictionary[Fit, Residual] = WeakKeyDictionary()
+_residuals_before: WeakKeyDictionary[Fit, dict[str, Residual]] = WeakKeyDictionary()
 
 
-def residual_before(fit: Fit) -> Residual:
-    """Return the residual of the earlier fit on a fit's motion, without one that of the URDF's own
-    numbers; it is made once a fit.
+def residual_before(fit: Fit, log: str = "") -> Residual:
+    """Return the residual of the earlier fit, without one that of the URDF's own numbers, on a
+    fit's motion, or on a validation `log` that it has the motion of; each is made once a fit.
     """
-    if fit not in _residuals_before:
+    made = _residuals_before.setdefault(fit, {})
+    if log not in made:
+        motion = fit.motion
+        if log and fit.validated_on is not None:
+            logs = tuple(e for e in fit.validated_on.experiments if e.name == log)
+            motion = replace(fit.validated_on, experiments=logs)
         point = initial(fit.mechanism, fit.motion)
-        before = fit.earlier or Saved("URDF", fit.mechanism, point)
-        _residuals_before[fit] = residual_of(before, fit.motion)
-    return _residuals_before[fit]
+        made[log] = residual_of(fit.earlier or Saved("URDF", fit.mechanism, point), motion)
+    return made[log]
 
 
 def read_fit(path: str | Path, mechanism: Mechanism, *, allow_code: bool = False) -> Saved:

@@ -112,7 +112,10 @@ def identify(
         if possible is not None:
             with_possible = log_rows.squares(possible).errors(joints, units)
             same += predicts_better(e.name, errors[e.name], with_possible)
-    return replace(fit, validation=errors, floors=floors, findings=(*fit.findings, *same))
+    return replace(
+        fit, validation=errors, floors=floors, validated_on=validate,
+        findings=(*fit.findings, *same),
+    )  # fmt: skip
 
 
 def estimate_of(problem: Problem) -> Estimate:

@@ -17,7 +17,7 @@ from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError, IdentError, one_of
 from ident.faults.channel_fits import SMALL
-from ident.faults.data_checks import DataChecks, Health
+from ident.faults.data_checks import FAR, DataChecks, Health
 from ident.faults.search import NUMBERED
 from ident.finding import Finding
 from ident.fit.calibration import Budget, budget_of
@@ -47,7 +47,7 @@ from ident.fit.values import (
     with_noise,
 )
 from ident.information.blocks import Error, Information, Squares
-from ident.information.chance import prior_covariance
+from ident.information.chance import EXPLAINED_BELOW, prior_covariance
 from ident.information.estimate import Estimate
 from ident.lazy import lazy
 from ident.log import Log
@@ -74,6 +74,7 @@ class Fit(Charted):
         scatter: covariance (n_ind, n_ind) of the base parameters by the residual's own scatter.
         train, held_out, validation: errors by joint; validation by log, then joint.
         floors: rms that noise of the sensors makes, by validation log, then joint [N m | N].
+        validated_on: motion of the validation logs; None where these were read in portions.
         findings: what a person should know before trusting the numbers; `warnings` as text.
         binding: of a consistent fit, where it touches its limits and what that costs.
         likelihood: where the noise of the motion counts, how it was weighed.
@@ -91,6 +92,7 @@ class Fit(Charted):
     likelihood: Likelihood | None = None
     earlier: Model | None = None
     floors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    validated_on: Motion | None = None
 
     @property
     def mechanism(self) -> Mechanism:
@@ -202,10 +204,23 @@ class Fit(Charted):
     def all_findings(self) -> tuple[Finding, ...]:
         """Errors in the data, torques that the model leaves unexplained, then all others."""
         again = [self.repeated.finding(self.motion.duration)] if self.repeated else []
-        doubts = *self.checks.poor(), *self.checks.reversals()
+        of_budget = [] if self.untrusted else self._budget[1]
+        doubts = *self.poor, *self.checks.reversals(), *of_budget
         written = self.possible.findings if self.possible else []
         rest = sorted((*self.findings, *written, *again), key=severity)
-        return (*self.health.findings, *self._budget[1], *doubts, *rest)
+        return (*self.health.findings, *doubts, *rest)
+
+    @cached_property
+    def poor(self) -> tuple[Finding, ...]:
+        """Torques that the model leaves unexplained."""
+        return tuple(self.checks.poor(self.noise, self.residual.errors_away_from_reversals))
+
+    @property
+    def untrusted(self) -> bool:
+        """Whether so much is unexplained that values are not to be trusted, whatever their errors,
+        nor what they show of the sensors.
+        """
+        return any(finding.threshold in (FAR, EXPLAINED_BELOW) for finding in self.poor)
 
     @cached_property
     def possible(self) -> PossibleBodies | None:

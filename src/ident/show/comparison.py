@@ -61,7 +61,8 @@ def comparison_sheet(c: Comparison, request: Request = PYTHON) -> Sheet:
     lines = ["where it fails"]
     for name, residual in c.residuals.items():
         before, several = f"{shown[name]}, " * (len(shown) > 1), len(residual.traces) > 1
-        texts = (failure_text(item, several, errors_that_count(c, name)) for item in residual.where)
+        counted, noise = errors_that_count(c, name), residual.noise
+        texts = (failure_text(x, several, counted, noise[x.joint]) for x in residual.where)
         lines += [before + text for text in texts]
     return Sheet(comparison_card(c, request), tables=tables | all_parts(c.residuals), lines=lines)
 

@@ -281,6 +281,11 @@ def card(fit: Fit, request: Request = PYTHON) -> Card:
         sentences += [*wrong, f"{_capital(error_words(a))}."]
     else:
         line, sentences = headline(a), wrong
+    if a.untrusted and not a.spoilt:
+        sentences.append(
+            "Its parameters are not to be trusted, whatever their ±: an effect is missing, or "
+            "data, a length or a known body are wrong."
+        )
     increase = increase_of(fit)
     if increase.joints and not increase.in_fit:  # in its own rows the fit is better
         names = listed(

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ident.assess.comparison import NamedErrors, errors_that_count
+from ident.assess.errors import NOISY
 from ident.display import render, renders
 from ident.errors import FitError, one_of
 from ident.fit.identify import Comparison
@@ -95,11 +96,18 @@ def errors_of_fit(fit: Fit) -> NamedErrors:
 
 
 @renders(Failure, "text")
-def failure_text(failure: Failure, several: bool = True, counted: NamedErrors | None = None) -> str:
-    """Return how a model fails in one joint: its error, on what that depends, when it is worst."""
+def failure_text(
+    failure: Failure, several: bool = True, counted: NamedErrors | None = None,
+    noise: float = 0.0,
+) -> str:  # fmt: skip
+    """Return how a model fails in one joint: its error, on what that depends, when it is worst; of
+    an error that is `noise` [N m | N] no more than that.
+    """
     what, errors = counted or ("residual", {})
     error = errors.get(failure.joint, failure)
     size = f"{significant(error.rms)} {failure.unit} ({percent(error.relative)})"
+    if error.rms <= NOISY * noise:
+        return f"{failure.joint}: {what} {size}, noise of the sensors"
     white = "no structure found" if failure.white else "has structure"
     parts = [f"{failure.joint}: {what} {size}, {100 * failure.share:.0f} % of the misfit", white]
     if failure.depends_on:
@@ -434,7 +442,8 @@ def residual_sections(
         blocks: list[Block] = []
         for name, residual in c.residuals.items():
             own_failure = residual.failure(failure.joint)
-            text = failure_text(own_failure, len(logs) > 1, errors_that_count(c, name))
+            counted, floor = errors_that_count(c, name), residual.noise[own_failure.joint]
+            text = failure_text(own_failure, len(logs) > 1, counted, floor)
             blocks.append(paragraph(f"{shown[name]}, {text}" if len(shown) > 1 else text))
         blocks.append(plot_maps(c, failure.joint))
         options[failure.joint] = blocks
