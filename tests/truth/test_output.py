@@ -186,7 +186,7 @@ def test_the_card_of_a_grown_model_has_its_law_and_its_rivals():
     steps = [replace(step, rivals_of=near if step.added else {}) for step in history.steps]
     top = history_card(replace(history, steps=tuple(steps)))
     assert f"{added} or {named(rivals)}, which this data cannot tell apart" in top.line
-    assert "coulomb.elbow.Fc = " in top.sure
+    assert "Fc: elbow 0.60" in top.sure
 
 
 def test_a_grown_folder_is_a_mechanism_again(tmp_path):
