@@ -246,6 +246,25 @@ def test_public_robots(tmp_path):
         assert model.nv == mechanism.model.nv
 
 
+def test_a_servo_arm_follows_the_commands_of_a_log(robots):
+    """With its delay from the first step of each window on: 12 to 63 mrad without."""
+    mechanism = ident.load(robots / "servo_arm")
+    planted = {  # of robots/servo_arm/README.md; kd with viscous friction, the delay with a hold
+        "yaw": (20.0, 0.5, 0.12, 0.012), "shoulder": (25.0, 0.62, 0.15, 0.014),
+        "elbow": (14.0, 0.31, 0.08, 0.008),
+    }  # fmt: skip
+    names = ("servo.{}.kp", "servo.{}.kd", "coulomb.{}.Fc", "rotor_inertia.{}.Ia")
+    values = {name.format(joint): x for joint, numbers in planted.items()
+              for name, x in zip(names, numbers, strict=True)}  # fmt: skip
+    values["command_delay.yaw,shoulder,elbow.d"] = 0.0084
+    log = ident.read_log(robots / "servo_arm" / "other.csv")
+    part = Log.from_arrays("part", log.t[:600], {n: x[:600] for n, x in log.columns.items()})
+    made = export(mechanism, "mjcf", values=values, log=part, replayed=True, fitted=False)
+    (run,) = made.replays.runs["MuJoCo"]
+    assert max(error.rms for error in run.errors.values()) < 2e-3
+    assert dict(made.fixed)["servo:elbow"] == "a position actuator"
+
+
 def test_a_step_too_long_for_the_drive(robots):
     mechanism, values = machine(robots, "arm")
     mechanism = mechanism.with_effect("servo:wrist")

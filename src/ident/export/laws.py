@@ -159,7 +159,7 @@ def _exact(machine: Machine, joint: str, words: Vocabulary) -> JointLaws:
 def _sayable(machine: Machine, effect: Effect, words: Vocabulary) -> bool:
     if effect.kind == "cable":
         return effect.setting("degree") <= words.degree
-    return not (effect.corrects and effect.implicit)
+    return effect.kind in DRIVES or not (effect.corrects and effect.implicit)
 
 
 # --- sizes ----------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ a run starts with v(t₀ − dt/2), or else its positions are off by dt/2 (v −
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,11 +112,21 @@ def joint_places(model: mujoco.MjModel, joints: Sequence[str]) -> tuple[list[int
 
 
 def simulated(
-    model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray, control: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return qpos (n + 1, nq) and qvel (n + 1, nv) of n steps with a control (n, nu)."""
+    model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray, control: np.ndarray,
+    before: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return qpos (n + 1, nq) and qvel (n + 1, nv) of n steps with a control (n, nu).
+
+    Actuators with a delay begin with the controls (m, nu) that `before` gives at times (m,) [s]
+    below zero, or else with zeros.
+    """
     module = mujoco_module()
     data = module.MjData(model)
+    for i, (count, *_) in enumerate(getattr(model, "actuator_history", ())):
+        if count and before is not None:
+            times = model.opt.timestep * np.arange(-int(count), 0)
+            past = np.ascontiguousarray(before(times)[:, i : i + 1])
+            module.mj_initCtrlHistory(model, data, i, times[:, None], past)
     data.qpos[:], data.qvel[:] = qpos, qvel
     q, v = np.empty((len(control) + 1, model.nq)), np.empty((len(control) + 1, model.nv))
     q[0], v[0] = qpos, qvel
@@ -183,7 +193,7 @@ def _replayed(
             qpos[at_q] = e.q[a, columns] - offsets
             qvel[at_v] = e.v[a, columns] - 0.5 * dt * e.a[a, columns]
             times = t[0] + dt * np.arange(int(np.ceil((t[-1] - t[0]) / dt - 1e-9)) + 1)
-            q, v = simulated(model, qpos, qvel, control(times[:-1]))
+            q, v = simulated(model, qpos, qvel, control(times[:-1]), _earlier(control, times[0]))
             if not np.isfinite(q).all():
                 failures.append(f"the model's motion is not finite after t = {t[0]:.4g} s")
                 continue
@@ -197,6 +207,11 @@ def _replayed(
         tuple(dict.fromkeys(failures)),
         result[:, tree_columns(mechanism)],
     )  # fmt: skip
+
+
+def _earlier(control: Any, begin: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the controls at times before the begin of a run, which its clock has below zero."""
+    return lambda times: np.asarray(control(begin + times))
 
 
 def _control(model: mujoco.MjModel, machine: Machine, e: State) -> Any:
