@@ -54,6 +54,24 @@ def test_links_that_move_without_mass_get_the_least_body(name, robots):
     assert max(least.difference.values()) < 1e-5 * size
 
 
+def test_a_base_that_cannot_be_has_no_inertia(tmp_path, robots):
+    """A flat rod of 1 mg, as public files have it at their root: MuJoCo refuses it."""
+    flat = (
+        b'<inertial><mass value="1e-6"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0"'
+        b' izz="3e-6"/></inertial>'
+    )
+    text = (robots / "arm" / "arm.urdf").read_bytes()
+    assert b'<link name="world"/>' in text
+    file = tmp_path / "arm.urdf"
+    file.write_bytes(
+        text.replace(b'<link name="world"/>', b'<link name="world">' + flat + b"</link>")
+    )
+    mechanism = ident.load(file)
+    fit = ident.identify(mechanism, ident.complete(mechanism, robots / "arm" / "run.csv"))
+    assert loaded(identified_urdf(fit)).nv == 4
+    assert flat in identified_urdf(fit, possible=False)
+
+
 @pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar"])
 def test_mujoco_takes_the_shipped_robots(name, robots):
     mechanism = ident.load(robots / name).with_effect("viscous").with_effect("coulomb")

@@ -506,7 +506,8 @@ def identified_urdf(fit: Fit, *, possible: bool = True) -> bytes:
 
     With `possible`, bodies that cannot exist are replaced by the nearest that can, and those that
     move without mass or inertia get the least that a simulator takes (`fit/least_bodies.py`), which
-    a comment in the file states; without, the torques are exactly those of the fit.
+    a comment in the file states; impossible links that stand still have no inertia there. Without,
+    the torques are exactly those of the fit.
 
     All else is as the user wrote it; FitError if a body has first moments and no mass.
     A body is its own link and those fixed to it; these keep their inertias, and the body's own link
@@ -522,9 +523,23 @@ def identified_urdf(fit: Fit, *, possible: bool = True) -> bytes:
     if least is not None:
         pi = pi + least.pi
         links = list(dict.fromkeys([*links, *least.links]))
+    inertials = link_inertials(mechanism, pi, links)
+    if possible:
+        inertials |= dict.fromkeys(_impossible_at_rest(mechanism.model))
     text, where = source_of(mechanism).urdf, str(mechanism.urdf)
     comment = "" if least is None else least.words
-    return with_inertials(text, where, link_inertials(mechanism, pi, links), comment)
+    return with_inertials(text, where, inertials, comment)
+
+
+def _impossible_at_rest(model: pin.Model) -> list[str]:
+    """Return links that stand still whose inertia no body can have: no torque feels it, and a
+    simulator refuses the file for it.
+    """
+    fixed = (f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == 0)
+    bodies = [(f.name, f.inertia.toDynamicParameters()) for f in fixed]
+    return [
+        name for name, pi in bodies if pi.any() and np.linalg.eigvalsh(pseudo_inertia(pi))[0] <= 0
+    ]
 
 
 def link_inertials(
