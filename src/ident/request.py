@@ -6,7 +6,7 @@ writes a step in the language of its reader: Python here, a line of the shell in
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 
@@ -91,6 +91,11 @@ class Request:
 
 
 PYTHON = Request()
+
+
+def with_noun(request: Request, noun: str) -> Request:
+    """Return the request of Python with another variable for the fit, any other as it is."""
+    return replace(request, noun=noun) if request == PYTHON else request
 
 
 def python_line(step: Step, noun: str = "fit") -> str:

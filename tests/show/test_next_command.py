@@ -7,7 +7,9 @@ import ident
 from helpers import ROBOTS
 from ident.assess.fit import assess_fit
 from ident.cli.lines import ShellRequest, place_of
+from ident.excite import Separation
 from ident.request import PYTHON, Step
+from ident.show.diagnosis import card as diagnosis_card
 from ident.show.fit import card
 
 COMPARE, DIAGNOSE, MONITOR = Step("compare"), Step("diagnose"), Step("monitor")
@@ -155,3 +157,25 @@ def test_a_planned_motion_has_the_ranges_and_speeds_of_the_experiment():
         "elbow=0.085", "--duration", "46", "--out", "next.csv",
     ]  # fmt: skip
     assert "limits=ident.Limits(range={'elbow': (-0.5, 1.25)}" in PYTHON.line(step)
+
+
+def test_a_step_of_a_diagnosis_in_python_keeps_the_effects_of_its_model():
+    """It runs as it stands: `fit` may be another one than the one that was diagnosed."""
+    arm = ident.load(ROBOTS / "arm").with_effect("viscous").with_effect("coulomb:yaw")
+    arm = arm.with_effect("coulomb:shoulder").with_effect("coulomb:elbow")
+    motion = ident.complete(arm, ident.read_log(ROBOTS / "arm" / "run.csv"))
+    diagnosis = ident.diagnose(ident.identify(arm, motion))
+    line = diagnosis_card(diagnosis).command
+    assert line == (
+        'ident.identify(diagnosis.fit.mechanism.with_effect("coulomb:wrist"), diagnosis.fit.motion)'
+    )
+    labels = {
+        x.label for x in eval(line, {"ident": ident, "diagnosis": diagnosis}).mechanism.effects
+    }
+    assert labels >= {"viscous:elbow", "coulomb:yaw", "coulomb:wrist"}
+
+
+def test_a_plan_that_separates_nothing_says_so():
+    apart = Separation("spring:a", "viscous:a", 0.2, (0.1, 0.1), ("N m/rad", "N m s/rad"))
+    assert "does not separate" not in str(apart)
+    assert "does not separate them" in str(replace(apart, cosine=1.0))

@@ -40,3 +40,16 @@ def test_no_variance_is_negative_where_normal_equations_are_not_definite():
     F = inverse_root(S)
     np.testing.assert_allclose(S @ F @ F.T @ S, S, atol=1e-12)
     np.testing.assert_allclose(S @ solved(S, S @ np.ones(4)), S @ np.ones(4), atol=1e-12)
+
+
+def test_as_logged_other_joints_keep_range_and_speed_of_the_log():
+    mechanism = ident.load(ROBOTS / "arm")
+    motion = ident.complete(mechanism, ident.read_log(ROBOTS / "arm" / "run.csv"))
+    given = Limits(range={"yaw": (-0.1, 0.1)}, speed={"yaw": 0.5})
+    _, limits = around_motion(mechanism, given, motion, as_logged=True)
+    (e,) = motion.experiments
+    i = mechanism.joint_index["elbow"]
+    low, high = limits.range["elbow"]
+    assert e.y[e.usable, i].min() <= low < high <= e.y[e.usable, i].max()
+    assert limits.speed["elbow"] == np.abs(e.yd[e.usable, i]).max()
+    assert (limits.range["yaw"], limits.speed["yaw"]) == ((-0.1, 0.1), 0.5)

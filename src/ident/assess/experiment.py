@@ -28,6 +28,7 @@ from ident.diagnosis.trials import Move, Trial, present, trials
 from ident.effects import KINDS, Effect
 from ident.effects.library import by_kind, separating
 from ident.errors import IdentError
+from ident.excite.excitation import SAME_COSINE
 from ident.information.chance import CONTRIBUTES
 from ident.request import Step
 
@@ -35,7 +36,6 @@ SHOWS = 0.02  # level: visible share from which an effect can be seen
 # shown: of the logged top speed: friction that depends on the speed shows between reversals
 SLOWLY = 0.1
 HALF = 0.5  # shown: of the logged top speed: what goes with speed falls in step
-SAME_COSINE = 0.999  # level: of two effects, from which no motion of a log tells them apart
 DURATION = 30.0  # shown: s of a planned motion, if nothing asks for more
 LOOKED_AT = 24  # work: invisible effects that are tried in other motions
 

@@ -111,6 +111,11 @@ class ExpectedValue:
         return self.stderr < self.largest
 
 
+SAME_COSINE = (
+    0.999  # level: of two effects' predictions, from which a motion does not separate them
+)
+
+
 @dataclass(frozen=True)
 class Separation:
     """How well a motion distinguishes two effects."""
@@ -123,9 +128,15 @@ class Separation:
 
     def __str__(self) -> str:
         (ea, eb), (ua, ub) = self.stderr, self.units
-        return (
+        text = (
             f"{self.first} and {self.second}: cosine {self.cosine:.4g} beside all else; expected "
             f"standard errors {ea:.2g} {ua} and {eb:.2g} {ub}"
+        )
+        if self.cosine < SAME_COSINE:
+            return text
+        return (
+            f"{text}. This motion does not separate them: one can do what the other does. Give "
+            "wider limits, measure something else (ident diagnose says what), or take the simpler"
         )
 
 

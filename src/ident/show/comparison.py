@@ -24,7 +24,7 @@ from ident.fit.residual import zero_of
 from ident.fit.result import Fit
 from ident.fit.values import Change, Changes
 from ident.information.blocks import Error
-from ident.request import PYTHON, Request, Step
+from ident.request import PYTHON, Request, Step, with_noun
 from ident.show.card import Card, card_of
 from ident.show.charts import BELOW, MEASURED, Chart, Line, Panel
 from ident.show.headline import error_words, good_enough_words, share_words
@@ -75,6 +75,7 @@ def comparison_card(c: Comparison, request: Request = PYTHON) -> Card:
     a = assess_comparison(c, names=names, acceptable=request.acceptable)
     alone, last = len(c.residuals) == 1, [*c.residuals][-1]
     line, sentences = comparison_line(a), list[str]()
+    request = with_noun(request, "better" if not alone and a.verdict == "falls" else "fit")
     if alone and a.other_machine:
         sentences.append(f"Much of the torque is not explained: {OTHER}")
     good = good_enough_words(a.good_enough)

@@ -19,7 +19,7 @@ from ident.effects import Effect
 from ident.effects.library import by_kind, named
 from ident.fit.findings import IN_PROPORTION
 from ident.information.chance import odds_ratio
-from ident.request import PYTHON, Request, Step
+from ident.request import PYTHON, Request, Step, with_noun
 from ident.show.card import Bar, Card
 from ident.show.experiment import effect_words, formula_noun, motion_words
 from ident.show.headline import good_enough_words
@@ -49,6 +49,7 @@ def card(
 ) -> Card:  # fmt: skip
     """Return the verdict, how sure it is, the error by joint, and the command to copy."""
     a = assessment or assess_diagnosis(d, acceptable=request.acceptable, added=added)
+    request = with_noun(request, "diagnosis.fit")
     known = "The earlier model lacked it too: its own log shows as much. "
     sure = known * bool(d.best and incomplete_before(d)) + certainty(d)
     good = good_enough_words(a.good_enough)

@@ -33,7 +33,7 @@ from ident.fit.files import fit_json, identified_files, identified_urdf, multipl
 from ident.information.blocks import Error
 from ident.mechanism import Mechanism
 from ident.mechanism.write import folder_files
-from ident.request import PYTHON, Request, Step
+from ident.request import PYTHON, Request, Step, with_noun
 from ident.show.card import Card
 from ident.show.charts import Chart, Level, Line, Mark, Panel
 from ident.show.diagnosis import card, short
@@ -218,6 +218,9 @@ def history_card(history: History, request: Request = PYTHON) -> Card:
     """Return what was gained from the model as given to the last one, and what is left."""
     d = history.diagnosis
     a = assess_growth(history, acceptable=request.acceptable)
+    if request == PYTHON:  # the effects that it added are in its own fit's mechanism
+        request = with_noun(request, "history.fit")
+        a = replace(a, next=replace(a.next, grown=()))
     top = card(d, history.added, request, a)
     line = top.line if a.doubts else f"{headline(a)}{_named_beside(history)}"
     sizes = values_words(causes_of_growth(history))
