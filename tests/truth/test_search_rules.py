@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import ident
-from helpers import J, tree_urdf, write_mechanism
+from helpers import ROBOTS, J, tree_urdf, write_mechanism
 from ident import Log, Noise
 from ident.diagnosis.candidates import Contest, candidates_of
 from ident.diagnosis.effect_set import Member, leader, leading
 from ident.diagnosis.null import with_noise
 from ident.diagnosis.search import Search
-from ident.diagnosis.selection import sensible
+from ident.diagnosis.selection import has_mass, sensible
 from identification import motion_log, plant, robot
 
 FRICTION = ("viscous", "coulomb")
@@ -143,3 +143,21 @@ def test_an_end_stop_in_the_middle_of_the_travel_is_no_name(tmp_path, share, nam
     found = ident.diagnose(case.fit(mechanism=mechanism, cutoff="auto"))
     assert (found.best is not None and found.best.kind == "end_stop") is named
     assert found.verdict == ("missing" if named else "unexplained")
+
+
+def test_ten_values_are_a_load_where_some_body_has_them():
+    """A first moment shows one whose mass is open; not one farther off than the machine reaches."""
+    mechanism = ident.load(ROBOTS / "arm")
+    mass, lever = 1.5, np.array([0.02, 0.08, -0.05])
+    moments = mass * (lever @ lever - lever**2) + 1e-3
+    values = np.array([mass, *(mass * lever), moments[0], 0, moments[1], 0, 0, moments[2]])
+    stderr = np.full(10, 1e-3)
+    assert has_mass(mechanism, values, stderr)
+    is_open = stderr.copy()
+    is_open[0] = 2.0
+    assert has_mass(mechanism, values, is_open)
+    far = np.array([0.01, *values[1:]])
+    assert not has_mass(mechanism, far, stderr)
+    no_inertia = np.where(np.arange(10) < 4, values, 0.0)
+    is_open[0], no_inertia[0] = 0.1, 0.1
+    assert not has_mass(mechanism, no_inertia, is_open)

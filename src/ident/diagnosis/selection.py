@@ -40,6 +40,7 @@ EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 STARTS = 4  # work: of a searched shape, from which it is refined
 SHARE_ROUNDING = 1e-12  # numerics: of a share, from one
 BODY = 10  # range: parameters of a body
+REACH = 2.0  # range: times the lengths from joint to joint, within which a load's centre is
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
 
 
@@ -383,17 +384,23 @@ def can_be(mechanism: Mechanism, effect: Effect, values: Array, stderr: Array) -
 
 
 def has_mass(mechanism: Mechanism, values: Array, stderr: Array) -> bool:
-    """Return whether a body of ten values is one: its mass is known to differ from zero, or a first
-    moment is, which a mass within its error has within the machine's reach.
+    """Return whether ten values may be a body's: its mass is known to differ from zero, or a first
+    moment h is and its moments may be those of a mass; which some body within the errors has within
+    the machine's reach r,
+
+        |h| ≤ r m        h_y² + h_z² ≤ m L_xx, and so about y and z
     """
-    mass, moments = values[0], values[1:4]
-    if abs(mass) > NEGATIVE * stderr[0]:
+    mass, moments = abs(values[0]) + NEGATIVE * stderr[0], values[1:4]
+    h = np.where(np.abs(moments) > NEGATIVE * stderr[1:4], moments, 0.0)
+    reach = REACH * sum(map(abs, mechanism.lengths.values())) or np.inf
+    if np.linalg.norm(h) > reach * mass:
+        return False
+    if abs(values[0]) > NEGATIVE * stderr[0]:
         return True
-    shown = np.abs(moments) > NEGATIVE * stderr[1:4]
-    reach = sum(map(abs, mechanism.lengths.values()))
-    return bool(shown.any()) and bool(
-        np.linalg.norm(moments[shown]) < reach * (abs(mass) + NEGATIVE * stderr[0])
-    )
+    diagonal = [4, 6, 9]  # Lxx, Lyy, Lzz
+    known = stderr[diagonal] > 0
+    most = np.abs(values[diagonal]) + NEGATIVE * stderr[diagonal]
+    return bool(h.any() and np.all(((h @ h - h**2) <= mass * most)[known]))
 
 
 def differs(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> bool:
