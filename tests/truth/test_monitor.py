@@ -30,6 +30,15 @@ def test_normal_running_raises_no_alarm(monitor):
     assert own.evidence < own.threshold
 
 
+def test_the_usual_errors_are_those_of_normal_running(monitor):
+    """As shares of its own torques, whatever runs now."""
+    mechanism, _ = arm()
+    normal = joined(*(run(seed, 40.0) for seed in (2, 3, 4)))
+    fitted = ident.identify(mechanism, normal)
+    for joint, error in monitor.usual_errors.items():
+        assert error.relative == pytest.approx(fitted.train[joint].relative, rel=0.1)
+
+
 def test_a_change_is_named_and_measured(monitor):
     own = monitor.fresh()
     changed = run(11, 40.0, {20.0: ("", {"coulomb.elbow.Fc": 0.8 + 0.3})})

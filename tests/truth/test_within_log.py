@@ -44,6 +44,8 @@ def test_friction_that_rises_within_a_log(steady):
     assert change.time == pytest.approx(CHANGED, abs=0.3)
     assert change.values[0] == pytest.approx(0.8, abs=3 * change.stderr[0])
     assert d.best is None  # no effect that acts all the time
+    assert "changed within the log" in d.short
+    assert "data look wrong" not in d.short
 
 
 def test_a_push_for_a_while(steady):

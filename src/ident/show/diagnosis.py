@@ -13,6 +13,7 @@ from ident.assess.diagnosis import assess_diagnosis, inseparable_effects
 from ident.assess.errors import NOISY
 from ident.assess.experiment import next_experiment
 from ident.assess.verdict import failing_joints, incomplete_before, spoiling_faults
+from ident.diagnosis.changes import CODE
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
 from ident.display import renders
 from ident.effects import Effect
@@ -56,7 +57,9 @@ def card(
     parts = [*health_words(d), good, sure, *aside(d)]
     if a.doubts:
         remedies = "; ".join(finding.remedy for finding in d.health.findings if finding.remedy)
-        parts = [f"Put this right, then diagnose again: {remedies}.", good]
+        within = all(finding.code == CODE for finding in d.health.findings)
+        title = "To know it before and after" if within else "Put this right, then diagnose again"
+        parts = [f"{title}: {remedies}.", good]
     sentences = " ".join(filter(None, parts))
     line, change = f"{a.subject}: {verdict_line(d, a)}.", " → ".join(filter(None, a.compared))
     bars = tuple(map(Bar.of, a.errors))
@@ -254,6 +257,8 @@ def health_words(d: Diagnosis) -> list[str]:
     if d.health.good:
         return []
     findings = ". ".join(map(str, d.health.findings))
+    if all(finding.code == CODE for finding in d.health.findings):
+        return [f"Something changed within the log. {findings}."]
     return [
         f"Before anything: the data themselves look wrong. {findings}. Put this right or rule it "
         "out, then diagnose again: what follows may only be its consequence."

@@ -353,7 +353,7 @@ class MonitorHistory:
         self._lock = threading.RLock()  # a page is drawn while samples come
         self._last: Snapshot | None = None
         self._of_normal: Mapping[str, Error] = {}
-        self._usual: Mapping[str, float] = {}
+        self._usual: Mapping[str, Error] = {}
         self._last_forces: Forces | None = None
 
     def add(
@@ -361,11 +361,10 @@ class MonitorHistory:
         snapshot: Snapshot,
         forces: Forces | None,
         of_normal: Mapping[str, Error] | None = None,
-        usual: Mapping[str, float] | None = None,
+        usual: Mapping[str, Error] | None = None,
     ) -> None:
         """Take a snapshot, the multipliers of the samples since the one before, and by joint the
-        present errors of the model of normal running and its usual ones [N m | N], if the machine
-        is watched.
+        present errors of the model of normal running and its usual ones, if the machine is watched.
         """
         with self._lock:
             self._of_normal, self._usual = of_normal or {}, usual or {}
@@ -439,7 +438,7 @@ class MonitorHistory:
         usual = self._usual.get(joint)
         if not usual or not now.relative:
             return Bar(joint, now, noise=noise)
-        return Bar(joint, Error(usual, usual / now.rms * now.relative, now.unit), now, noise)
+        return Bar(joint, usual, now, noise)
 
     @property
     def sections(self) -> tuple[Section, ...]:

@@ -17,6 +17,7 @@ from ident.assess.verdict import (
     share_unexplained,
     spoiling_faults,
 )
+from ident.diagnosis.changes import CODE
 from ident.diagnosis.result import Diagnosis, Explanation
 from ident.diagnosis.selection import MAIN_CAUSE, Evidence
 from ident.effects import Effect
@@ -37,7 +38,8 @@ def verdict_line(d: Diagnosis, a: Assessment | None = None) -> str:
     """
     a = a or assess_diagnosis(d)
     if wrong := spoiling_faults(d):
-        return f"the data look wrong: {wrong[0].meaning}"
+        title = "it changed within the log" if wrong[0].code == CODE else "the data look wrong"
+        return f"{title}: {wrong[0].meaning}"
     if d.best is not None:
         clock = " or another scale of time" * clock_is_a_rival(d)
         apart = ", which this data cannot tell apart" * (bool(clock) and not d.rivals)

@@ -134,6 +134,7 @@ class Monitor(Displayed):
         multipliers: triangles of ∂λ/∂x.
         seconds: of an interval; patience: longest time for naming [s].
         false_alarms_per_hour: stated.
+        torque: (d,) rms of the torques in normal running [N m | N].
         alarms: all so far.
         raised: the change that is being named or learnt, if there is one; no other is watched for.
     """
@@ -146,6 +147,7 @@ class Monitor(Displayed):
     seconds: float
     patience: float
     false_alarms_per_hour: float
+    torque: np.ndarray
 
     def __post_init__(self) -> None:
         self.reference = self._now = self.normal.copy()  # now: with what is being learnt
@@ -222,7 +224,10 @@ class Monitor(Displayed):
         direct = [i for suspect in watched.suspects for i in suspect.places[: suspects.DIRECT]]
         design, drawn = charts.calibrated(normal, np.isin(np.arange(len(x)), direct), intervals, x)
         forces = watched.multiplier_triangles(motion)
-        return cls(watched, design, drawn, x, forces, interval, patience, false_alarms_per_hour)
+        torques = sum((np.where(p.informed, p.tau, 0.0) ** 2).sum(axis=0) for p in parts)
+        torque = np.sqrt(torques / np.maximum(count, 1))
+        stated = interval, patience, false_alarms_per_hour
+        return cls(watched, design, drawn, x, forces, *stated, torque)
 
     def fresh(self) -> Monitor:
         """Return the same monitor before it has seen anything, as after a repair."""
@@ -273,11 +278,18 @@ class Monitor(Displayed):
         }
 
     @property
-    def usual_errors(self) -> dict[str, float]:
-        """Rms [N m | N] of the error in normal running, by joint."""
-        normal = self.design.normal
+    def usual_errors(self) -> dict[str, Error]:
+        """Error in normal running by joint, as a share of the torques there."""
+        normal, mechanism = self.design.normal, self.watched.mechanism
         rms = normal.sigma * np.sqrt(normal.energy)
-        return dict(zip(self.watched.joints, map(float, rms), strict=True))
+        return {
+            name: Error(
+                float(x),
+                float(x / torque) if torque > 0 else None,
+                mechanism.joint(name).force_unit,
+            )
+            for name, x, torque in zip(self.watched.joints, rms, self.torque, strict=True)
+        }
 
     def finish(self) -> list[Alarm]:
         """Return the alarm that waits for its name, named by what there is."""
