@@ -79,7 +79,8 @@ def top(e: Exploration, request: Request = PYTHON) -> Card:
         )
     change = "before the last change → now" * bool(before)
     step = Step("diagnose", tuple(effect.label for effect in _added(e)))
-    return Card(line, known, bars, request.line(step), change=change, step=step)
+    then = "judge it here, or diagnose it by this command."
+    return Card(line, known, bars, request.line(step), then, change=change, step=step)
 
 
 def _added(e: Exploration) -> list[Effect]:
