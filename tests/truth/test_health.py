@@ -736,6 +736,8 @@ def test_a_late_velocity_is_named():
     late = np.interp(p.log.t - 0.025, p.log.t, p.log.columns["v.elbow"])
     (finding,) = late_rates(changed(p.log, v__elbow=late), p.mechanism)
     assert finding.where == ("v.elbow", "q.elbow")
+    late[50] = 1e300
+    assert [x.number for x in late_rates(changed(p.log, v__elbow=late), p.mechanism)]
     assert finding.number == pytest.approx(25.0, rel=0.05)
 
 

@@ -365,7 +365,8 @@ def late_rates(log: Log, mechanism: Mechanism) -> Iterator[Finding]:
     for joint in mechanism.joint_index:
         if not {f"q.{joint}", f"v.{joint}"} <= {*log.columns}:
             continue
-        good = np.isfinite(log.columns[f"q.{joint}"]) & np.isfinite(log.columns[f"v.{joint}"])
+        both = (log.columns[f"{c}.{joint}"] for c in "qv")
+        good = np.logical_and(*(np.abs(x) < LARGEST for x in both))  # neither empty nor absurd
         t, q, v = (x[good] for x in (log.t, *(log.columns[f"{c}.{joint}"] for c in "qv")))
         if len(t) <= SHORTEST:
             continue

@@ -121,6 +121,16 @@ def budget_of(rows: FitRows, fitted: Estimate) -> Budget | None:
         N = np.stack([column for k in felt if (column := columns[k]) is not None], axis=-1)
         information = at.information(fitted, N, N @ values)
         z, total, sigma = _marginal(information, fitted, at, n, len(causes))
+        if len(z.base.dependent):  # a log that is spoilt: which of its errors is open
+            kept = np.setdiff1d(np.arange(len(causes)), z.base.dependent - n)
+            if (z.base.dependent < n).any() or not len(kept):
+                return None
+            left_out += [c.name for k, c in enumerate(causes) if k not in kept]
+            causes, values, N = [causes[k] for k in kept], values[kept], N[..., kept]
+            information = at.information(fitted, N, N @ values)
+            z, total, sigma = _marginal(information, fitted, at, n, len(causes))
+            if len(z.base.dependent):
+                return None
         if not number and not at.same_as(of_fit):
             of_rows = information.total(sigma).restricted(np.arange(n))
             least = estimate([of_rows], np.zeros(n), np.ones(1), sigma=np.ones(1)).x
