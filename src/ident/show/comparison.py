@@ -320,7 +320,13 @@ def _bodies_words(changes: Sequence[Change]) -> str:
 
 
 def _then_now(x: Change) -> str:
-    return " → ".join(rounded(item.value, item.stderr) for item in (x.before, x.after))
+    """Return both values, and by how much they differ beyond what is the same in both logs: errors
+    of the calibration are in the ± of a value, not in that of its change.
+    """
+    error = float(np.hypot(x.before.stderr, x.after.stderr))
+    then, now = (rounded(item.value, error).partition(" ± ")[0] for item in (x.before, x.after))
+    step = rounded(x.after.value - x.before.value, error)
+    return f"{then} → {now}, by {'+' * (x.after.value > x.before.value)}{step}"
 
 
 @renders(Changes, "sheet")
