@@ -234,3 +234,17 @@ def test_a_force_of_ones_own_is_the_librarys(tmp_path):
 def test_a_frame_that_is_not_there(tmp_path):
     with pytest.raises(MechanismError, match=r"no frame 'fron'.*front"):
         _ = car(tmp_path) + KINDS["tyre"](("fron",))
+
+
+def test_a_bent_slope_is_named_and_closed(tmp_path):
+    mechanism = car(tmp_path).with_calibration("exact")
+    motion = ident.complete(mechanism, log_of(slalom(amplitude=0.12, bend=12.0), seed=0))
+    fit = ident.identify(mechanism, motion)
+    named = [effect.label for effect in ident.diagnose(fit).group]
+    assert sorted(named) == ["tyre_saturation:front", "tyre_saturation:rear"]
+    bent = mechanism.with_effect("tyre_saturation:front").with_effect("tyre_saturation:rear")
+    values = {x.name: x.value for e in ident.identify(bent, motion).effects for x in e.parameters}
+    for place, C in (("front", C_FRONT), ("rear", C_REAR)):
+        assert values[f"tyre.{place}.C"] == pytest.approx(C, rel=0.1)
+        assert values[f"tyre_saturation.{place}.S"] == pytest.approx(C, rel=0.2)
+        assert values[f"tyre_saturation.{place}.B"] == pytest.approx(12.0, rel=0.2)

@@ -39,9 +39,9 @@ AGREED = 1.2  # numerics: the same, for the noise that a refined fit takes for t
 TRIALS = 6  # work: of the torques' noise
 STEPS = 12  # work
 DESCENT_ROUNDING = 1e-6  # numerics
-# numerics: of what is left in rows, the least that they are off by: a torque of exactly 0, of a
-# passive joint, has no noise, and splines are no exact motion
-LEAST = 1e-2
+# numerics: of what is left in rows, the least that they are off by: with a sensor, and of a passive
+# joint, whose torque of exactly 0 has no noise, where splines are no exact motion
+LEAST, LEAST_PASSIVE = 1e-3, 3e-2
 CONVERGED = 0.05  # numerics: of a standard error: a smaller step is the last
 
 Weighed = tuple[Problem, Estimate, "Likelihood"]
@@ -252,7 +252,10 @@ class Linearization:
             torque_noise(mechanism, e, rows_cutoff(smooth, e.rate), self.problem.point) ** 2
             for e, smooth in zip(self.experiments, self.fine, strict=True)
         ]
-        least = np.maximum(np.sqrt(np.mean(sensors, axis=0)), LEAST * largest)
+        white = np.sqrt(np.mean(sensors, axis=0))
+        names = self.problem.motion.independent
+        passive = [name in mechanism.passive and not mechanism.closures for name in names]
+        least = np.maximum(white, np.where(passive, LEAST_PASSIVE, LEAST) * largest)
         return least, np.maximum(largest, least)  # a motion that has moved leaves less than noise
 
     def loss(self, sigma: np.ndarray) -> float:

@@ -107,7 +107,8 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     columns, felt = table.effect_columns(effect, starts)
     C = np.zeros((*table.b.shape, len(starts) * u))
     C[:, felt] = columns
-    sigma = np.sqrt((table.tau**2).mean(axis=0)) + 1e-300
+    sizes = np.sqrt((table.tau**2).mean(axis=0)), np.sqrt((table.b**2).mean(axis=0))
+    sigma = np.where(sizes[0] > 0, sizes[0], np.where(sizes[1] > 0, sizes[1], 1.0))
     inside = table.informed
     A, b = (table.A / sigma[:, None])[inside], (table.b / sigma)[inside]
     C = (C / sigma[:, None])[inside]
