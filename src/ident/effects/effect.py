@@ -247,6 +247,8 @@ class Effect(ABC):
     model_words: ClassVar[tuple[str, ...]] = ()  # for it in MuJoCo models and SDF
     watched: ClassVar[str] = "never"  # by a monitor: `always`, on `request`, `never`
 
+    in_rows_alone: ClassVar[bool] = False  # of filtered rows, and no torque at any one instant
+
     file: ClassVar[Path | None] = None  # of a user's own kind: the Python file that defines it
 
     joints: tuple[str, ...]

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.effect import Bounds, Effect, Shape, Signals, Unknown
+from ident.effects.effect import NOWHERE, Bounds, Effect, Shape, Signals, Unknown
 from ident.errors import MechanismError
 
 ARMSTRONG = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
@@ -84,15 +84,17 @@ class Coulomb(Dry):
 
 
 class ReversalPulses(Effect):
-    """What is left of dry friction that is early or late, or builds up over some speed.
+    """What is left of dry friction that is early or late, or builds up over some speed."""
 
-    Friction Fc f(v + T a) that differs from Fc sign(v) around a reversal only is, in rows whose
-    filter is slower than that, a pulse with the first moments of the difference; the first one,
-    ∫ (f − sign(v)) dt = 2 T sign(a), is the same at all reversals. A diagnosis has these pulses
-    beside the dry friction of a model; they are no effect to be added.
-    """
-
+    # Friction Fc f(v + T a) that differs from Fc sign(v) around a reversal only is, in rows whose
+    # filter is slower than that, a pulse with the first moments of the difference; the first one,
+    # ∫ (f − sign(v)) dt = 2 T sign(a), is the same at all reversals. So is friction that sticks
+    # while a servo's command goes on. A diagnosis has these pulses beside the dry friction of a
+    # model, and a fit of drives has them too: delay and damping would take them over.
     kind = "reversal_pulses"
+    noun = "dry friction that is early or late"
+    candidate_sites = NOWHERE
+    in_rows_alone = True
     unknowns = (
         Unknown("I1", ("N m s", "N s"), "torque at reversals times its duration"),
         Unknown("I2", ("N m s²", "N s²"), "its first moment in time"),

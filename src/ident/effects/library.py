@@ -33,7 +33,8 @@ KINDS: Mapping[str, type[Effect]] = {
     effect.kind: effect
     for effect in (
         joint.Viscous, joint.Coulomb, joint.Stribeck, joint.FrictionWidth, joint.LoadFriction,
-        joint.Hysteresis, joint.DirectionFriction, joint.Drag, joint.Spring, joint.Cable,
+        joint.ReversalPulses, joint.Hysteresis, joint.DirectionFriction, joint.Drag, joint.Spring,
+        joint.Cable,
         joint.EndStop, drive.RotorInertia, drive.Coupling, joint.Ripple, drive.TorqueOffset,
         drive.TorqueGain,
         drive.Delay, drive.EncoderOffset, drive.GravityTilt, joint.Payload, drive.Elasticity,

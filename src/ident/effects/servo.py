@@ -29,6 +29,7 @@ SCALE_RANGE = 30.0  # range: times above and below its start that a drive's scal
 
 
 PREFIX = "command_delay."
+HOLD = "hold"  # column: for how long [s] a command is held, a sample of the log if it has none
 
 
 class CommandDelay(Correcting):
@@ -74,7 +75,8 @@ class Drive(Correcting):
         x = s.extra.get(f"{name}.{self.joints[0]}")
         if x is None or len(s.t) < 2:
             return x
-        step = float(s.t[1] - s.t[0])
+        held = s.extra.get(HOLD)  # of the log: signals may have fewer samples than it
+        step = float(s.t[1] - s.t[0] if held is None else held[0])
         return np.interp(s.t - self.delay(s) - 0.5 * step, s.t, x)
 
     def delay(self, s: Signals) -> float:

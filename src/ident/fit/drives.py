@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.effects import Effect
+from ident.effects import Effect, ReversalPulses
 from ident.effects.effect import Signals
 from ident.equations.problem import Problem
 from ident.finding import Finding
@@ -90,6 +90,22 @@ def _compared(mechanism: Mechanism, drive: Effect, experiments: Sequence[State])
         f"check the gains, limit and delay of the drive, or leave out the column {column}",
         (column,), share, DIFFERS,
     )  # fmt: skip
+
+
+def with_reversal_pulses(mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism with pulses at reversals of drives' joints that have dry friction.
+
+    A joint that sticks while its command goes on has another friction than ± Fc for some
+    milliseconds; delay and damping of its drive would take that over (measured: 0.7 ms, 3 %).
+    """
+    present = {effect.label for effect in mechanism.effects}
+    for effect in mechanism.effects:
+        (joint, *others) = effect.joints or ("",)
+        label = f"{ReversalPulses.kind}:{joint}"
+        if effect.jumps and not others and joint in mechanism.drives and label not in present:
+            mechanism = mechanism + ReversalPulses((joint,))
+            present.add(label)
+    return mechanism
 
 
 def delays_at_bounds(problem: Problem, estimate: Estimate) -> list[Finding]:

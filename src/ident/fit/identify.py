@@ -18,7 +18,7 @@ from ident.faults.channel_checks import copies
 from ident.files import Written
 from ident.finding import Finding
 from ident.fit.consistency import nearest_possible, possible_bodies
-from ident.fit.drives import delays_at_bounds, with_sensors_first
+from ident.fit.drives import delays_at_bounds, with_reversal_pulses, with_sensors_first
 from ident.fit.files import Saved
 from ident.fit.findings import basis_bias, beyond_range, findings_of, predicts_better
 from ident.fit.likelihood import Likelihood, weighed
@@ -81,7 +81,7 @@ def identify(
     )
     motion = unweighed(motion)
     mechanism, compared = with_sensors_first(mechanism, motion)
-    mechanism = mechanism.for_logs(motion.names)
+    mechanism = with_reversal_pulses(mechanism).for_logs(motion.names)
     point = working_point(mechanism, motion, start, shapes)
     problem = Problem.of(mechanism, motion, point, equations)
     problem, estimate = with_rest(problem, estimate_of(problem))

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.effects import Effect, Signals
+from ident.effects.servo import HOLD
 from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
@@ -228,6 +229,8 @@ def measure(
         if f"tau.{name}" not in log.columns  # a sensor goes first
         if f"q.{name}" in columns and {*drive.reads()} <= {*columns}
     }
+    if mechanism.drives:
+        columns.setdefault(HOLD, np.full(len(log.t), float(np.median(np.diff(log.t)))))
     limits = torque_limits(columns) if limits is None else limits
     notes += _without_limits(columns, limits)
     log = replace(log, columns=columns)

@@ -127,7 +127,7 @@ class ForwardLaws:
                     "simulate a given motion (without --forward)"
                 )
             c, shape = point.of(effect)
-            if effect.corrects or not c.any():
+            if effect.corrects or effect.in_rows_alone or not c.any():
                 continue  # of the measurement or the geometry; or of no size
             if effect.loaded_link:
                 self.pi[mechanism.bodies.columns(effect.loaded_link)] += c
