@@ -130,7 +130,9 @@ def moved_by_rows(
         rows = table.informed[:, u]
         calm = others[rows, u]
         A, residuals = table.A[rows, u][:, independent], r[rows, u]
-        sigma = max(float(np.sqrt((residuals[calm] ** 2).sum() / max(calm.sum(), 1))), 1e-300)
+        elsewhere = residuals[calm] if calm.any() else residuals
+        # its square is a number, too
+        sigma = max(float(np.sqrt((elsewhere**2).sum() / max(len(elsewhere), 1))), 1e-150)
         w = np.where(calm, 1.0, faint)[:, None] / sigma**2
         H += A.T @ (w * A)
         g += A.T @ (w[:, 0] * residuals)
