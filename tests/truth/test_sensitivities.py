@@ -104,7 +104,7 @@ CORRECTED = {  # where the equations are linearised, and how far from it the log
 
 def test_every_correcting_kind_is_here():
     # drives follow the log's commands: tests/truth/test_drives.py has their truth
-    drives = {"servo", "motor_current", "motor_voltage", "command_delay"}
+    drives = {"servo", "motor_current", "motor_voltage", "motor_duty", "command_delay"}
     every = {k for k, kind in KINDS.items() if issubclass(kind, Correcting)} - drives
     assert {text.split(":")[0] for _, text in CORRECTED} == every
 
