@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 import ident
+from ident.assess.check import check_logs
 from ident.errors import MechanismError, MotionError
 from ident.mechanism.chains import ORDERS, angles_of
 from ident.mechanism.parameters import DYNAMIC
@@ -200,6 +201,26 @@ def test_joints_of_several_coordinates_in_a_urdf(kind, tmp_path):
     assert mechanism.unknown == tuple(n for n in mechanism.bodies.names if n.startswith("body."))
     with pytest.raises(MechanismError, match="no joint that moves"):
         ident.load(tmp_path / "r.urdf", locked={"j": None})
+
+
+def test_a_body_hung_from_a_point_turns_and_its_mass_is_not_determined(flyer):
+    """A ball at the ground: three unknown forces take the weight, moments about the hook stay."""
+    text = (flyer / "mechanism.toml").read_text()
+    hook = (
+        '[[closure]]\nname = "hook"\nkind = "point"\na = { link = "world", xyz = [0, 0, 1] }\n'
+        'b = { link = "body", xyz = [0.02, 0, 0.06] }\n'
+    )
+    (flyer / "mechanism.toml").write_text(text + hook)
+    mechanism = ident.load(flyer)
+    assert not mechanism.idle
+    assert mechanism.degrees_of_freedom == 3
+    known = check_logs(mechanism)
+    names = [name for name in known.identifiable["base_parameters"] if name == "body.m"]
+    assert (known.rank, names) == (9, [])
+    t = np.arange(0, 10, 0.01)
+    columns = {f"base.{x}": np.zeros(len(t)) for x in "xyz"}
+    with pytest.raises(MotionError, match=r"base\.r"):  # its orientation has to be logged
+        ident.complete(mechanism, ident.Log.from_arrays("f", t, columns))
 
 
 def test_a_root_that_may_move_is_said(tmp_path):

@@ -23,6 +23,7 @@ from ident.mechanism.mechanism import Mechanism
 NOTHING = 1e-7  # numerics: [1 | m/s at 1 rad/s] components and speeds that count as none
 SAME_TWIST = 1e-6  # numerics: [rad/s | m/s at 1 rad/s] by which the twists of one rod may differ
 OFF_AXIS = 1e-3  # range: [m] from its axis to an axle's centre of mass
+FREE = 6  # numerics: joints one after the other that leave a body free
 PRODUCTS = ("Lxy", "Lxz", "Lyz")
 
 
@@ -123,7 +124,7 @@ def _held_twice(mechanism: Mechanism, moves: np.ndarray, balanced: bool) -> bool
         chain = [i]  # the joints between this body and the one before it
         while (above := int(model.parents[chain[-1]])) and above not in _bodies(model):
             chain.append(above)
-        if moves[i] != moves[above]:
+        if moves[i] != moves[above] and len(chain) < FREE:  # a floating joint holds nothing
             places += 1
             balls += sum(mechanism.joint(model.names[k]).rotational for k in chain) > 1
     for closure in mechanism.closures:

@@ -29,6 +29,7 @@ OPEN = 1e-10  # numerics: [m | rad] largest equation at which a configuration co
 STEPS = 12  # work
 FARTHEST = 1000.0  # range: [rad | m] from the start to the nearest sample; beyond, a unit is wrong
 BENT = 0.2  # numerics: share of a step by which the tangents at its ends may mispredict it
+DEPENDENT = 1e-9  # numerics: of the largest singular value of [J; W_u]: u is no set of coordinates
 PARALLEL = 1e-6  # numerics: sine of the angle between axes that are meant to be parallel
 LEAP = 20.0  # range: [rad | m] from one sample to the next
 
@@ -297,6 +298,9 @@ def best_conditioned(mechanism: Mechanism, q: np.ndarray) -> tuple[str, ...]:
     best, least = sets[0], np.inf
     for joints in islice(sets, 500):
         K = np.concatenate([J, W[:, [names.index(name) for name in joints]]], axis=1)
+        values = np.linalg.svd(K[len(K) // 2], compute_uv=False)
+        if values[mechanism.model.nv - 1] < DEPENDENT * values[0]:
+            continue  # they do not determine the motion, at any position
         with np.errstate(all="ignore"):
             size = np.linalg.norm(pseudo_inverse(K), axis=(1, 2)).max()
         if size < 0.99 * least:
