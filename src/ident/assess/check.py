@@ -30,6 +30,7 @@ from ident.motion.unforced import unforced_base
 from ident.request import Step
 from ident.text import significant
 
+COMBINED = 1e-6  # numerics: of a mass, in a sum that base parameters make
 IMPOSSIBLE = 10.0  # shown: times a drive's effort limit, which is nominal in many URDFs
 LIMIT_ROUNDING = 1e-6  # numerics: of positions and speeds beyond a limit
 BESIDE = "with friction, rotors and offsets of all joints"  # the effects that every machine has
@@ -229,7 +230,13 @@ def identifiable(mechanism: Mechanism, motion: Motion | None = None) -> dict[str
     ones = np.ones(information.d)
     base = estimate(information.totals, columns.prior, ones, sigma=ones).base
     nothing = [name for name, carrier in absorbed_by(columns, base).items() if not carrier]
-    return {
+    known: dict[str, Any] = {
         "unknowns": len(columns), "rank": base.rank, "condition_number": base.condition_number,
         "base_parameters": list(base_names(columns, base)), "without_effect": nothing,
     }  # fmt: skip
+    total = np.array([name.endswith(".m") for name in columns.names], dtype=float)
+    if total.any() and any(chain.floating for chain in mechanism.chains):
+        # w x is determined where w_D = Kᵀ w_I
+        left_over = total[base.dependent] - base.K.T @ total[base.independent]
+        known["total_mass"] = bool(np.abs(left_over).max(initial=0.0) < COMBINED)
+    return known

@@ -260,6 +260,8 @@ def structure(identifiable: Mapping[str, Any], has_motion: bool, verbose: bool =
         f"{what} {identifiable['rank']} base parameters of {identifiable['unknowns']} unknowns "
         f"(condition number {significant(identifiable['condition_number'])})"
     )
+    if not identifiable.get("total_mass", True):
+        line += "; the total mass is not among what is determined: what holds the base takes it"
     if not verbose:
         return f"{line}; --verbose names them"
     lines = [f"{line}:", *(f"  {name}" for name in identifiable["base_parameters"])]
