@@ -205,7 +205,7 @@ def effect_words(effects: Sequence[Effect]) -> str:
 
 def formula_noun(formula: Formula) -> str:
     """Return what the force of a formula is known as, with its article."""
-    name = formula.terms[0].known_as.replace("_", " ")
+    name = formula.terms[0].known_as.replace("_", " ") or "force of a shape without a name"
     return f"an {name}" if name[0] in "aeiou" else f"a {name}"
 
 
