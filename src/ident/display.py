@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ident.threads import on_one_thread
+
 Progress = Callable[[str, float], None]
 """Called with the name of the present step and the share of it that is done, 0 to 1."""
 
@@ -56,6 +58,7 @@ def renderer(noun: object, form: str) -> Renderer | None:
     return None
 
 
+@on_one_thread
 def render(noun: object, form: str, *args: Any, **options: Any) -> Any:
     """Return a noun in a form."""
     if known := renderer(noun, form):

@@ -7,6 +7,7 @@ with two threads each are slower on two cores than with one each.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec, TypeVar
@@ -23,6 +24,8 @@ def on_one_thread(verb: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(verb)
     def limited(*args: P.args, **options: P.kwargs) -> R:
+        if all(os.environ.get(name) == "1" for name in VARIABLES[:2]):
+            return verb(*args, **options)  # as commands and workers have it
         from threadpoolctl import threadpool_limits  # looks which libraries there are by now
 
         with threadpool_limits(1):

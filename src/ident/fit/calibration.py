@@ -36,6 +36,7 @@ from ident.mechanism.causes import Cause
 from ident.text import listed
 
 ROUNDS = 2  # work: of columns at the parameters that they lead to
+NEAR = 0.1  # numerics: prior scales, below which a second round would change no error by a percent
 PASSES = 6  # work: over the weights of the coordinates
 SETTLED = 1e-3  # numerics: of a weight: a smaller change is the last
 TRADES = 0.9  # level: correlation of two causes' errors from which one stands for the other
@@ -100,8 +101,9 @@ def budget_of(rows: FitRows, fitted: Estimate) -> Budget | None:
     """Return the error budget of an estimate, in the rows that it was made of; None where nothing
     may be wrong, or no column of a cause is felt.
 
-    The second round is about the parameters and causes that the first one leads to: a channel that
-    is a sample late shifts the steps of dry friction, which a slope describes badly.
+    The second round is about the parameters and causes that the first one leads to, unless they
+    are NEAR: a channel that is a sample late shifts the steps of dry friction, which a slope
+    describes badly.
     """
     base, causes, left_out = fitted.base.independent, [*rows.causes()], list[str]()
     if not causes or not len(base):
@@ -110,6 +112,8 @@ def budget_of(rows: FitRows, fitted: Estimate) -> Budget | None:
     least, n = fitted.solution.beta, len(base)
     for number in range(ROUNDS):
         if number:
+            if np.abs(values).max(initial=0.0) < NEAR:
+                break
             with suppress(IdentError, np.linalg.LinAlgError):
                 at = at.corrected(x, causes, values)
         columns = [at.column(cause) for cause in causes]
