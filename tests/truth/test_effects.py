@@ -27,6 +27,7 @@ SITED = {"payload": ("a_link",), "geometry": ("a.x",), "closure_compliance": ("p
 WITH_COLUMNS = [
     k for k in KINDS if not issubclass(KINDS[k], Correcting | FrameForce) and k != "payload"
 ]
+COMMANDS = ("ref", "current", "voltage", "duty", "supply")
 TILTED = FramePath(
     ("a",), np.eye(3)[None], np.zeros((1, 3)), np.array([[0.6, 0.0, 0.8]]), np.array([True]),
     (np.eye(3), np.array([0.1, 0.2, 0.3])),
@@ -60,7 +61,7 @@ def signals(effect, n=60, seed=0):
         extra={
             **{f"{x}.a": 5 + rng.normal(size=n) for x in ("input", "wheel", "normal")},
             **{f"temperature.{k}": 20 + rng.normal(size=n) for k in "ab"},
-            **{f"{x}.{k}": rng.normal(size=n) for k in "ab" for x in ("ref", "current", "voltage")},
+            **{f"{x}.{k}": rng.normal(size=n) for k in "ab" for x in COMMANDS},
         },
         shape=shape_of(effect),
         present={"viscous.a.Fv": 0.4},
@@ -150,7 +151,7 @@ def test_shapes_have_bounds_and_starts_within(kind, rotational):
         assert all(bounds[k][0] <= x <= bounds[k][1] for k, x in start.items()), (start, bounds)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [k for k in KINDS if k != "reversal_pulses"])  # of a jump
 def test_columns_of_a_sample_depend_on_that_sample_or_what_was_before(kind):
     effect = made(kind)
     s = signals(effect)
@@ -197,6 +198,12 @@ def sign(s, v=None):
     v = s.v if v is None else v
     x = v / s.still[0]
     return np.where(np.abs(x) < 1, 2.25 * x - 1.25 * x**3, np.sign(v))
+
+
+def pulses(s):
+    """d/dt sign(v) and d²/dt² sign(v), by differences over two steps."""
+    first = np.gradient(sign(s), 0.01, axis=0)
+    return [first, np.gradient(first, 0.01, axis=0)]
 
 
 def dahl(s):
@@ -249,6 +256,7 @@ FORMULAS = {
         lambda s: [0.4 * s.v * (s.extra["temperature.a"][:, None] - 25.0)],
         ["1/K", "1/K"],
     ),
+    "reversal_pulses": (lambda s: pulses(s), ["N m s", "N s"]),
     "drift": (lambda s: [(s.t - 3.0)[:, None]], ["N m/s", "N/s"]),
 }
 
@@ -303,6 +311,9 @@ CORRECTIONS = {  # what s = 0.01 corrects
         c.torque["a"], 0.01 * (half_late(s, "ref") - s.q[:, 0] - s.v[:, 0])
     ),
     "motor_current": lambda s, c: np.allclose(c.torque["a"], 0.01 * s.extra["current.a"]),
+    "motor_duty": lambda s, c: np.allclose(
+        c.torque["a"], 0.01 * (half_late(s, "duty") * half_late(s, "supply") - s.v[:, 0])
+    ),
     "motor_voltage": lambda s, c: np.allclose(
         c.torque["a"], 0.01 * (half_late(s, "voltage") - s.v[:, 0])
     ),

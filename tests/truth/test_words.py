@@ -288,7 +288,7 @@ def test_lines_are_as_wide_as_a_narrow_terminal(monkeypatch):
     monkeypatch.setattr("ident.text.sys.stdout", SimpleNamespace(isatty=lambda: True))
     monkeypatch.setenv("COLUMNS", "72")
     narrow = lacking().short
-    assert max(len(x) for x in narrow.splitlines() if not x.startswith("  ident ")) <= 72
+    assert max(len(x) for x in narrow.splitlines() if not x.startswith("  ident")) <= 72
     assert max(len(x) for x in printed.splitlines()) > 80  # a file has its own width
     assert set(narrow.split()) >= {*printed.split("\nerror ")[0].split()}
 
