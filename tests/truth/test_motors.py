@@ -115,9 +115,10 @@ def test_a_log_of_motors_is_told_from_one_of_joints(tmp_path, kind, lines):
     [
         ('m3 = "j2 + j3"', r'2 joints \(j2, j3\)'),
         ('m2 = "j2 + j3"\nm3 = "2 * j2 + 2 * j3"', "singular"),
-        ('m3 = "j2 + j9"', "no joint 'j9'"), ('j3 = "j2 + j3"', "m_j3"),
+        ('m3 = "j2 + j9"', "no joint 'j9'"), ('m3 = "j2-j9"', "no joint 'j9'"), ('j3 = "j2 + j3"', "m_j3"),
         ('m3 = "j2 +* j3"', "no sum of joints"), ("m3 = 4", "write m3"),
-        ("m3 = { j3 = 0 }", "leave out"), ('m3 = { formula = "j3", kind = "ball" }', "revolute"),
+        ("m3 = { j3 = 0 }", "leave out"), ('m3 = "j2 / 0"', "divides by 0"),
+        ('m3 = "j9-x + j3"', "no joint 'j9-x'"), ('m3 = { formula = "j3", kind = "ball" }', "revolute"),
     ],
 )  # fmt: skip
 def test_bad_motors_are_refused_with_what_is_valid(tmp_path, rows, word):
@@ -131,6 +132,43 @@ def test_a_locked_joint_keeps_its_share_in_the_motor(tmp_path):
     q = mechanism.assembled
     at = {joint.name: joint.index for joint in mechanism.joints}
     assert q[at["m3"]] == pytest.approx(q[at["j3"]] - 0.5)
+
+
+@pytest.mark.parametrize(
+    ("formula", "ratios"),
+    [
+        ("j2-j3", {"j2": 1.0, "j3": -1.0}), ("j2*2 + j3", {"j2": 2.0, "j3": 1.0}),
+        ("j2/4 - .5*j3", {"j2": 0.25, "j3": -0.5}), ("3/2 j2 + 2j3", {"j2": 1.5, "j3": 2.0}),
+        ("-1e1*j2*3/5+j3", {"j2": -6.0, "j3": 1.0}),
+    ],
+)  # fmt: skip
+def test_sums_are_read_as_they_are_written(tmp_path, formula, ratios):
+    toml = f'urdf = "arm.urdf"\n[motors]\nj2 = "j2"\nm3 = "{formula}"\n'
+    motor = ident.load(folder(tmp_path, toml=toml)).motors[1]
+    assert dict(motor.ratios) == pytest.approx(ratios)
+
+
+def test_a_hyphen_in_a_joints_name_is_no_minus(tmp_path):
+    urdf = PALLETIZER.urdf(0.0).replace('"j3"', '"j2-3"')
+    (tmp_path / "arm.urdf").write_text(urdf)
+    rows = 'urdf = "arm.urdf"\n[motors]\nj2 = "j2"\nm3 = "j2 - j2-3"\n'
+    (tmp_path / "mechanism.toml").write_text(rows)
+    assert dict(ident.load(tmp_path).motors[1].ratios) == {"j2": 1.0, "j2-3": -1.0}
+
+
+def test_fewer_motors_on_tendons_than_joints_are_a_note(tmp_path):
+    pytest.importorskip("mujoco")
+    inertial = '<inertial pos="0.1 0 0" mass="1" diaginertia=".01 .01 .01"/>'
+    (tmp_path / "finger.xml").write_text(
+        f"""<mujoco><worldbody><body><joint name="j1" axis="0 1 0"/>{inertial}
+        <body pos=".3 0 0"><joint name="j2" axis="0 1 0"/>{inertial}</body></body></worldbody>
+        <tendon><fixed name="sum"><joint joint="j1" coef="1"/><joint joint="j2" coef="2"/></fixed>
+        </tendon><actuator><motor name="m" tendon="sum"/></actuator></mujoco>"""
+    )
+    mechanism = ident.load(tmp_path / "finger.xml")
+    assert mechanism.motors == ()
+    (note,) = [note for note in mechanism.notes if "tendons are left out" in note]
+    assert "1 motor for 2 joints (j1, j2)" in note
 
 
 def test_an_actuator_on_a_tendon_is_a_motor(tmp_path):

@@ -166,12 +166,6 @@ class _MjcfModel:
             self._add(urdf, body)
         closures, notes = self._closures()
         passive = tuple(self.joints[j] for j in self._undriven())
-        motors = self._motors()
-        if pulled := [name for name in motors if name not in self.joints]:
-            notes.append(
-                f"{', '.join(pulled)}: pulls a tendon, so it is a motor with coordinates of its "
-                f"own: q.{pulled[0]} and tau.{pulled[0]} of the log; [motors] says otherwise"
-            )
         gx, gy, gz = map(float, m.opt.gravity)
         return Description(
             urdf=urdf.text(),
@@ -181,7 +175,7 @@ class _MjcfModel:
             start={name: x for j in range(m.njnt) for name, x in self._start(j).items()},
             gravity=(gx, gy, gz),
             auxiliary=tuple(name for links in self.steps for name in links),
-            motors=motors,
+            motors=self._motors(),
             notes=(*warnings, *self._notes(passive), *notes),
         )
 
@@ -276,12 +270,12 @@ class _MjcfModel:
         """Return the motors that pull fixed tendons, by actuator: the sum of joints that turns it,
         and each joint that has an actuator of its own beside them.
         """
-        m, motors, own = self.model, dict[str, dict[str, float]](), set[str]()
+        m, motors, driven = self.model, dict[str, dict[str, float]](), set[str]()
         for a, (kind, (target, _)) in enumerate(
             zip(m.actuator_trntype, m.actuator_trnid, strict=True)
         ):
             if kind in BY_JOINT:
-                own.add(self.joints[int(target)])
+                driven.add(self.joints[int(target)])
             if kind != BY_TENDON:
                 continue
             first = int(m.tendon_adr[target])
@@ -292,7 +286,7 @@ class _MjcfModel:
             name = m.actuator(a).name or m.tendon(int(target)).name or f"motor_{a + 1}"
             motors[_free(name, self.joints)] = {j: x for j, x in ratios.items() if x}
         moved = {joint for ratios in motors.values() for joint in ratios}
-        return motors | {name: {name: 1.0} for name in self.joints if name in own & moved}
+        return motors | {name: {name: 1.0} for name in self.joints if name in driven & moved}
 
     def _undriven(self) -> list[int]:
         m, driven = self.model, set()

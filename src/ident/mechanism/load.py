@@ -55,7 +55,7 @@ from ident.mechanism.description import (
 from ident.mechanism.drives import read_drives
 from ident.mechanism.idle import spins
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
-from ident.mechanism.motors import Motor, add_motors, moved_by, read_motors, starts_of
+from ident.mechanism.motors import Motor, add_motors, motors_of_file, moved_by, read_motors, starts_of
 from ident.mechanism.parameters import COUNT, Bodies, read_consistency, read_covariance
 from ident.text import listed
 
@@ -156,9 +156,12 @@ def _read(
         top = replace(top, data={**top.data, "joints": joints_data})
     floats = "" if "kind" in top.table("base") else may_float(robot)
     chained = _expanded(robot, str(urdf), top, to_lock)
-    rows = top.table("motors") if "motors" in top else TomlTable(str(urdf), dict(source.motors))
     tied = bool(source.closures or closures or robot.find("joint/mimic") is not None)
-    motors = read_motors(rows, robot, to_lock, tied=tied)
+    if "motors" in top:
+        motors, motor_notes = read_motors(top.table("motors"), robot, to_lock, tied), ()
+    else:
+        rows = TomlTable(str(urdf), dict(source.motors))
+        motors, motor_notes = motors_of_file(rows, robot, to_lock, tied)
     top = _started(top, motors)
     ties = [TomlTable("[motors]", table) for table in add_motors(robot, motors, to_lock)]
     locks, outside = lock(robot, to_lock, str(urdf))
@@ -232,7 +235,7 @@ def _read(
     still = {name: value for name, value in locks.items() if name not in idle}
     at = ", ".join(f"{name} at {value:.4g}" for name, value in still.items())
     locking = f"locked: {at}" if at else ""
-    remarks = [unused_toml(urdf, toml), *source.notes, *tree.notes, floats, locking, *outside]
+    remarks = [unused_toml(urdf, toml), *source.notes, *motor_notes, *tree.notes, floats, locking, *outside]
     closure_joints = (
         Joint(joint.name, joint.rotational, index, in_tree=False)
         for index, joint in enumerate(mechanism.kinematics.closure_joints)

@@ -22,16 +22,18 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from ident.errors import one_of
+from ident.errors import MechanismError, one_of
 from ident.files import TomlTable, is_number
 from ident.mechanism.description import UNLIMITED
 
 ROTOR = "_rotor"  # what the link of a motor is called behind the motor's name
 SINGULAR = 1e-9  # numerics: smallest singular value of a motor matrix over its largest
-TERM = re.compile(
-    r"\s*(?P<sign>[+-]?)\s*(?:(?P<top>\d+\.?\d*(?:[eE][+-]?\d+)?)\s*"
-    r"(?:/\s*(?P<below>\d+\.?\d*)\s*)?\*?\s*)?(?P<joint>[A-Za-z_][\w.]*(?:-\w+)*)\s*"
+NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+TERM = (  # of a sum, whose joint is one of %(names)s; a factor stands on either side
+    rf"\s*(?P<sign>[+-]?)\s*(?:(?P<top>{NUMBER})\s*(?:/\s*(?P<below>{NUMBER})\s*)?\*?\s*)??"
+    rf"(?P<joint>%(names)s)(?:\s*\*\s*(?P<times>{NUMBER}))?(?:\s*/\s*(?P<over>{NUMBER}))?\s*"
 )
+WORD = r"[A-Za-z_][\w.]*(?:-\w+)*"  # a joint that is not there, to be named in the message
 EXAMPLE = 'write m3 = "j2 + j3", m1 = { j1 = 9.5 }, or j2 = "j2" for a joint with its own motor'
 
 
@@ -123,6 +125,27 @@ def read_motors(
     return motors
 
 
+def motors_of_file(
+    section: TomlTable, robot: etree._Element, locked: Collection[str], tied: bool = False
+) -> tuple[tuple[Motor, ...], tuple[str, ...]]:
+    """Return the motors on tendons of a model's file, and a note on them; none where they cannot
+    move all their joints, which then count as joints with motors of their own.
+    """
+    if not section.data:
+        return (), ()
+    try:
+        motors = read_motors(section, robot, locked, tied)
+    except MechanismError as error:
+        note = f"motors on tendons are left out, so torques are those of the joints: {error}"
+        return (), (note,)
+    if pulled := [motor.name for motor in motors if not motor.is_joint]:
+        return motors, (
+            f"{', '.join(pulled)}: pulls a tendon, so it is a motor with coordinates of its "
+            f"own: q.{pulled[0]} and tau.{pulled[0]} of the log; [motors] says otherwise",
+        )
+    return motors, ()
+
+
 def add_motors(
     robot: etree._Element, motors: Sequence[Motor], locked: Mapping[str, float]
 ) -> list[dict[str, Any]]:
@@ -149,20 +172,20 @@ def add_motors(
         )
         if not motor.closure:
             table = motor.table()
-            held = [name in locked for name in table["joints"]]
+            free = [name not in locked for name in table["joints"]]
             offset = sum(
                 motor.ratios[name] * locked[name] for name in motor.ratios if name in locked
             )
             for key in ("joints", "ratios"):
-                table[key] = [x for x, out in zip(table[key], held, strict=True) if not out]
+                table[key] = [x for x, moves in zip(table[key], free, strict=True) if moves]
             tables.append({**table, "offset": float(offset)})
     return tables
 
 
 def moved_by(motors: Collection[Motor]) -> set[str]:
     """Return the joints that motors elsewhere move: they are passive."""
-    own = {motor.name for motor in motors if motor.is_joint}
-    return {joint for motor in motors for joint in motor.ratios} - own
+    driven = {motor.name for motor in motors if motor.is_joint}
+    return {joint for motor in motors for joint in motor.ratios} - driven
 
 
 def starts_of(motors: Sequence[Motor], start: Mapping[str, Any]) -> dict[str, float]:
@@ -205,11 +228,11 @@ def _motor(
             closure = where.text("closure")
             ratios = dict.fromkeys(where.words("joints"), 1.0)
         else:
-            ratios = _terms(where, where.text("formula"))
+            ratios = _terms(where, where.text("formula"), moving)
     elif isinstance(entry, dict):
         ratios = {joint: where.number(joint) for joint in entry}
     elif isinstance(entry, str):
-        ratios = _terms(where, entry)
+        ratios = _terms(where, entry, moving)
     else:
         raise where.error(f"{entry!r}; {EXAMPLE}")
     if not ratios:
@@ -229,16 +252,26 @@ def _motor(
     return Motor(name, ratios, turns, closure)
 
 
-def _terms(where: TomlTable, text: str) -> dict[str, float]:
-    """Return the ratios by joint of a sum such as "j2 + 0.5 * j3"."""
+def _terms(where: TomlTable, text: str, names: Collection[str]) -> dict[str, float]:
+    """Return the ratios by joint of a sum such as "j2 + 0.5 * j3"; a hyphen is of a name where one
+    of `names` has it, and else a minus.
+    """
+    longest_first = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
+    known = re.compile(TERM % {"names": rf"(?:{longest_first})(?![\w.])"})
+    unknown = re.compile(TERM % {"names": WORD})
     ratios: dict[str, float] = {}
     at = 0
     while at < len(text):
-        match = TERM.match(text, at)
+        match = (known.match(text, at) if names else None) or unknown.match(text, at)
         if match is None or (ratios and not match["sign"]) or match["joint"] in ratios:
             raise where.error(f"'{text}' is no sum of joints at '{text[at:].strip()}'; {EXAMPLE}")
-        ratio = float(match["top"] or 1) / float(match["below"] or 1)
-        ratios[match["joint"]] = -ratio if match["sign"] == "-" else ratio
+        above, below = (
+            float(match[one] or 1) * float(match[two] or 1)
+            for one, two in (("top", "times"), ("below", "over"))
+        )
+        if below == 0:
+            raise where.error(f"'{text}' divides by 0; {EXAMPLE}")
+        ratios[match["joint"]] = above / below * (-1.0 if match["sign"] == "-" else 1.0)
         at = match.end()
     return ratios
 
