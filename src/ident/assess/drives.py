@@ -37,7 +37,7 @@ class DriveCheck:
         joint: its name; kind: of its drive.
         scale: what its scale rests on, in words; known: whether anything gives it one.
         error: of the scale, as a share of it, one standard deviation; None without one.
-        command: how its command is held, and how often it is off or at its limit.
+        command: how it changes between samples, and how often the drive is off.
         apart: what this log does not tell apart, and the cheapest change that would.
     """
 

@@ -74,6 +74,7 @@ def check(
     Joints, closures, degrees of freedom; of logs their columns, and what looks wrong in them. With
     --verbose also what smoothing left of each channel, and base parameters.
     """
+    from ident.assess.check import check_logs
     from ident.show.motion import check_json, check_text
 
     mechanism = model.load(logs)
@@ -92,7 +93,7 @@ def check(
                 _suggest_columns(mechanism, logs[0])
                 raise
         if json:
-            conclude(check_json(mechanism, motion))
+            conclude(check_json(check_logs(mechanism, motion), mechanism, motion))
         else:
             request = model.request(logs)
             conclude(check_text(mechanism, motion, request, verbose=verbose))

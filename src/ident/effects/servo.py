@@ -29,7 +29,8 @@ SCALE_RANGE = 30.0  # range: times above and below its start that a drive's scal
 
 
 PREFIX = "command_delay."
-HOLD = "hold"  # column: for how long [s] a command is held, a sample of the log if it has none
+# column that is made, not logged: for how long [s] a command is held, one sample of the log
+HOLD = "(time that a command is held)"
 
 
 class CommandDelay(Correcting):
@@ -68,9 +69,10 @@ class Drive(Correcting):
         return tuple(f"{command}.{self.joints[0]}" for command in self.commands)
 
     def command(self, s: Signals, name: str) -> np.ndarray | None:
-        """Return a command (n,) of the joint as its drive has it: late, and held between samples.
+        """Return a command (n,) of the joint as its drive has it: late, straight between samples.
 
-        A command that is held from one sample to the next is on average half a sample late.
+        One that is held from a sample to the next is on average half a sample late, which is what
+        is taken of the hold: filtered rows and motions of a machine show no more of its steps.
         """
         x = s.extra.get(f"{name}.{self.joints[0]}")
         if x is None or len(s.t) < 2:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.effects import Effect, ReversalPulses
 from ident.effects.effect import Signals
+from ident.effects.servo import CommandDelay
 from ident.equations.problem import Problem
 from ident.finding import Finding
 from ident.information import linear
@@ -20,7 +21,6 @@ from ident.text import listed, percent
 
 DIFFERS = 0.1  # level: share of the measured torque by which a drive's differs and is named
 AT_BOUND = 1e-6  # numerics: [s] from the end of its search within which a delay is at it
-SHARED = "command_delay"  # kind of the delay that drives of one bus have in common
 
 
 def with_sensors_first(
@@ -42,7 +42,7 @@ def with_sensors_first(
         if (finding := _compared(mechanism, mechanism.drives[name], motion.experiments))
     ]
     drives = [drive for name, drive in mechanism.drives.items() if name not in measured]
-    others = [e for e in mechanism.effects if not e.supplies_torque and e.kind != SHARED]
+    others = [e for e in mechanism.effects if not e.supplies_torque and e.kind != CommandDelay.kind]
     kept = replace(mechanism, effects=tuple(others))
     for effect in with_common_delay(drives):
         kept = kept + effect
@@ -112,7 +112,7 @@ def delays_at_bounds(problem: Problem, estimate: Estimate) -> list[Finding]:
     """Return a finding on each delay of commands that ends where its search ends."""
     findings = []
     for effect, places in problem.columns.effects:
-        if effect.kind != SHARED or places[-1] < 0:
+        if effect.kind != CommandDelay.kind or places[-1] < 0:
             continue
         (shape,) = effect.shapes
         assert shape.range is not None

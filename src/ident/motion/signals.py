@@ -230,7 +230,7 @@ def measure(
         if f"q.{name}" in columns and {*drive.reads()} <= {*columns}
     }
     if mechanism.drives:
-        columns.setdefault(HOLD, np.full(len(log.t), float(np.median(np.diff(log.t)))))
+        columns[HOLD] = np.full(len(log.t), float(np.median(np.diff(log.t))))
     limits = torque_limits(columns) if limits is None else limits
     notes += _without_limits(columns, limits)
     log = replace(log, columns=columns)

@@ -16,10 +16,9 @@ from ident.assess.check import (
     beyond_limits,
     check_logs,
     data_findings,
-    identifiable,
     joints_json,
 )
-from ident.assess.drives import check_drives, drive_rows
+from ident.assess.drives import drive_rows
 from ident.display import renders
 from ident.errors import MechanismError
 from ident.files import version
@@ -270,8 +269,10 @@ def structure(identifiable: Mapping[str, Any], has_motion: bool, verbose: bool =
     return "\n".join(lines)
 
 
-def check_json(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, Any]:
-    """Return what `ident check` shows."""
+def check_json(
+    check: LogCheck, mechanism: Mechanism, motion: Motion | None = None
+) -> dict[str, Any]:
+    """Return what `ident check` shows, of a check of this mechanism and motion."""
     joints = zip(joints_json(mechanism, motion), assembled_coordinates(mechanism), strict=True)
     logs = [] if motion is None else motion.experiments
     return {
@@ -293,8 +294,8 @@ def check_json(mechanism: Mechanism, motion: Motion | None = None) -> dict[str, 
             for e in logs
         ],
         "cutoff": None if motion is None else motion.band.cutoff,
-        "drives": [drive.json() for drive in check_drives(mechanism, motion)],
-        "identifiable": identifiable(mechanism, motion),
+        "drives": [drive.json() for drive in check.drives],
+        "identifiable": dict(check.identifiable),
         "notes": [
             *mechanism.notes,
             *map(str, data_findings(mechanism, motion)),

@@ -3,7 +3,8 @@
     τ(t, q, v) = on(t) · clip(T₀(t) + T_q(t) q + T_v(t) v, ±limit)
 
 T₀, T_q and T_v are taken from the drive's own law at unit states, so that what is simulated and
-what is identified cannot disagree: commands are late by the drive's delay and held between samples.
+what is identified cannot disagree: commands are late by the drive's delay and by half a sample, the
+mean lateness of a command that is held, and go straight between samples; `on` is held.
 """
 
 from __future__ import annotations
