@@ -11,7 +11,10 @@ from helpers import ROBOTS
 from ident.errors import LogError
 from ident.log import Column, read_log
 
-KINDS = {"<f8": b"DoubleStorage", "<f4": b"FloatStorage", "<i8": b"LongStorage"}
+KINDS = {
+    "<f8": b"DoubleStorage", "<f4": b"FloatStorage", "<i8": b"LongStorage",
+    "<u2": b"BFloat16Storage",
+}  # fmt: skip
 
 
 def text(word):
@@ -87,6 +90,39 @@ def test_a_tensor_outside_its_storage_is_refused(tmp_path, changed):
     path = saved(tmp_path / "run.pt", {"time": np.arange(50) / 100}, **changed)
     with pytest.raises(LogError, match="damaged"):
         read_log(path)
+
+
+def test_lists_in_each_other_many_times_over_are_walked_once(tmp_path):
+    # l1 = [time], l2 = [l1] * 60, l3 = [l2] * 60 …: 60⁵ paths to tensors in a pickle of 1 kB
+    body = b"]q\x01(" + tensor("0", arrays()["time"]) + b"e"
+    for level in range(1, 6):
+        body += b"0]q" + bytes([level + 1]) + b"(" + (b"h" + bytes([level])) * 60 + b"e"
+    path = saved(tmp_path / "run.pt", arrays(), text("x") + body)
+    assert "dof_pos.1" in read_log(path, {"t": Column("time")}).columns
+
+
+def test_many_tensors_of_one_storage_take_its_memory_once(tmp_path, monkeypatch):
+    # each key is read once, and columns beyond the limit are refused before they are made
+    x = np.zeros((500, 100))
+    more = b"".join(text(f"y{i}") + tensor("0", x) for i in range(60))
+    path = saved(tmp_path / "run.pt", {"x": x}, more)
+    monkeypatch.setenv("IDENT_LARGEST_LOG", "0.002")
+    with pytest.raises(LogError, match=r"would take 0\.0244 GB"):
+        read_log(path)
+
+
+def test_bfloat16_is_the_upper_half_of_float32(tmp_path):
+    full = np.linspace(-3.0, 3.0, 50).astype("<f4")
+    half = (full.view("<u4") >> 16).astype("<u2")
+    path = saved(tmp_path / "run.pt", {"time": np.arange(50) / 100, "dof_pos": half})
+    read = read_log(path, {"t": Column("time")})
+    np.testing.assert_allclose(read.columns["dof_pos"], full, rtol=2**-7)
+
+
+def test_a_kind_of_number_that_is_not_read_is_called_that(tmp_path):
+    more = text("x") + b"ctorch\nComplexFloatStorage\n"
+    with pytest.raises(LogError, match=r"ComplexFloatStorage, a kind of number .*x\.float"):
+        read_log(saved(tmp_path / "run.pt", arrays(), more))
 
 
 def test_an_old_pickle_is_not_run(tmp_path):

@@ -115,10 +115,12 @@ def test_a_log_of_motors_is_told_from_one_of_joints(tmp_path, kind, lines):
     [
         ('m3 = "j2 + j3"', r'2 joints \(j2, j3\)'),
         ('m2 = "j2 + j3"\nm3 = "2 * j2 + 2 * j3"', "singular"),
-        ('m3 = "j2 + j9"', "no joint 'j9'"), ('m3 = "j2-j9"', "no joint 'j9'"), ('j3 = "j2 + j3"', "m_j3"),
+        ('m3 = "j2 + j9"', "no joint 'j9'"), ('m3 = "j2-j9"', "no joint 'j9'"),
+        ('j3 = "j2 + j3"', "m_j3"),
         ('m3 = "j2 +* j3"', "no sum of joints"), ("m3 = 4", "write m3"),
         ("m3 = { j3 = 0 }", "leave out"), ('m3 = "j2 / 0"', "divides by 0"),
-        ('m3 = "j9-x + j3"', "no joint 'j9-x'"), ('m3 = { formula = "j3", kind = "ball" }', "revolute"),
+        ('m3 = "j9-x + j3"', "no joint 'j9-x'"),
+        ('m3 = { formula = "j3", kind = "ball" }', "revolute"),
     ],
 )  # fmt: skip
 def test_bad_motors_are_refused_with_what_is_valid(tmp_path, rows, word):

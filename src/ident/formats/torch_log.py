@@ -24,11 +24,12 @@ from ident.log.table import RawTable, table_of_arrays
 STORAGES = {
     "FloatStorage": "<f4", "DoubleStorage": "<f8", "HalfStorage": "<f2", "LongStorage": "<i8",
     "IntStorage": "<i4", "ShortStorage": "<i2", "CharStorage": "i1", "ByteStorage": "u1",
-    "BoolStorage": "?",
+    "BoolStorage": "?", "BFloat16Storage": "bfloat16",
 }  # fmt: skip
+BYTES = 8  # of a number of a column
 PICKLE = "data.pkl"  # its name in the archive
 DEEPEST = 8  # work: of dictionaries and lists in each other
-MOST = 500  # work: columns of one tensor
+MOST_COLUMNS = 500  # work: of one tensor
 
 
 class _Refused(Exception):
@@ -41,6 +42,7 @@ class _Reader(pickle.Unpickler):
     def __init__(self, content: bytes, archive: zipfile.ZipFile, root: str) -> None:
         super().__init__(io.BytesIO(content))
         self.archive, self.root = archive, root
+        self.storages = dict[str, np.ndarray]()  # by key: many tensors may be of one
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) in (
@@ -51,17 +53,29 @@ class _Reader(pickle.Unpickler):
             return STORAGES[name]
         if (module, name) == ("collections", "OrderedDict"):
             return _dictionary
-        raise _Refused(f"{module}.{name}")
+        kind = ", a kind of number that is not read here; save x.float()"
+        why = kind if name.endswith("Storage") else ", which is no tensor, and is not run"
+        raise _Refused(f"{module}.{name}{why}")
 
     def persistent_load(self, pid: Any) -> np.ndarray:
         _, kind, key, _, count = pid
-        if kind not in STORAGES.values() or "/" in str(key):
-            raise _Refused(f"a storage of {kind}")
-        with self.archive.open(f"{self.root}data/{key}") as stream:
-            x = np.frombuffer(stream.read(), np.dtype(kind))
+        key = str(key)
+        if kind not in STORAGES.values() or "/" in key:
+            raise ValueError("a storage has no kind or no name")
+        if f"{kind} {key}" not in self.storages:
+            with self.archive.open(f"{self.root}data/{key}") as stream:
+                self.storages[f"{kind} {key}"] = _numbers(stream.read(), kind)
+        x = self.storages[f"{kind} {key}"]
         if len(x) < int(count):
             raise ValueError("a storage is shorter than it says")
         return x
+
+
+def _numbers(content: bytes, kind: str) -> np.ndarray:
+    """Return the numbers of a storage; those of bfloat16 are the upper halves of float32."""
+    if kind != "bfloat16":
+        return np.frombuffer(content, np.dtype(kind))
+    return (np.frombuffer(content, "<u2").astype("<u4") << 16).view("<f4")
 
 
 def _dictionary(*_: Any) -> dict[Any, Any]:
@@ -75,7 +89,9 @@ def _parameter(data: Any, *_: Any) -> Any:
 def _tensor(
     storage: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple[int, ...], *_: Any
 ) -> np.ndarray:
-    """Return a tensor of a storage; its elements must lie in it, and be no more than it has."""
+    """Return a tensor of a storage, without a copy; its elements must lie in it, and be no more
+    than it has.
+    """
     size, stride = tuple(map(int, size)), tuple(map(int, stride))
     last = offset + sum((n - 1) * step for n, step in zip(size, stride, strict=True))
     count = int(np.prod(size, dtype=float)) if size else 1
@@ -83,7 +99,7 @@ def _tensor(
     if not good or count > len(storage) or (count and last >= len(storage)):
         raise ValueError("a tensor lies outside its storage")
     steps = tuple(step * storage.itemsize for step in stride)
-    return np.lib.stride_tricks.as_strided(storage[offset:], size, steps).copy()
+    return np.lib.stride_tricks.as_strided(storage[offset:], size, steps, writeable=False)
 
 
 def read_torch(path: Path) -> RawTable:
@@ -102,8 +118,7 @@ def read_torch(path: Path) -> RawTable:
             content = _Reader(archive.read(names[0]), archive, root).load()
     except _Refused as error:
         raise LogError(
-            f"{path}: holds {error}, which is no tensor, and is not run; save tensors alone: "
-            "torch.save({name: tensor, …}, path)"
+            f"{path}: holds {error}; save tensors alone: torch.save({{name: tensor, …}}, path)"
         ) from None
     except zipfile.BadZipFile:
         raise LogError(
@@ -116,20 +131,24 @@ def read_torch(path: Path) -> RawTable:
         raise LogError(
             f"{path}: a damaged file of torch.save ({type(error).__name__}); write it again"
         ) from None
-    arrays = _named(content, "", 0)
+    arrays = _named(content, "", 0, set())
+    check_size(path, sum(float(x.size) for x in arrays.values()) * BYTES)
     return table_of_arrays(str(path), columns_of(str(path), arrays))
 
 
-def _named(content: Any, name: str, depth: int) -> dict[str, np.ndarray]:
-    """Return the arrays of nested dictionaries and lists, by their keys with dots between."""
+def _named(content: Any, name: str, depth: int, visited: set[int]) -> dict[str, np.ndarray]:
+    """Return the arrays of nested dictionaries and lists, by their keys with dots between; one that
+    is in several places, or in itself, at the first alone, as there may be no end of its places.
+    """
     if isinstance(content, np.ndarray):
         return {name or "data": content}
-    if depth > DEEPEST or not isinstance(content, Mapping | list | tuple):
+    if depth > DEEPEST or not isinstance(content, Mapping | list | tuple) or id(content) in visited:
         return {}  # a number, a text: a setting, no signal
+    visited.add(id(content))
     items = content.items() if isinstance(content, Mapping) else enumerate(content)
     arrays = dict[str, np.ndarray]()
     for key, value in items:
-        arrays |= _named(value, f"{name}.{key}" if name else str(key), depth + 1)
+        arrays |= _named(value, f"{name}.{key}" if name else str(key), depth + 1, visited)
     return arrays
 
 
@@ -147,7 +166,7 @@ def columns_of(file: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndar
     for name, x in arrays.items():
         if x.ndim == 1 and len(x) == n:
             columns[name] = x
-        elif x.ndim == 2 and len(x) == n and x.shape[1] <= MOST:
+        elif x.ndim == 2 and len(x) == n and x.shape[1] <= MOST_COLUMNS:
             columns |= {
                 f"{name}.{i}" if x.shape[1] > 1 else name: x[:, i] for i in range(x.shape[1])
             }

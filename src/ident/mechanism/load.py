@@ -55,7 +55,14 @@ from ident.mechanism.description import (
 from ident.mechanism.drives import read_drives
 from ident.mechanism.idle import spins
 from ident.mechanism.mechanism import Joint, Mechanism, multipliers
-from ident.mechanism.motors import Motor, add_motors, motors_of_file, moved_by, read_motors, starts_of
+from ident.mechanism.motors import (
+    Motor,
+    add_motors,
+    motors_of_file,
+    moved_by,
+    read_motors,
+    starts_of,
+)
 from ident.mechanism.parameters import COUNT, Bodies, read_consistency, read_covariance
 from ident.text import listed
 
@@ -235,7 +242,8 @@ def _read(
     still = {name: value for name, value in locks.items() if name not in idle}
     at = ", ".join(f"{name} at {value:.4g}" for name, value in still.items())
     locking = f"locked: {at}" if at else ""
-    remarks = [unused_toml(urdf, toml), *source.notes, *motor_notes, *tree.notes, floats, locking, *outside]
+    of_source = (*source.notes, *motor_notes, *tree.notes)
+    remarks = [unused_toml(urdf, toml), *of_source, floats, locking, *outside]
     closure_joints = (
         Joint(joint.name, joint.rotational, index, in_tree=False)
         for index, joint in enumerate(mechanism.kinematics.closure_joints)
