@@ -14,15 +14,25 @@ from collections.abc import Mapping, Sequence
 from ident.log.log import ORDERED, TIME_NAME, WORDS
 
 NUMBER = re.compile(r"\d+")
+RATE = r"(_per_s|/s|_s|ps|s)?"  # what a unit ends with where it is of a speed
+ALONE = r"(?<![a-z])"
 SCALES = (  # ends of names, factor to SI units, what the comment says
-    (re.compile(r"(?<![a-z])deg(rees?)?(/s|ps|s)?$", re.I), math.pi / 180, "degrees to rad"),
-    (re.compile(r"(?<![a-z])mrad(/s|ps)?$", re.I), 1e-3, "mrad to rad"),
-    (re.compile(r"(?<![a-z])mm(/s|ps)?$", re.I), 1e-3, "mm to m"),
-    (re.compile(r"(?<![a-z])rpm$", re.I), math.pi / 30, "rev/min to rad/s"),
-    (re.compile(r"(?<![a-z])mNm$", re.I), 1e-3, "mN m to N m"),
-    (re.compile(r"(?<![a-z])mA$", re.I), 1e-3, "mA to A; times the drive's N m/A"),
-    (re.compile(r"(?<![a-z])A$"), 1.0, "A; times the drive's N m/A"),
+    (re.compile(rf"{ALONE}deg(rees?)?{RATE}$", re.I), math.pi / 180, "degrees to rad"),
+    (re.compile(rf"{ALONE}mrad{RATE}$", re.I), 1e-3, "mrad to rad"),
+    (re.compile(rf"{ALONE}mm{RATE}$", re.I), 1e-3, "mm to m"),
+    (re.compile(rf"{ALONE}cm{RATE}$", re.I), 1e-2, "cm to m"),
+    (re.compile(rf"{ALONE}rpm$", re.I), math.pi / 30, "rev/min to rad/s"),
+    (re.compile(rf"{ALONE}mN[ ._·*]?m$", re.I), 1e-3, "mN m to N m"),
+    (re.compile(rf"{ALONE}mA$", re.I), 1e-3, "mA to A; times the drive's N m/A"),
+    (re.compile(rf"{ALONE}A$"), 1.0, "A; times the drive's N m/A"),
+    (re.compile(rf"{ALONE}(rad(ians?)?|m){RATE}$", re.I), 1.0, ""),
+    (re.compile(rf"{ALONE}N([ ._·*]?m)?$", re.I), 1.0, ""),
 )
+NO_UNIT = {
+    "q": "no unit in its name: rad or m, else give a scale",
+    "v": "no unit in its name: rad/s or m/s, else give a scale",
+    "tau": "no unit in its name: N m or N, else give a scale",
+}
 TIMES = (
     (re.compile(r"(?<![a-z])(ms|msec|millis)$", re.I), 1e-3, "ms to s"),
     (re.compile(r"(?<![a-z])(us|usec|micros)$", re.I), 1e-6, "µs to s"),
@@ -66,7 +76,7 @@ def columns_of(signal: str, sites: Sequence[str], columns: Sequence[str]) -> Map
     known = {"tau": re.compile(rf"{WORDS['tau'].pattern}|m?Nm$|m?A$", re.I)}.get(
         signal, WORDS[signal]
     )
-    usable = [name for name in columns if known.search(name) and not ORDERED.search(name)]
+    usable = [x for x in columns if known.search(_bare(x)) and not ORDERED.search(x)]
     by_pattern: dict[str, dict[str, str]] = {}
     for name in usable:
         for site in sites:
@@ -86,10 +96,21 @@ def columns_of(signal: str, sites: Sequence[str], columns: Sequence[str]) -> Map
     return {}
 
 
+def _bare(column: str) -> str:
+    """Return a column's name without the brackets that its unit is in, as "q1 deg" of "q1 [deg]".
+
+    >>> _bare("current_1(mA)")
+    'current_1 mA'
+    """
+    return re.sub(r"\s*[\[({]([^\[({]*)[\])}]\s*$", r" \1", column).strip()
+
+
 def _line(name: str, column: str, scales: Sequence[tuple[re.Pattern[str], float, str]]) -> str:
     quoted = json.dumps(column, ensure_ascii=False)  # a TOML basic string too
+    bare = _bare(column)
     for pattern, scale, words in scales:
-        if pattern.search(column):
+        if pattern.search(bare):
             entry = quoted if scale == 1.0 else f"{{ column = {quoted}, scale = {scale!r} }}"
-            return f'"{name}" = {entry}  # {words}'
-    return f'"{name}" = {quoted}'
+            return f'"{name}" = {entry}' + f"  # {words}" * bool(words)
+    without = NO_UNIT.get(name.partition(".")[0], "")
+    return f'"{name}" = {quoted}' + f"  # {without}" * bool(without)

@@ -164,8 +164,9 @@ def _read(
     floats = "" if "kind" in top.table("base") else may_float(robot)
     chained = _expanded(robot, str(urdf), top, to_lock)
     tied = bool(source.closures or closures or robot.find("joint/mimic") is not None)
+    motor_notes: tuple[str, ...] = ()
     if "motors" in top:
-        motors, motor_notes = read_motors(top.table("motors"), robot, to_lock, tied), ()
+        motors = read_motors(top.table("motors"), robot, to_lock, tied)
     else:
         rows = TomlTable(str(urdf), dict(source.motors))
         motors, motor_notes = motors_of_file(rows, robot, to_lock, tied)
