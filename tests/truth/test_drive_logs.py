@@ -5,12 +5,17 @@ import pytest
 
 import ident
 from helpers import ROBOTS
+from ident.assess.check import check_logs
 from ident.effects.servo import HOLD
+from ident.errors import FitError
+from ident.fit.drives import with_sensors_first
 
 pl = pytest.importorskip("polars")
 
 JOINTS = ("yaw", "shoulder", "elbow")
 ARM = ROBOTS / "servo_arm"
+GAINS = {"yaw": (20.0, 0.4), "shoulder": (25.0, 0.5), "elbow": (14.0, 0.25)}  # kp, kd, planted
+LATE = 0.0105  # [s] delay of the planted drives, and half a sample of their hold
 
 
 @pytest.fixture(scope="module")
@@ -27,3 +32,58 @@ def test_a_column_called_hold_moves_no_command(mechanism, log):
     (e,) = ident.complete(mechanism, log.with_columns(hold=pl.lit(1.0))).experiments
     assert np.all(e.extra["hold"] == 1.0)
     assert e.extra[HOLD] == pytest.approx(0.005)
+
+
+@pytest.fixture(scope="module")
+def torques(mechanism, log):
+    """Torques (n,) that the planted drives made, by joint."""
+    (e,) = ident.complete(mechanism, log).experiments
+    made = {}
+    for joint, (kp, kd) in GAINS.items():
+        at = mechanism.joint_index[joint]
+        ref = np.interp(e.t - LATE, log["t"], log[f"ref.{joint}"])
+        made[joint] = kp * (ref - log[f"q.{joint}"].to_numpy()) - kd * e.yd[:, at]
+    return made
+
+
+def sensed(log, torques, *joints):
+    return log.with_columns(**{f"tau.{joint}": torques[joint] for joint in joints})
+
+
+def compared(mechanism, log):
+    return with_sensors_first(mechanism, ident.complete(mechanism, log))[1]
+
+
+@pytest.mark.parametrize("late", [0.0, 0.012])
+def test_a_late_drive_beside_its_sensor_is_not_accused(mechanism, log, torques, late):
+    # the commands are logged earlier: the bus is late by 8 ms and by 20 ms
+    for joint in JOINTS:
+        ref = np.interp(log["t"] + late, log["t"], log[f"ref.{joint}"])
+        log = log.with_columns(**{f"ref.{joint}": ref})
+    assert compared(mechanism, sensed(log, torques, *JOINTS)) == ()
+
+
+def test_a_drive_at_its_limit_beside_its_sensor_is_not_accused(log, torques):
+    limit = 0.4 * np.abs(torques["shoulder"]).max()
+    clipped = {"shoulder": np.clip(torques["shoulder"], -limit, limit)}
+    bare = ident.load(ARM / "servo_arm.urdf")
+    log = sensed(log, clipped, "shoulder")
+    limited = bare.with_drives("servo", f"shoulder:limit={limit}")
+    assert compared(limited, log) == ()
+    (finding,) = compared(bare.with_drives("servo"), log)  # without the limit the law is another
+    assert (finding.code, finding.where) == ("two torques", ("tau.shoulder",))
+
+
+def test_torques_that_only_some_logs_have_are_refused(mechanism, log, torques):
+    motion = ident.complete(mechanism, [sensed(log, torques, "elbow"), log])
+    with pytest.raises(FitError, match=r"tau\.elbow.* has none"):
+        ident.identify(mechanism, motion)
+    alone = ident.complete(mechanism, log)
+    validate = ident.complete(mechanism, sensed(log, torques, "elbow"))
+    with pytest.raises(FitError, match=r"tau\.elbow.* has none"):
+        ident.identify(mechanism, alone, validate=validate)
+
+
+def test_check_states_no_scale_of_a_drive_whose_torque_is_measured(mechanism, log, torques):
+    motion = ident.complete(mechanism, sensed(log, torques, "elbow"))
+    assert [check.joint for check in check_logs(mechanism, motion).drives] == ["yaw", "shoulder"]

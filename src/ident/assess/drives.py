@@ -17,6 +17,7 @@ import numpy as np
 from ident.effects import Effect
 from ident.errors import FitError
 from ident.fit import Fit
+from ident.fit.drives import with_sensors_first
 from ident.fit.identify import identify
 from ident.fit.shapes import NoScale
 from ident.fit.values import absorbed_by
@@ -55,10 +56,17 @@ class DriveCheck:
 
 
 def check_drives(mechanism: Mechanism, motion: Motion | None) -> tuple[DriveCheck, ...]:
-    """Return a check of each drive of a mechanism whose commands a motion's logs have."""
-    drives = mechanism.drives
-    if motion is None or not drives or not motion.experiments:
+    """Return a check of each drive of a mechanism whose commands a motion's logs have.
+
+    Drives of joints whose torque is measured are none: a sensor goes first, as in `identify`.
+
+    Raises:
+        FitError: if some logs have the torque of a driven joint, and others its command alone.
+    """
+    if motion is None or not mechanism.drives or not motion.experiments:
         return ()
+    mechanism, _ = with_sensors_first(mechanism, motion)
+    drives = mechanism.drives
     if any(name not in e.extra for d in drives.values() for name in d.reads()
            for e in motion.experiments):  # fmt: skip
         return ()

@@ -2,38 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ident.effects import Effect, ReversalPulses
 from ident.effects.effect import Signals
-from ident.effects.servo import CommandDelay
+from ident.effects.servo import LATEST_COMMAND, CommandDelay, Drive
 from ident.equations.problem import Problem
+from ident.errors import FitError
 from ident.finding import Finding
 from ident.information import linear
 from ident.information.estimate import Estimate
 from ident.mechanism.drives import with_common_delay
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, State
+from ident.motion.commands import OFF
 from ident.text import listed, percent
 
 DIFFERS = 0.1  # level: share of the measured torque by which a drive's differs and is named
 AT_BOUND = 1e-6  # numerics: [s] from the end of its search within which a delay is at it
+DELAYS = 11  # work: delays of a command that are tried before the nearest is refined
+BELOW_LIMIT = 0.95  # numerics: of a drive's limit: a measured torque below it is not clipped …
+ROUNDS = 4  # work: … at first, then one that the fitted law does not clip
 
 
 def with_sensors_first(
-    mechanism: Mechanism, motion: Motion
+    mechanism: Mechanism, motion: Motion, validate: Motion | None = None
 ) -> tuple[Mechanism, tuple[Finding, ...]]:
     """Return the mechanism without the drives of joints whose torque all logs have, and a finding
     on each of them whose torque is another than the measured one.
+
+    Raises:
+        FitError: if some logs have the torque of a driven joint, and others its command alone.
     """
-    measured = [
-        name
-        for name in mechanism.drives
-        if motion.logs and all(f"tau.{name}" in log.columns for log in motion.logs)
-    ]
+    logs = [*motion.logs, *(validate.logs if validate is not None else ())]
+    measured = []
+    for name, drive in mechanism.drives.items():
+        having = [log.name for log in logs if f"tau.{name}" in log.columns]
+        lacking = [log.name for log in logs if f"tau.{name}" not in log.columns]
+        if having and lacking:
+            raise FitError(
+                f"{having[0]} has a column tau.{name}, and {lacking[0]} has none: all logs take "
+                f"the torque of a joint from its sensor, or all from {drive.label}; fit these logs "
+                f"apart, or take tau.{name} out of {listed(having[:3])}"
+            )
+        if having:
+            measured.append(name)
     if not measured:
         return mechanism, ()
     findings = [
@@ -52,37 +68,28 @@ def with_sensors_first(
 def _compared(mechanism: Mechanism, drive: Effect, experiments: Sequence[State]) -> Finding | None:
     """Return a finding where a drive's best torque is not the measured one.
 
-    Given values are kept; unknown ones are those that come nearest to the sensor.
+    Given values are kept; unknown gains and an unknown delay are those that come nearest to it.
     """
     name = drive.joints[0]
-    j, column = mechanism.driven.index(name), f"tau.{name}"
-    at = mechanism.joint_index[name]
-    rows, rest = [], []
-    free = [shape.name for shape in drive.shapes if shape.name not in drive.values]
-    zero = {shape.name: 0.0 for shape in drive.shapes} | {**drive.values}
-    for e in experiments:
-        if not e.extra.keys() >= {*drive.reads()}:
-            return None
-
-        def torque(shape: dict[str, float], e: State = e) -> np.ndarray:
-            s = Signals(
-                e.t, e.y[:, [at]], e.yd[:, [at]], e.ydd[:, [at]], np.zeros(1), e.extra,
-                shape, {},
-            )  # fmt: skip
-            return np.asarray(drive.correction(s).torque[name])[e.usable]
-
-        known = torque(zero)
-        # a drive's torque is linear in its gains but for its limit
-        columns = [torque({**zero, key: zero[key] + 1.0}) - known for key in free]
-        rows.append(np.stack(columns, axis=1) if free else np.zeros((len(known), 0)))
-        rest.append(e.tau[e.usable, j] - known)
-    A, b = np.concatenate(rows), np.concatenate(rest)
-    tau = np.concatenate([e.tau[e.usable, j] for e in experiments])
-    left = b - A @ linear.lstsq(A, b, rcond=1e-9)[0] if free else b
-    size = float(np.sqrt(np.mean(tau**2)))
-    share = float(np.sqrt(np.mean(left**2))) / size if size else 0.0
+    if not isinstance(drive, Drive) or any(
+        not e.extra.keys() >= {*drive.reads()} for e in experiments
+    ):
+        return None
+    delay = next(
+        (e for e in mechanism.effects if e.kind == CommandDelay.kind and name in e.joints), None
+    )
+    if delay is None:
+        share = _difference(mechanism, drive, experiments, {})
+    elif delay.values:
+        (shape,) = delay.shapes
+        known = {delay.full[shape.name]: delay.values[shape.name]}
+        share = _difference(mechanism, drive, experiments, known)
+    else:
+        (key,) = (delay.full[shape.name] for shape in delay.shapes)
+        share = _least(lambda d: _difference(mechanism, drive, experiments, {key: d}))
     if share < DIFFERS:
         return None
+    column = f"tau.{name}"
     return Finding(
         "two torques",
         f"{name}: the log has {column}, which is used, and {drive.label} would make another torque "
@@ -90,6 +97,59 @@ def _compared(mechanism: Mechanism, drive: Effect, experiments: Sequence[State])
         f"check the gains, limit and delay of the drive, or leave out the column {column}",
         (column,), share, DIFFERS,
     )  # fmt: skip
+
+
+def _least(share: Callable[[float], float]) -> float:
+    """Return the least of a function of a delay, over all by which drives may follow late."""
+    from scipy.optimize import minimize_scalar  # takes 0.2 s to import
+
+    grid = np.linspace(0.0, LATEST_COMMAND, DELAYS)
+    best = int(np.argmin([share(float(d)) for d in grid]))
+    ends = grid[max(best - 1, 0)], grid[min(best + 1, DELAYS - 1)]
+    return float(minimize_scalar(share, bounds=ends, method="bounded").fun)
+
+
+def _difference(
+    mechanism: Mechanism, drive: Drive, experiments: Sequence[State], present: Mapping[str, float]
+) -> float:
+    """Return by what share (rms) of the measured torque a drive's best one differs from it, with
+    the delay that `present` has.
+    """
+    name, limit = drive.joints[0], drive.setting("limit")
+    j, at = mechanism.driven.index(name), mechanism.joint_index[name]
+    free = [shape.name for shape in drive.shapes if shape.name not in drive.values]
+    zero = {shape.name: 0.0 for shape in drive.shapes} | {**drive.values}
+    rows, offsets, measured = [], [], []
+    for e in experiments:
+        # a late command of the first samples was sent before the log
+        used = e.usable & (e.poses | (e.t >= e.t[0] + (LATEST_COMMAND if present else 0.0)))
+        on = e.extra.get(f"on.{name}", np.ones(len(e.t))) > OFF
+
+        def unlimited(
+            shape: dict[str, float], e: State = e, on: np.ndarray = on, used: np.ndarray = used
+        ) -> np.ndarray:
+            motion = e.y[:, [at]], e.yd[:, [at]], e.ydd[:, [at]]
+            s = Signals(e.t, *motion, np.zeros(1), e.extra, shape, present)
+            return (on * drive.unlimited(s))[used]
+
+        known = unlimited(zero)
+        # the law is linear in its gains but for its limit
+        columns = [unlimited({**zero, key: zero[key] + 1.0}) - known for key in free]
+        rows.append(np.stack(columns, axis=1) if free else np.zeros((len(known), 0)))
+        offsets.append(known)
+        measured.append(e.tau[used, j])
+    A, known, tau = np.concatenate(rows), np.concatenate(offsets), np.concatenate(measured)
+    torque = known
+    inside = np.abs(tau) < BELOW_LIMIT * limit
+    for _ in range(ROUNDS if free and np.isfinite(limit) else min(len(free), 1)):
+        if inside.sum() <= len(free):
+            break
+        gains = linear.lstsq(A[inside], (tau - known)[inside], rcond=1e-9)[0]
+        torque = known + A @ gains
+        inside = np.abs(torque) < limit
+    size = float(np.sqrt(np.mean(tau**2)))
+    error = tau - np.clip(torque, -limit, limit)
+    return float(np.sqrt(np.mean(error**2))) / size if size else 0.0
 
 
 def with_reversal_pulses(mechanism: Mechanism) -> Mechanism:

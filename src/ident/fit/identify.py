@@ -80,7 +80,7 @@ def identify(
         part(progress, *ends) for ends in pairwise((0.0, 0.3, 0.5, 0.8, 0.95, 1.0))
     )
     motion = unweighed(motion)
-    mechanism, compared = with_sensors_first(mechanism, motion)
+    mechanism, compared = with_sensors_first(mechanism, motion, validate)
     mechanism = with_reversal_pulses(mechanism).for_logs(motion.names)
     point = working_point(mechanism, motion, start, shapes)
     problem = Problem.of(mechanism, motion, point, equations)
