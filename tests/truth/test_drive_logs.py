@@ -1,5 +1,7 @@
 """Logs of drives that lead a fit astray: names, gains, sensors of some logs, joints held still."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -87,3 +89,32 @@ def test_torques_that_only_some_logs_have_are_refused(mechanism, log, torques):
 def test_check_states_no_scale_of_a_drive_whose_torque_is_measured(mechanism, log, torques):
     motion = ident.complete(mechanism, sensed(log, torques, "elbow"))
     assert [check.joint for check in check_logs(mechanism, motion).drives] == ["yaw", "shoulder"]
+
+
+def test_errors_of_commands_are_over_the_gain_of_the_firmware(mechanism, log):
+    plain = ident.identify(mechanism, ident.complete(mechanism, log))
+    gains = {f"kp.{joint}": pl.lit(20.0) for joint in JOINTS}
+    scaled = ident.identify(mechanism, ident.complete(mechanism, log.with_columns(**gains)))
+    for joint in JOINTS:
+        kp = scaled.point.values[f"servo.{joint}.kp"]
+        assert 20 * kp == pytest.approx(plain.point.values[f"servo.{joint}.kp"], rel=1e-3)
+        expected = plain.command_errors[joint].rms
+        assert scaled.command_errors[joint].rms == pytest.approx(expected, rel=1e-3)
+
+
+def test_errors_of_commands_follow_a_gain_that_changes_between_logs(mechanism):
+    pytest.importorskip("mujoco")
+    from servo_logs import Servos, servo_log
+
+    def one(seed, gain):
+        truth = replace(Servos(), kp=tuple(gain * kp for kp in Servos().kp))
+        columns = servo_log(truth, seed=seed, seconds=6.0)
+        gains = {f"kp.{joint}": np.full(len(columns["t"]), gain) for joint in JOINTS}
+        return pl.DataFrame(columns | gains)
+
+    soft, stiff = one(1, 1.0), one(2, 3.0)
+    both, *alone = (
+        ident.identify(mechanism, ident.complete(mechanism, logs)).command_errors["elbow"].rms
+        for logs in ([soft, stiff], soft, stiff)
+    )
+    assert 0.9 * min(alone) < both < 1.3 * max(alone)

@@ -127,15 +127,34 @@ class Fit(Charted):
     @property
     def command_errors(self) -> dict[str, Error]:
         """Errors [rad | m] of the commands that servos would need in place of theirs, by joint:
-        those of their torques, held out if they are known, over kp; empty without servos.
+        those of their torques, held out if they are known, over kp and the gain that the log has
+        (`kp.<joint>`); empty without servos.
         """
         errors = dict[str, Error]()
         for joint, drive in self.mechanism.drives.items():
             kp = self.point.values.get(f"{drive.kind}.{joint}.kp", 0.0)
             e = (self.held_out or self.train).get(joint)
-            if e is not None and kp > 0:
-                errors[joint] = Error(e.rms / kp, None, self.mechanism.joint(joint).unit)
+            if e is not None and kp > 0 and (gain := self._gain_in_residual(joint, drive)) > 0:
+                errors[joint] = Error(e.rms / (kp * gain), None, self.mechanism.joint(joint).unit)
         return errors
+
+    def _gain_in_residual(self, joint: str, drive: Effect) -> float:
+        """Return the gain of the firmware by which the residual of a joint becomes that of its
+        command, rms(r) / rms(r / gain) of rows where the drive has one; 1 where none is logged.
+        """
+        column = f"{drive.scale}.{joint}"
+        logged = {e.name: e for e in self.motion.experiments if column in e.extra}
+        if not logged:
+            return 1.0
+        u = self.residual.joints.index(joint)
+        torque = command = 0.0
+        for trace in self.residual.traces:
+            e = logged.get(trace.name)
+            gain = np.ones(len(trace.t)) if e is None else np.interp(trace.t, e.t, e.extra[column])
+            rows = trace.moving[:, u] & (gain > 0)
+            torque += float(np.sum(trace.residual[rows, u] ** 2))
+            command += float(np.sum((trace.residual[rows, u] / gain[rows]) ** 2))
+        return float(np.sqrt(torque / command)) if command else 0.0
 
     @property
     def relative(self) -> dict[str, float]:
