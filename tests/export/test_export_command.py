@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import ident
 from ident.export.export import export
+from ident.export.machine import check_scale, machine_of
 from ident.log import Log
 
 # the machine: masses 15 % more than in the file, with friction and rotors that it does not have
@@ -193,6 +195,14 @@ def test_a_fit_in_ratios_is_refused_where_gravity_acts(robots, tmp_path, spoken)
         status, _, err = spoken(*words)
         assert status == 1
         assert "--gravity 0,0,0" in err
+        # a link of which the log determines nothing is no known body; one known mass is
+        saved = ident.read_fit(tmp_path / "kp_1", model)
+        link = saved.mechanism.bodies.links[-1]
+        determined = tuple(x for x in saved.base_parameters if link not in x.name)
+        with pytest.raises(ident.MechanismError, match="ratios to kp = 1"):
+            check_scale(replace(saved, base_parameters=determined), machine_of(saved))
+        fitted = tuple(name for name in saved.fitted if name != f"{link}.m")
+        check_scale(replace(saved, fitted=fitted), machine_of(saved))
         assert spoken(*words, "--gravity", "0,0,0")[0] == 0
 
 

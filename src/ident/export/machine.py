@@ -22,7 +22,7 @@ from ident.fit.files import Saved
 from ident.fit.result import Fit
 from ident.mechanism.description import joint_axis
 from ident.mechanism.mechanism import Joint, Mechanism
-from ident.mechanism.parameters import COUNT, DYNAMIC, about_origin, pseudo_inertia, split
+from ident.mechanism.parameters import COUNT, about_origin, pseudo_inertia, split
 from ident.simulate.inverse import point_of
 from ident.simulate.plant import constant_correction
 
@@ -227,7 +227,9 @@ def check_scale(model: Fit | Saved | Mechanism, machine: Machine) -> None:
     }
     if {*mechanism.driven} - {*mechanism.drives} or {*scales.values()} != {1.0}:
         return  # a sensor, or a gain, gives the torques a scale
-    if any(not any(f"{link}.{x}" in names for x in DYNAMIC) for link in mechanism.bodies.links):
+    unknown = model.fitted if isinstance(model, Saved) else {*mechanism.unknown}
+    both = zip(mechanism.bodies.names, mechanism.prior, strict=True)
+    if any(x and name not in unknown for name, x in both):
         return  # a known body
     joint = next(iter(scales))
     scale = mechanism.drives[joint].scale

@@ -275,6 +275,7 @@ class Saved:
         base_parameters: the combinations that its log determined.
         possible: the same with the nearest possible bodies, where those of the fit cannot exist.
         values: of parameters and effects with their standard errors, by name: `saved["rod.m"]`.
+        fitted: names of the bodies' parameters that the fit did not know before.
         motion: always None, as of no fit that is read from a file.
     """
 
@@ -286,6 +287,7 @@ class Saved:
     base_parameters: tuple[BaseValue, ...] = ()
     possible: Point | None = None
     values: Mapping[str, Value] = field(default_factory=dict)
+    fitted: tuple[str, ...] = ()
     motion: Motion | None = field(default=None, init=False)  # a file does not hold its data
 
     def __getitem__(self, name: str) -> Value | BaseValue:
@@ -447,7 +449,8 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
     cutoff = cutoff if cutoff in (None, "auto") else float(cutoff)
     every = [*data["parameters"], *(x for effect in data["effects"] for x in effect["parameters"])]
     known = {x["name"]: value for x in every if (value := _read_value(x)) is not None}
-    return Saved(str(path), grown, point, cutoff, read, base, possible, known)
+    fitted = grown.bodies.select((str(entry["name"]) for entry in data["parameters"]), str(path))
+    return Saved(str(path), grown, point, cutoff, read, base, possible, known, fitted)
 
 
 def _read_value(entry: Mapping[str, Any]) -> Value | None:
