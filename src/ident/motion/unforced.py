@@ -60,7 +60,11 @@ def _without_scale(mechanism: Mechanism, experiments: Sequence[State]) -> str:
         return ""
     both = zip(mechanism.bodies.names, mechanism.prior, strict=True)
     masses = [name for name, x in both if name.endswith(".m") and x]
-    factors = [name for x in mechanism.effects if x.site == "frame" for name in x.names]
+    factors = [
+        x.full[parameter.name]
+        for x in mechanism.effects if x.acting
+        for parameter in x.parameters if parameter in x.unknowns or parameter.name == x.scale
+    ]  # fmt: skip
     return (
         f"{experiments[0].name}: no force and no mass has a known size, so only the ratios of "
         f"masses and of {', '.join(factors)} can be identified; state one value, as [parameters] "
