@@ -454,3 +454,9 @@ def test_joints_share_a_delay():
     assert KINDS["delay"].candidates(Sites(sensed=("a",))) == [("a",)]
     with pytest.raises(MechanismError, match="acts on 1 joint"):
         create("viscous", "a, b")
+
+
+def test_a_gain_is_a_volt_where_the_supply_is_logged():
+    duty = create("motor_duty", "a")
+    assert duty.units_with({"duty.a", "q.a"})[0] == "N m"
+    assert duty.units_with({"duty.a", "supply.a"})[0] == "N m/V"

@@ -213,6 +213,35 @@ def test_nothing_of_known_size_leaves_ratios_only(tmp_path):
     assert mass == pytest.approx(M, rel=1e-2)
 
 
+def test_the_names_of_all_forces_of_unknown_size_are_listed(tmp_path):
+    urdf = """<robot name="cart"><link name="world"/><link name="cart"><inertial><mass value="2"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="s"
+    type="prismatic"><parent link="world"/><child link="cart"/><axis xyz="1 0 0"/><limit lower="-9"
+    upper="9" velocity="9" effort="0"/></joint></robot>"""
+    (tmp_path / "cart.urdf").write_text(urdf)
+    (tmp_path / "mechanism.toml").write_text('urdf = "cart.urdf"\n[joints]\npassive = ["s"]\n')
+    mechanism = ident.load(tmp_path).with_effect("viscous:s").with_effect("spring:s")
+    t = np.arange(400) / 100
+    log = ident.Log.from_arrays("run", t, {"q.s": np.exp(-t) * np.sin(3 * t)})
+    with pytest.raises(MotionError, match=r"and of viscous\.s\.Fv, spring\.s\.k, spring\.s\.b can"):
+        ident.complete(mechanism, log)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "units"),
+    [
+        # by dimensions: force [N] over what the equation multiplies
+        ("thrust", {}, ("N/u²", "N m/u²")), ("thrust", {"power": 1}, ("N/u", "N m/u")),
+        ("body_drag", {}, ("N s/m",) * 3), ("body_drag", {"power": 2}, ("N s²/m²",) * 3),
+        ("tyre", {}, ("N/rad",)), ("tyre", {"normal": 1}, ("1/rad",)),
+        ("tyre_saturation", {}, ("N/rad", "1/rad")),
+        ("tyre_saturation", {"normal": 1}, ("1/rad", "1/rad")), ("tyre_slip", {}, ("N",)),
+    ],
+)  # fmt: skip
+def test_units_follow_the_settings(kind, values, units):
+    assert KINDS[kind](("tip",), values).units == units
+
+
 OWN = """
 def side(s):
     slip = casadi.atan(s.velocity[1] / casadi.hypot(s.velocity[0], 0.3))

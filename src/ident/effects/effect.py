@@ -12,7 +12,7 @@ import ast
 import inspect
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
@@ -321,6 +321,10 @@ class Effect(ABC):
     def units(self) -> tuple[str, ...]:
         """Units of the parameters at these joints."""
         return tuple(parameter.units[0 if self.rotational else 1] for parameter in self.parameters)
+
+    def units_with(self, columns: Collection[str]) -> tuple[str, ...]:
+        """Return the units where logs have these columns, on which some depend."""
+        return self.units
 
     @property
     def site(self) -> str:

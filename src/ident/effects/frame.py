@@ -149,6 +149,10 @@ class Thrust(FrameForce):
     confused_with = ("the mass: only their ratio is determined where neither is known",)
     source = "Mahony, Kumar, Corke, IEEE Robotics & Automation Magazine 19(3), 2012"
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        return super().units if self.setting("power") == 2 else ("N/u", "N m/u")
+
     def reads(self) -> tuple[str, ...]:
         return (self.column_of("input"),)
 
@@ -173,6 +177,10 @@ class BodyDrag(FrameForce):
     confused_with = ("drag of a rotor, which has the same form with power = 1",)
     source = "Faessler, Franchi, Scaramuzza, IEEE Robotics and Automation Letters 3(2), 2018"
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        return ("N s²/m²",) * 3 if self.setting("power") == 2 else super().units
+
     def wrench(self, m: FrameMotion, s: Signals) -> np.ndarray:
         W, v = np.zeros((len(s.t), 6, 3)), m.velocity
         size = np.linalg.norm(v, axis=1) if self.setting("power") == 2 else np.ones(len(v))
@@ -185,6 +193,11 @@ class Side(FrameForce):
     """A side force of a tyre, of its slip angle."""
 
     settings: ClassVar = {"normal": 0.0}
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        units = super().units  # of a slope: with the load as a column it is a share of it
+        return tuple(unit.replace("N/", "1/") for unit in units) if self.reads() else units
 
     def reads(self) -> tuple[str, ...]:
         return (self.column_of("normal"),) if self.setting("normal") else ()

@@ -15,7 +15,7 @@ the column would shrink the scale. Source of the argument: W. Fuller, Measuremen
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -255,6 +255,11 @@ class MotorDuty(MotorVoltage):
     )
     equation = "τ = gain duty(t − delay) supply − kb q̇"
     signature = "the log has duty cycles and no torques"
+
+    def units_with(self, columns: Collection[str]) -> tuple[str, ...]:
+        if f"supply.{self.joints[0]}" not in columns:
+            return self.units
+        return MotorVoltage(self.joints, rotational=self.rotational).units
 
     def error(self, s: Signals) -> np.ndarray:
         duty, supply = self.command(s, "duty"), self.command(s, "supply")

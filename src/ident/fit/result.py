@@ -433,7 +433,7 @@ class Fit(Charted):
     def effects(self) -> tuple[EffectValues, ...]:
         """The effects with their parameters."""
         prior = self.earlier.point.values if self.earlier else None
-        every = (values.effects(self.point, prior) for values in self._three)
+        every = (values.effects(self.point, prior, self._columns) for values in self._three)
         return tuple(
             replace(effect, parameters=with_noise(*(x.parameters for x in (effect, *others))))
             for effect, *others in zip(*every, strict=True)
@@ -444,7 +444,11 @@ class Fit(Charted):
         (n_ind, n_ind).
         """
         prior = self.earlier.point.values if self.earlier else None
-        return self._values(covariance, logged=True).effects(self.point, prior)
+        return self._values(covariance, logged=True).effects(self.point, prior, self._columns)
+
+    @property
+    def _columns(self) -> set[str]:
+        return {name for log in self.motion.logs for name in log.columns}
 
     @cached_property
     def logged_effects(self) -> tuple[EffectValues, ...]:

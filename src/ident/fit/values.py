@@ -137,15 +137,16 @@ class ParameterValues:
         return Value(name, float(value), stderr, unit, known, float(prior), name in self.bounds)
 
     def effects(
-        self, point: Point, prior: Mapping[str, float] | None = None
+        self, point: Point, prior: Mapping[str, float] | None = None, columns: Collection[str] = ()
     ) -> tuple[EffectValues, ...]:
         """Return all effects' parameters, a given one at its value in `point`, without error;
-        `prior`: values of an earlier fit, by full name.
+        `prior`: values of an earlier fit, by full name; `columns`: of the logs.
         """
         every = list[EffectValues]()
         for effect, places in self.columns.effects:
             values = []
-            for name, unit, at in zip(effect.names, effect.units, places, strict=True):
+            units = effect.units_with(columns)
+            for name, unit, at in zip(effect.names, units, places, strict=True):
                 if at < 0:
                     given = point.values[name]
                     values.append(Value(name, given, 0.0, unit, True, given))
