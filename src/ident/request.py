@@ -7,7 +7,10 @@ writes a step in the language of its reader: Python here, a line of the shell in
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import Any
+
+DIGITS = 3  # shown: of the limits of a motion that is planned
 
 
 @dataclass(frozen=True)
@@ -121,10 +124,33 @@ def python_line(step: Step, noun: str = "fit") -> str:
     }.get(step.verb, "")
 
 
+def planned_limits(step: Step) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
+    """Return the ranges and speeds of a step with three digits, rounded inwards: no limit of the
+    machine is exceeded by what is printed.
+    """
+    ranges = {
+        name: (rounded_inwards(low, ROUND_CEILING), rounded_inwards(high, ROUND_FLOOR))
+        for name, low, high in step.range
+    }
+    return ranges, {name: rounded_inwards(speed, ROUND_FLOOR) for name, speed in step.speed}
+
+
+def rounded_inwards(x: float, direction: str) -> float:
+    """Return x with three digits, rounded in a direction of `decimal`.
+
+    >>> rounded_inwards(2.0999, ROUND_FLOOR), rounded_inwards(-0.7, ROUND_CEILING)
+    (2.09, -0.7)
+    """
+    exact = Decimal(f"{x:.12g}")  # without the error of its last bits
+    if exact == 0:
+        return 0.0
+    step = Decimal(1).scaleb(exact.adjusted() + 1 - DIGITS)
+    return float(exact.quantize(step, rounding=direction))
+
+
 def _planned(step: Step, motion: str) -> str:
     """Return the arguments of a motion that is planned."""
-    ranges = {name: (float(f"{low:.3g}"), float(f"{high:.3g}")) for name, low, high in step.range}
-    speeds = {name: float(f"{speed:.3g}") for name, speed in step.speed}
+    ranges, speeds = planned_limits(step)
     limits = [f"range={ranges}"] * bool(ranges) + [f"speed={speeds}"] * bool(speeds)
     words = [f"separate={step.separate}"] * bool(step.separate)
     words += [f"limits=ident.Limits({', '.join(limits)})"] * bool(limits)

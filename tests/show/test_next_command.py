@@ -8,7 +8,7 @@ from helpers import ROBOTS
 from ident.assess.fit import assess_fit
 from ident.cli.lines import ShellRequest, place_of
 from ident.excite import Separation
-from ident.request import PYTHON, Step
+from ident.request import PYTHON, Step, python_line
 from ident.show.diagnosis import card as diagnosis_card
 from ident.show.fit import card
 
@@ -56,6 +56,17 @@ def test_no_command_where_the_verb_does_not_take_the_options():
     assert replace(spaced, **held).line(MONITOR) == ""
     assert spaced.line(DIAGNOSE).endswith("--spacing 0.1")
     assert replace(given(["--lock", "wrist"]), **held).line(MONITOR).endswith("--lock wrist")
+
+
+def test_planned_limits_are_rounded_inwards_for_every_reader():
+    ranges = (("lift", -1.23456, 2.0999), ("turn", 0.0, 0.7))
+    step = Step("excite", range=ranges, speed=(("lift", 3.1416), ("turn", 0.5)))
+    line = given().line(step)
+    assert "--range lift=-1.23:2.09 --range turn=0:0.7" in line
+    assert "--speed lift=3.14 --speed turn=0.5" in line
+    python = python_line(step)
+    assert "range={'lift': (-1.23, 2.09), 'turn': (0.0, 0.7)}" in python
+    assert "speed={'lift': 3.14, 'turn': 0.5}" in python
 
 
 def made(folder):

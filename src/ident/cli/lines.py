@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
-from ident.request import Request, Step
+from ident.request import Request, Step, planned_limits
 
 # options of the model that a verb takes: with a value, and without one
 WITH, PAIRS, FLAGS = "--with", ("--lock", "--unmeasured"), ("--absolute", "--allow-code")
@@ -109,10 +109,11 @@ class ShellRequest(Request):
         options += ["--separate", *step.separate] if step.separate else []
         options += ["--around", self.logs[0]] if self.logs and step.around else []
         options += ["--as-logged"] * (step.as_logged and bool(self.logs))
-        for joint, low, high in step.range:
-            options += ["--range", f"{joint}={low:.3g}:{high:.3g}"]
-        for joint, speed in step.speed:
-            options += ["--speed", f"{joint}={speed:.2g}"]
+        ranges, speeds = planned_limits(step)
+        for joint, (low, high) in ranges.items():
+            options += ["--range", f"{joint}={low:g}:{high:g}"]
+        for joint, speed in speeds.items():
+            options += ["--speed", f"{joint}={speed:g}"]
         options += ["--duration", f"{step.duration:g}"] if step.duration else []
         return options
 
