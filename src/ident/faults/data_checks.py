@@ -323,7 +323,7 @@ class DataChecks(FaultSearch):
         times what these leave.
 
         Args:
-            noise: rms by joint that noise of the sensors leaves [N m | N]; default: white noise.
+            noise: rms by joint of noise of any colour [N m | N], for FAR; default: white noise.
             calm: rms away from reversals of joints with dry friction [N m | N].
         """
         problem, x, names = self.problem, self.estimate.x, self.problem.motion.independent
@@ -331,18 +331,19 @@ class DataChecks(FaultSearch):
         if errors.max(initial=0.0) < MATERIAL or not self.use.any():
             return
         sizes = [t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in problem.information.totals]
-        if noise is None:
-            states, cutoff = problem.motion.experiments, problem.motion.band.cutoff
-            white = noise_floor(problem.mechanism, states, problem.point_at(x), cutoff)
-            noise = dict(zip(names, map(float, white), strict=True))
-        floor = np.maximum([noise[name] for name in names], 1e-150)
-        beyond = np.array(sizes) / floor  # over what noise of the sensors makes
+        states, cutoff = problem.motion.experiments, problem.motion.band.cutoff
+        white = noise_floor(problem.mechanism, states, problem.point_at(x), cutoff)
+        beyond = np.array(sizes) / np.maximum(white, 1e-150)  # over what noise of the sensors makes
+        floor = white if noise is None else np.array([noise[name] for name in names])
         bad = errors > EXPLAINED_BELOW
         far = np.zeros_like(bad)
         if not problem.motion.poses:  # of which friction at rest makes most, not noise of sensors
             bad |= (errors > DOUBT) & (beyond > BEYOND)
-            away = [(calm or {}).get(name, size) for name, size in zip(names, sizes, strict=True)]
-            far = (errors > MATERIAL) & (beyond > FAR) & (np.array(away) / floor > FAR)
+            calm_sizes = [
+                min((calm or {}).get(name, size), size)
+                for name, size in zip(names, sizes, strict=True)
+            ]
+            far = (errors > MATERIAL) & (np.array(calm_sizes) > FAR * np.maximum(floor, 1e-150))
             bad |= far
         if not bad.any():
             return
