@@ -112,7 +112,7 @@ def errors_beside(fit: Fit) -> tuple[JointErrors, ...]:
     errors = fit.held_out or fit.train
     if fit.validation:
         logs = {
-            joint: max(fit.validation, key=lambda log: fit.validation[log][joint].relative or 0.0)
+            joint: max(fit.validation, key=lambda log: _size(fit.validation[log][joint]))
             for joint in fit.train
         }
         shown = {joint: fit.validation[log][joint] for joint, log in logs.items()}
@@ -129,6 +129,11 @@ def errors_beside(fit: Fit) -> tuple[JointErrors, ...]:
     if not len(fit.columns):  # nothing is unknown: the model is as it was
         return joint_errors({}, errors, fit.noise)
     return joint_errors(residual_before(fit).errors, errors, fit.noise)
+
+
+def _size(error: Error) -> tuple[float, float]:
+    """Return what errors are ordered by: their share of the torque, else their rms."""
+    return error.relative or 0.0, error.rms
 
 
 def names_of(fit: Fit) -> tuple[str, str]:
