@@ -24,8 +24,10 @@ class Servos:
     delay: float = 0.008  # [s]
 
 
-def servo_log(truth=Servos(), seed=0, seconds=20.0, rate=200.0, bits=14, off=None):
-    """Columns of a log; `off`: a stretch of time [s] in which the drives have no torque."""
+def servo_log(truth=Servos(), seed=0, seconds=20.0, rate=200.0, bits=14, off=None, held=()):
+    """Columns of a log; `off`: a stretch of time [s] in which the drives have no torque; `held`:
+    places of joints whose command stays.
+    """
     random, spec = np.random.default_rng(seed), mujoco.MjSpec.from_file(str(URDF))
     spec.option.timestep, spec.option.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model = spec.compile()
@@ -37,6 +39,7 @@ def servo_log(truth=Servos(), seed=0, seconds=20.0, rate=200.0, bits=14, off=Non
     t, hold, late = np.arange(seconds * rate) / rate, round(1 / rate / STEP), truth.delay / STEP
     f, phase = random.uniform(0.15, 1.6, (n, 4)), random.uniform(0, 2 * np.pi, (n, 4))
     size = random.uniform(0.1, 0.3, (n, 4)) / np.sqrt(1 + f)
+    size[list(held)] = 0.0
     ref = MIDDLE + (size * np.sin(2 * np.pi * f * t[:, None, None] + phase)).sum(axis=2)
     q, on = np.empty_like(ref), np.ones(len(t))
     if off:

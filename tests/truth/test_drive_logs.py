@@ -9,7 +9,7 @@ import ident
 from helpers import ROBOTS
 from ident.assess.check import check_logs
 from ident.effects.servo import HOLD
-from ident.errors import FitError
+from ident.errors import FitError, MotionError
 from ident.fit.drives import with_sensors_first
 
 pl = pytest.importorskip("polars")
@@ -118,3 +118,26 @@ def test_errors_of_commands_follow_a_gain_that_changes_between_logs(mechanism):
         for logs in ([soft, stiff], soft, stiff)
     )
     assert 0.9 * min(alone) < both < 1.3 * max(alone)
+
+
+def test_a_joint_that_is_held_still_leaves_the_others_to_be_identified(mechanism):
+    pytest.importorskip("mujoco")
+    from servo_logs import Servos, servo_log
+
+    log = pl.DataFrame(servo_log(seed=5, seconds=8.0, held=(0,)))
+    motion = ident.complete(mechanism, log)
+    assert any("ref.yaw never changes" in note for note in motion.notes)
+    fit = ident.identify(mechanism, motion)
+    for joint, kp in zip(JOINTS[1:], Servos().kp[1:], strict=True):
+        assert fit.point.values[f"servo.{joint}.kp"] == pytest.approx(kp, rel=0.01)
+    assert [f.where for f in fit.findings if f.code == "held joint"] == [("yaw",)]
+    assert "servo.yaw.kp" not in fit.point.values
+    of = {check.joint: check for check in check_logs(mechanism, motion).drives}
+    assert [of[joint].known for joint in JOINTS] == [False, True, True]
+    assert "holds its joint still" in of["yaw"].scale
+
+
+def test_commands_of_which_none_changes_are_refused(mechanism, log):
+    still = {f"ref.{joint}": pl.lit(0.3) for joint in JOINTS}
+    with pytest.raises(MotionError, match="never changes"):
+        ident.complete(mechanism, log.with_columns(**still))

@@ -28,6 +28,7 @@ from ident.text import listed, percent, shortlist, significant
 
 HARDLY = 0.98  # level: correlation of two estimates, with which each is five times as uncertain
 UNKNOWN = "not known"
+HELD_STILL = "none: it holds its joint still, whose equation is left out"
 
 
 @dataclass(frozen=True)
@@ -71,12 +72,15 @@ def check_drives(mechanism: Mechanism, motion: Motion | None) -> tuple[DriveChec
            for e in motion.experiments):  # fmt: skip
         return ()
     fit, unscaled = _tried(mechanism, motion)
+    without = {name: UNKNOWN for name in unscaled}
+    if fit is not None:
+        without |= {name: HELD_STILL for name in drives if name not in fit.mechanism.drives}
     return tuple(
         DriveCheck(
             name,
             drive.kind,
-            UNKNOWN if name in unscaled else _rests_on(mechanism, name, drive, motion),
-            name not in unscaled,
+            without.get(name) or _rests_on(mechanism, name, drive, motion),
+            name not in without,
             _error(fit, drive),
             _command(drive, motion),
             tuple(_not_apart(fit, drive, motion)),
@@ -87,7 +91,7 @@ def check_drives(mechanism: Mechanism, motion: Motion | None) -> tuple[DriveChec
 
 def scale_problem(checks: tuple[DriveCheck, ...]) -> str:
     """Return the problem of drives without a scale with its remedies, or ""."""
-    names = [check.joint for check in checks if not check.known]
+    names = [check.joint for check in checks if check.scale == UNKNOWN]
     if not names:
         return ""
     first = names[0]

@@ -13,6 +13,7 @@ from ident.effects.servo import LATEST_COMMAND, CommandDelay, Drive
 from ident.equations.problem import Problem
 from ident.errors import FitError
 from ident.finding import Finding
+from ident.fit.shapes import NoScale
 from ident.information import linear
 from ident.information.estimate import Estimate
 from ident.mechanism.drives import with_common_delay
@@ -150,6 +151,47 @@ def _difference(
     size = float(np.sqrt(np.mean(tau**2)))
     error = tau - np.clip(torque, -limit, limit)
     return float(np.sqrt(np.mean(error**2))) / size if size else 0.0
+
+
+def without_held_drives(mechanism: Mechanism, motion: Motion, unscaled: NoScale) -> Mechanism:
+    """Return the mechanism without the drives that nothing gives a scale because they hold their
+    joint still in all logs, and without the equations of these joints.
+
+    Raises:
+        NoScale: `unscaled`, if there are other drives among them, if they are all there are, or if
+            the mechanism has closures, which pass their torques on to all equations.
+    """
+    names = {
+        name
+        for name, drive in mechanism.drives.items()
+        if all(np.ptp(e.extra[drive.reads()[0]]) == 0 for e in motion.experiments)
+    } & {*unscaled.joints}
+    if mechanism.closures or names != {*unscaled.joints} or names == {*mechanism.driven}:
+        raise unscaled
+    delays = [e for e in mechanism.effects if e.kind == CommandDelay.kind]
+    drives = [drive for name, drive in mechanism.drives.items() if name not in names]
+    others = [e for e in mechanism.effects if not e.supplies_torque and e not in delays]
+    kept = replace(
+        mechanism, effects=tuple(others), unmeasured=(*mechanism.unmeasured, *sorted(names))
+    )
+    for effect in with_common_delay(drives):
+        kept = kept + effect
+    return kept
+
+
+def held_drives(names: Sequence[str]) -> list[Finding]:
+    """Return a finding on joints whose equations were left out as their drives hold them still."""
+    if not names:
+        return []
+    return [
+        Finding(
+            "held joint",
+            f"{listed(names)}: held still by a command that never changes, which shows no gain of "
+            "the drive; its equation is left out",
+            f"move {listed(names)} too, or give the gain (--drive {names[0]}:…)",
+            tuple(names),
+        )
+    ]
 
 
 def with_reversal_pulses(mechanism: Mechanism) -> Mechanism:

@@ -18,14 +18,20 @@ from ident.faults.channel_checks import copies
 from ident.files import Written
 from ident.finding import Finding
 from ident.fit.consistency import nearest_possible, possible_bodies
-from ident.fit.drives import delays_at_bounds, with_reversal_pulses, with_sensors_first
+from ident.fit.drives import (
+    delays_at_bounds,
+    held_drives,
+    with_reversal_pulses,
+    with_sensors_first,
+    without_held_drives,
+)
 from ident.fit.files import Saved
 from ident.fit.findings import basis_bias, beyond_range, findings_of, predicts_better
 from ident.fit.likelihood import Likelihood, weighed
 from ident.fit.prediction import Prediction
 from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
 from ident.fit.result import Fit
-from ident.fit.shapes import beyond_bounds, refuse_scales, unknown_scales, working_point
+from ident.fit.shapes import NoScale, beyond_bounds, refuse_scales, unknown_scales, working_point
 from ident.fit.values import ParameterValues
 from ident.information.blocks import Error
 from ident.information.chance import covariance, held_out, prior_covariance
@@ -82,9 +88,12 @@ def identify(
     motion = unweighed(motion)
     mechanism, compared = with_sensors_first(mechanism, motion, validate)
     mechanism = with_reversal_pulses(mechanism).for_logs(motion.names)
-    point = working_point(mechanism, motion, start, shapes)
-    problem = Problem.of(mechanism, motion, point, equations)
-    problem, estimate = with_rest(problem, estimate_of(problem))
+    try:
+        problem, estimate = _solved(mechanism, motion, start, shapes, equations)
+    except NoScale as unscaled:
+        mechanism = without_held_drives(mechanism, motion, unscaled)
+        compared = (*compared, *held_drives(sorted(unscaled.joints)))
+        problem, estimate = _solved(mechanism, motion, start, shapes, equations)
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, likely)
     findings = [*findings, *compared, *delays_at_bounds(problem, estimate)]
     fit = fit_of(problem, estimate, consistent, findings, likelihood, rest)
@@ -116,6 +125,15 @@ def identify(
         fit, validation=errors, floors=floors, validated_on=validate,
         findings=(*fit.findings, *same),
     )  # fmt: skip
+
+
+def _solved(
+    mechanism: Mechanism, motion: Motion, start: Point | None, shapes: Progress, equations: Progress
+) -> tuple[Problem, Estimate]:
+    """Return the equations at their working point, rows at rest among them, and least squares."""
+    point = working_point(mechanism, motion, start, shapes)
+    problem = Problem.of(mechanism, motion, point, equations)
+    return with_rest(problem, estimate_of(problem))
 
 
 def estimate_of(problem: Problem) -> Estimate:

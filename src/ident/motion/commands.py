@@ -21,13 +21,17 @@ LONGEST_DELAY = 0.1  # range: share of a log by which a drive may be late
 FULL = 1.0 + 1e-6  # numerics: largest duty
 SATURATED = 0.98  # level: share of samples at the limit from which no gain shows
 OFF = 0.5  # range: `on.` below it is off
+# level: of the way of a joint whose command changes: one that goes less far with a constant one is
+# held by its drive, one that goes farther has another command
+STANDS = 0.2
 HELD = 1.5  # range: samples from which a command is held between its changes
 
 
 def check_commands(
     mechanism: Mechanism, log: str, t: np.ndarray, columns: Mapping[str, np.ndarray]
-) -> None:
-    """Refuse commands and settings of drives that cannot be those of their joints.
+) -> list[str]:
+    """Refuse commands and settings of drives that cannot be those of their joints; return notes on
+    those that hold their joint still while others move.
 
     Args:
         mechanism: with drives.
@@ -45,6 +49,7 @@ def check_commands(
                     f"{log}: there is {listed(others[:3])}, and no '{gain}.{name}'; log it for "
                     "every drive, or leave the column out for all"
                 )
+    still = _standing(mechanism, columns)
     for drive in drives.values():
         late = drive.values.get("delay", 0.0)
         if late > LONGEST_DELAY * (t[-1] - t[0]):
@@ -54,19 +59,57 @@ def check_commands(
             )
         for column in drive.reads():
             if column in columns:
-                _check_command(mechanism, log, drive, column, columns)
+                _check_command(mechanism, log, drive, column, columns, still)
         _check_saturation(log, drive, columns)
     _check_on(mechanism, log, columns)
+    return [
+        f"{log}: {column} never changes and {name} stands still: its gain shows in the load it "
+        "carries alone"
+        for name, column in still.items()
+    ]
+
+
+def _standing(mechanism: Mechanism, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
+    """Return joints that stand still at a command that never changes, with its column; none if no
+    command changes.
+    """
+    ways, still = dict[bool, float](), dict[str, str]()
+    constant = dict[str, str]()
+    for name, drive in mechanism.drives.items():
+        column, turns = drive.reads()[0], mechanism.joint(name).rotational
+        if column in columns and f"q.{name}" in columns:
+            if _way(columns[column]) > 0:
+                ways[turns] = max(ways.get(turns, 0.0), _way(columns[f"q.{name}"]))
+            else:
+                constant[name] = column
+    for name, column in constant.items() if ways else ():
+        farthest = ways.get(mechanism.joint(name).rotational, max(ways.values()))
+        if _way(columns[f"q.{name}"]) < STANDS * farthest:
+            still[name] = column
+    return still
+
+
+def _way(x: np.ndarray) -> float:
+    """Return how far the values (n,) of a column that are known lie apart."""
+    known = x[np.isfinite(x)]
+    return float(np.ptp(known)) if len(known) else 0.0
 
 
 def _check_command(
-    mechanism: Mechanism, log: str, drive: Effect, column: str, columns: Mapping[str, np.ndarray]
+    mechanism: Mechanism,
+    log: str,
+    drive: Effect,
+    column: str,
+    columns: Mapping[str, np.ndarray],
+    still: Mapping[str, str],
 ) -> None:
     kind, _, name = column.partition(".")
     x = columns[column]
     known = x[np.isfinite(x)]
     if not len(known):
         raise MotionError(f"{log}: column '{column}' has no value in any of {len(x)} rows")
+    if np.ptp(known) == 0 and name in still:
+        return
     if np.ptp(known) == 0:
         raise MotionError(
             f"{log}: {column} is always {known[0]:.4g}: a drive whose command never changes shows "

@@ -199,7 +199,7 @@ def complete(
     for signals in measured:
         notes += _missing_torques(mechanism, signals, torques)
         if mechanism.drives:
-            check_commands(mechanism, signals.log.name, signals.t, signals.columns)
+            notes += check_commands(mechanism, signals.log.name, signals.t, signals.columns)
     names = _determining(mechanism, measured)
     band = Band(0.0, 0.0, None)
     channels = [torque_verdicts(mechanism, s.t, s.columns) for s in moving]
