@@ -34,9 +34,8 @@ from ident.information.chance import CONTRIBUTES, Chance, exceeding, quantile, z
 from ident.information.hypotheses import Index, PartialRegression
 
 MOST_MOVES = 60  # work: moves of one search
-COMMON_RATIO = (
-    1.5  # tuned: times the largest gain, from which what every machine has enters at once
-)
+# tuned: times the largest gain, from which what every machine has enters at once
+COMMON_RATIO = 1.5
 NEAR = 0.8  # work: share of the largest gain below which a candidate is not looked at in detail
 PATH_LENGTH = 3  # work: effects of one joint that are looked at together
 BEST_TRIED = 3  # work: of the best candidates, until one makes a better set

@@ -285,9 +285,7 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
     }
     kind: type[UserEffect] = type(name, (UserEffect,), members)
     first: MechanismError | None = None
-    for joints in range(
-        1, MOST_SIGNAL_JOINTS + 1
-    ):  # a function of two joints' signals fails with one
+    for joints in range(1, MOST_SIGNAL_JOINTS + 1):  # one of two joints' signals fails with one
         try:
             columns, inputs = _evaluated(kind, joints)
             break

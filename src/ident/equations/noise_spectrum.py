@@ -33,9 +33,8 @@ CORNERS = 16  # work: values of f_c
 LOWEST = 0.25  # range: of the motion's band, that f_c is above: what is slower is not seen
 FEWEST = 32  # work: frequencies above the motion, from which a spectrum can be told
 ROUNDS = 8  # work: of weights of the likelihood
-NEIGHBOURS = (
-    10  # work: frequencies on either side of a line, of which the median is its surrounding
-)
+# work: frequencies on either side of a line, of which the median is its surrounding
+NEIGHBOURS = 10
 LEAKED = 2  # numerics: frequencies beside a line that a Hann window's main lobe spreads it over
 LINE = 1e-3  # level: chance of a line anywhere in the spectrum of noise without any
 

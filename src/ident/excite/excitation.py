@@ -111,9 +111,8 @@ class ExpectedValue:
         return self.stderr < self.largest
 
 
-SAME_COSINE = (
-    0.999  # level: of two effects' predictions, from which a motion does not separate them
-)
+# level: of two effects' predictions, from which a motion does not separate them
+SAME_COSINE = 0.999
 
 
 @dataclass(frozen=True)

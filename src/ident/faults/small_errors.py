@@ -40,9 +40,8 @@ GUARD = 0.06  # tuned: s on either side that are left out; at most 0.3 periods o
 ENOUGH = 0.5  # level: share of a coordinate's rows that must stay
 FEWEST = 30  # work: rows at reversals that tell how well they fit
 FAINT = 0.01  # numerics: weight of a row there: what only such rows determine stays as it is
-CLIPPED_WEIGHT = (
-    1e-4  # numerics: the same of a row with a torque at its limit, of which many may be
-)
+# numerics: the same of a row with a torque at its limit, of which many may be
+CLIPPED_WEIGHT = 1e-4
 WORSE = 4.0  # tuned: squared residual there over that elsewhere, from which these rows fit worse
 
 

@@ -30,9 +30,8 @@ from ident.motion.closures import LoopSolver, best_conditioned, independent_join
 from ident.motion.motion import prescribed
 from ident.text import percent, shortlist, significant, two_digits
 
-IN_PROPORTION = (
-    "in proportion to the torques' scale, whose error is not in their standard errors"  # of a load
-)
+# of a load
+IN_PROPORTION = "in proportion to the torques' scale, whose error is not in their standard errors"
 BIASED = 1e-4  # tuned: share of a parameter that a time basis may move unmentioned
 SHORT, USUAL = 10.0, 30.0  # level: the same: below the first a log is called short; what is advised
 POOR = 1e3  # level: condition number above which the motion excites some base parameter poorly

@@ -23,9 +23,8 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-LARGEST_CHUNK = (
-    256_000_000  # work: bytes of one chunk or message; recorders begin a new chunk at 4 MB
-)
+# work: bytes of one chunk or message; recorders begin a new chunk at 4 MB
+LARGEST_CHUNK = 256_000_000
 PIECE = 1 << 20  # work: bytes that are unpacked at a time
 LZ4_RATIO = 255  # level: bytes from one byte of LZ4, at most
 MAGIC, CHUNK = b"\x89MCAP0\r\n", 0x06  # of MCAP

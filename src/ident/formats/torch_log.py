@@ -26,7 +26,6 @@ STORAGES = {
     "IntStorage": "<i4", "ShortStorage": "<i2", "CharStorage": "i1", "ByteStorage": "u1",
     "BoolStorage": "?", "BFloat16Storage": "bfloat16",
 }  # fmt: skip
-BYTES = 8  # of a number of a column
 PICKLE = "data.pkl"  # its name in the archive
 DEEPEST = 8  # work: of dictionaries and lists in each other
 MOST_COLUMNS = 500  # work: of one tensor
@@ -132,7 +131,7 @@ def read_torch(path: Path) -> RawTable:
             f"{path}: a damaged file of torch.save ({type(error).__name__}); write it again"
         ) from None
     arrays = _named(content, "", 0, set())
-    check_size(path, sum(float(x.size) for x in arrays.values()) * BYTES)
+    check_size(path, 8 * sum(float(x.size) for x in arrays.values()))
     return table_of_arrays(str(path), columns_of(str(path), arrays))
 
 

@@ -58,9 +58,8 @@ CONTRIBUTES = 0.1  # tuned: share of a fall, a lever or an excess, below which i
 # tuned: times what is known (a noise, a named change), beyond which there is more; residuals of
 # good logs are 0.5 to 1.3 times the sensors' noise
 BEYOND = 3.0
-EXPLAINED_BELOW = (
-    0.3  # tuned: relative error at which nothing is explained: no cause or closure leaves it
-)
+# tuned: relative error at which nothing is explained: no cause or closure leaves it
+EXPLAINED_BELOW = 0.3
 FEWEST_EQUATIONS = 3.0  # level: equations a parameter below which values follow the noise
 FEWEST_SQUARES = 3.0  # level: ν below which the t-distribution's width means nothing
 

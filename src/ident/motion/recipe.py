@@ -36,9 +36,8 @@ SMOOTH_OVER_MOTION = 2.0 * ROWS_OVER_MOTION  # level: of splines: twice what the
 WHITE = 1 / 3  # tuned: of that resolution: differences over longer times may hold motion
 STILL = 0.004  # tuned: share of a joint's top speed below which it counts as standing still
 NOISE = 4.0  # level: or so many times the noise of speeds, where that is more
-STANDSTILL_NOISE = (
-    0.5  # level: noise that is this share of the top speed is all that moves the joint
-)
+# level: noise that is this share of the top speed is all that moves the joint
+STANDSTILL_NOISE = 0.5
 LOOKED_AT = 500  # work: samples from which the closures' transmission is taken
 
 

@@ -35,9 +35,8 @@ VISIBLE = 200.0  # tuned: times the mean power of noise; real noise (steps, jitt
 NEIGHBOURS = 9
 LARGEST = 1e30  # numerics: ratio where there is no noise at all
 GRAINS = 20  # work: changes of a signal from which its quantisation can be known
-LARGEST_STEP_RATIO = (
-    1000.0  # numerics: steps between two samples beyond which multiples are no sign of anything
-)
+# numerics: steps between two samples beyond which multiples are no sign of anything
+LARGEST_STEP_RATIO = 1000.0
 ORDERS = "qva"
 
 

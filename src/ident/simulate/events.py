@@ -28,10 +28,8 @@ REST = 1e-11  # numerics: [rad/s | m/s] speed below which a joint is at rest
 SURE = 1e-14  # numerics: of the largest acceleration, above which one has a sign
 LOOKS, HALVINGS = 8, 60  # work: instants of a step at which modes are checked; bisections
 WATCHED = 0.01  # range: [s] longest step where a joint has dry friction
-MOST_EVALUATIONS = (
-    100_000,
-    30_000,
-)  # work: evaluations of the right side, in all cases and a simulated second
+# work: evaluations of the right side, in all cases and a simulated second
+MOST_EVALUATIONS = (100_000, 30_000)
 LOOSE = 1e-9  # numerics: tolerance above which a method of order 5 is cheaper than one of order 8
 WILD = 1e4  # range: [rad | m | …/s] beyond which no machine moves
 States = Callable[[float], np.ndarray]  # the states within a step by time [s]
