@@ -9,7 +9,6 @@ a torque of these joints like any other, in a fit, a diagnosis and a simulation.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,6 +19,7 @@ import casadi as ca
 import numpy as np
 
 from ident.effects.effect import NOWHERE, Bounds, Effect, Shape, Signals, Unknown
+from ident.effects.user_function import Shapes, compiled_columns, members_of, split_unit
 from ident.errors import MechanismError, line_of
 
 SLOWEST = 0.3  # range: [m/s] of rolling below which slip is no angle
@@ -345,10 +345,7 @@ class UserFrameForce(FrameForce):
 
 
 def user_frame_force(
-    name: str,
-    function: FrameFunction,
-    shapes: tuple[dict[str, float], tuple[Unknown, ...]],
-    file: Path | None = None,
+    name: str, function: FrameFunction, shapes: Shapes, file: Path | None = None
 ) -> type[UserFrameForce]:
     """A kind of force at a frame from a function of its motion.
 
@@ -365,8 +362,7 @@ def user_frame_force(
     """
     symbols = {key: ca.SX.sym(key, size) for key, size in SIZES.items()}
     columns: dict[str, ca.SX] = {}
-    starting, entries = shapes
-    values = {key: ca.SX.sym(key) for key in starting}
+    values = {key: ca.SX.sym(key) for key in shapes[0]}
 
     def logged(column: str) -> ca.SX:
         return columns.setdefault(str(column), ca.SX.sym(f"column{len(columns)}"))
@@ -382,13 +378,12 @@ def user_frame_force(
         ) from None
     unknowns, parts = [], []
     for key, wrench in wrenches.items():
-        word, _, unit = key.partition(" [")
+        word, unit = split_unit(key)
         if not word.isidentifier() or wrench.shape not in ((3, 1), (6, 1)):
             raise MechanismError(
                 f"effect '{name}': its function returns {wrench.shape[0]} × {wrench.shape[1]} "
                 f"numbers for the unknown '{word}'; valid: three of a force, or six with a moment"
             )
-        unit = unit.removesuffix("]") or "?"
         unknowns.append(Unknown(word, (unit, unit), "of the function"))
         parts.append(ca.vertcat(wrench, ca.SX.zeros(6 - wrench.shape[0])))
     if not parts:
@@ -397,26 +392,12 @@ def user_frame_force(
         *symbols.values(), ca.vertcat(*columns.values()) if columns else ca.SX.sym("none"),
         ca.vertcat(*values.values()),
     ]  # fmt: skip
-    try:
-        compiled = ca.Function("wrench", inputs, [ca.densify(ca.vertcat(*parts))])
-    except Exception as error:  # it contains other symbols than its inputs
-        raise MechanismError(
-            f"effect '{name}': its expression has other symbols than those of s: {line_of(error)}"
-        ) from None
-    members: dict[str, Any] = {
-        "__doc__": inspect.getdoc(function) or "A user's own force at a frame.",
-        "__module__": __name__,
-        "kind": name,
-        "function": staticmethod(function),
-        "compiled": compiled,
+    members = members_of(name, function, shapes, file, __name__) | {
+        "compiled": compiled_columns(name, inputs, ca.vertcat(*parts)),
         "logged": tuple(columns),
-        "starting": starting,
-        "shapes": entries,
         "unknowns": tuple(unknowns),
         "memory": bool(ca.depends_on(ca.vertcat(*parts), symbols["t"])),
         "equation": " + ".join(f"{x.name} · wrench" for x in unknowns),
-        "file": file,
-        "source": file.name if file else "a function of one's own",
     }
     return type(name, (UserFrameForce,), members)
 

@@ -25,6 +25,7 @@ import numpy as np
 from ident.effects import drive, frame, joint, servo
 from ident.effects.curve import Curve, OnFirst
 from ident.effects.effect import PER_LOG, Effect, Shape, Signals, Unknown
+from ident.effects.user_function import Shapes, compiled_columns, members_of, split_unit
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import function_of
 from ident.text import listed, places
@@ -271,18 +272,8 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
     if not name.isidentifier() or name in KINDS:
         why = "is in the library" if name in KINDS else "is no name"
         raise MechanismError(f"effect '{name}' {why}; give another of letters, digits and _")
-    starting, shapes = _shapes(name, function)
-    members: dict[str, Any] = {
-        "__doc__": inspect.getdoc(function) or "A user's own effect.",
-        "__module__": __name__,
-        "kind": name,
-        "function": staticmethod(function),
-        "starting": starting,
-        "shapes": shapes,
-        "file": file,
-        "signature": "as the function has it",
-        "source": file.name if file else "a function of one's own",
-    }
+    members = members_of(name, function, _shapes(name, function), file, __name__)
+    members["signature"] = "as the function has it"
     kind: type[UserEffect] = type(name, (UserEffect,), members)
     first: MechanismError | None = None
     for joints in range(1, MOST_SIGNAL_JOINTS + 1):  # one of two joints' signals fails with one
@@ -306,7 +297,7 @@ def user_effect(name: str, function: UserFunction, file: Path | None = None) -> 
     return kind
 
 
-def _shapes(name: str, function: UserFunction) -> tuple[dict[str, float], tuple[Unknown, ...]]:
+def _shapes(name: str, function: UserFunction) -> Shapes:
     try:
         given = list(inspect.signature(function).parameters.items())[1:]
     except (TypeError, ValueError):
@@ -339,8 +330,8 @@ def _evaluated(
         returned = kind.function(SimpleNamespace(**symbols, t=t), **shapes)
         columns = {}
         for key, column in returned.items():
-            name, _, unit = str(key).partition(" [")
-            columns[name] = ca.SX(column), unit.removesuffix("]") or "?"
+            name, unit = split_unit(str(key))
+            columns[name] = ca.SX(column), unit
     except (Exception, SystemExit) as error:  # it is the user's code
         raise MechanismError(
             f"effect '{kind.kind}': its function fails: {line_of(error)}; it is given s with "
@@ -361,14 +352,8 @@ def _evaluated(
 @cache
 def _compiled(kind: type[UserEffect], joints: int) -> ca.Function:
     columns, inputs = _evaluated(kind, joints)
-    column = ca.densify(ca.vertcat(*(column for column, _ in columns.values())))
-    try:
-        return ca.Function("columns", inputs, [column])
-    except Exception as error:  # it contains other symbols than its inputs
-        raise MechanismError(
-            f"effect '{kind.kind}': its expression has other symbols than those of s: "
-            f"{line_of(error)}"
-        ) from None
+    every = ca.vertcat(*(column for column, _ in columns.values()))
+    return compiled_columns(kind.kind, inputs, every)
 
 
 def parse_user(text: str) -> tuple[Path, str, tuple[str, ...]] | None:
