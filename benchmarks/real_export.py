@@ -13,7 +13,6 @@ speed of standstill.
 
 from __future__ import annotations
 
-import argparse
 import ctypes
 import importlib
 import subprocess
@@ -23,7 +22,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from machines import SHARED, located
+from machines import arguments, located
 
 import ident
 from ident.export.export import Export, export
@@ -48,17 +47,12 @@ void torques(const double *q, const double *v, const double *a, double *tau, int
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(NAMES)}; default: all")
-    parser.add_argument("--data", action="append", type=Path, default=[], metavar="DIR")
-    given = parser.parse_args()
+    names, places = arguments(__doc__, NAMES)
     print("| machine, joint | predicted | C − ident | MuJoCo − ident | the list says | lost |")
     print("|---|---|---|---|---|---|")
-    for name in given.names or NAMES:
+    for name in names:
         module = importlib.import_module(f"machines.{name}")
-        source = located(module.SOURCE, [*given.data, SHARED])
+        source = located(module.SOURCE, places)
         if source is None:
             print(f"| {name} | no {module.SOURCE} | | | | |")
             continue

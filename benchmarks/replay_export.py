@@ -15,14 +15,13 @@ machine, `ident` and MuJoCo, largest rms over joints, and the ratio.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from like import EXAMPLE, ROBOSUITE, content
-from machines import SHARED, located
+from machines import arguments, located
 
 import ident
 from ident import Log, Mechanism
@@ -50,17 +49,12 @@ NOISE = (Noise("tau", 0.01, relative=True), Noise("q", 2e-5))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("names", nargs="*", help=f"of {', '.join((*SHIPPED, *PUBLIC))}")
-    parser.add_argument("--data", action="append", type=Path, default=[], metavar="DIR")
-    given = parser.parse_args()
+    names, places = arguments(__doc__, (*SHIPPED, *PUBLIC))
     print("| robot | file: physical | softness kept | fitted | replay: ident | MuJoCo | ratio |")
     print("|---|---|---|---|---|---|---|")
-    for name in given.names or (*SHIPPED, *PUBLIC):
+    for name in names:
         with tempfile.TemporaryDirectory() as folder:
-            mechanism = robot(name, [*given.data, SHARED], Path(folder))
+            mechanism = robot(name, places, Path(folder))
             if mechanism is None:
                 print(f"| {name} | not in --data | | | | | |")
                 continue

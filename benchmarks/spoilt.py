@@ -9,16 +9,14 @@ rise` is that of one joint's rms [N m] over the untouched log's; `named`: by the
 
 from __future__ import annotations
 
-import argparse
 import importlib
-import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import polars as pl
-from machines import located
+from machines import arguments, located
 from scipy.signal import lfilter
 
 import ident
@@ -70,15 +68,9 @@ WAYS: dict[str, Callable[[Columns, np.random.Generator], Columns]] = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(NAMES)}; default: all")
-    parser.add_argument("--data", action="append", type=Path, default=[], metavar="DIR")
-    options = parser.parse_args()
-    places = [*options.data, Path(os.environ.get("IDENT_DATA", ROOT.parent / "shared" / "data"))]
+    names, places = arguments(__doc__, NAMES)
     print("| machine | log | error | largest rise | said | named |\n|---|---|---|---|---|---|")
-    for name in options.names or NAMES:
+    for name in names:
         module = importlib.import_module(f"machines.{name}")
         source = located(module.SOURCE, places)
         if source is None:

@@ -13,13 +13,12 @@ torque that is missing in the program, largest over joints, and what the list of
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from machines import SHARED
+from machines import arguments
 from replay_export import robot, with_effects
 
 import ident
@@ -38,19 +37,14 @@ SOFT = 0.3  # [rad/s]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(NAMES)}")
-    parser.add_argument("--data", action="append", type=Path, default=[], metavar="DIR")
-    given = parser.parse_args()
+    names, places = arguments(__doc__, NAMES)
     print(
         "| robot, target | held: torque | position | replay | lost, each alone: missing / listed |"
     )
     print("|---|---|---|---|---|")
-    for name in given.names or NAMES:
+    for name in names:
         with tempfile.TemporaryDirectory() as folder:
-            mechanism = robot(name, [*given.data, SHARED], Path(folder))
+            mechanism = robot(name, places, Path(folder))
             if mechanism is None:
                 print(f"| {name} | not in --data | | | |")
                 continue

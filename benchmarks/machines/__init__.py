@@ -6,6 +6,7 @@ measurements is in this repository; facts carry over with their source.
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 from collections.abc import Sequence
@@ -16,6 +17,17 @@ import numpy as np
 
 # folders of shared data
 SHARED = Path(os.environ.get("IDENT_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
+
+
+def arguments(description: str | None, names: Sequence[str]) -> tuple[Sequence[str], list[Path]]:
+    """The names that a command line has, all without any, and the folders to look in for data."""
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(names)}; default: all")
+    parser.add_argument("--data", action="append", type=Path, default=[], metavar="DIR")
+    given = parser.parse_args()
+    return given.names or names, [*given.data, SHARED]
 
 
 @dataclass(frozen=True)

@@ -63,28 +63,21 @@ def test_of_the_same_columns_those_of_a_drive_are_named_first(fit):
     assert [each.label for each in found.rivals] == ["coulomb:mirror"]
 
 
-def test_what_came_with_others_has_the_same_effect_of_another_joint_as_rival(fit):
+@pytest.mark.parametrize(
+    "label",
+    ["coulomb:first", pytest.param("coulomb:mirror", id="a passive joint that does as well")],
+)
+def test_what_came_with_others_is_of_a_drive_with_the_passive_joint_as_rival(fit, label):
     contest = with_noise(Contest.of(fit, candidates_of(fit), lambda *_: None))
     search = Search(contest, (), lambda *_: None)
     first = search.ranked(search.start)
-    own = next(e for e in first.credible if e.effect.label == "coulomb:first")
-    alone = search.start.plus(own)
-    now = replace(alone, members=(replace(alone.members[0], grouped=True),))
-    came = search.with_rivals(now, now.members[0])
-    assert "coulomb:mirror" in {each.effect.label for each in came.rivals}
-
-
-def test_what_came_with_others_is_of_a_drive_where_a_passive_joint_does_as_well(fit):
-    contest = with_noise(Contest.of(fit, candidates_of(fit), lambda *_: None))
-    search = Search(contest, (), lambda *_: None)
-    first = search.ranked(search.start)
-    passive = next(e for e in first.credible if e.effect.label == "coulomb:mirror")
-    alone = search.start.plus(passive)
-    now = replace(alone, members=(replace(alone.members[0], grouped=True),))
-    now = search.driven_first(now)
-    (member,) = now.members
+    taken = next(e for e in first.credible if e.effect.label == label)
+    alone = search.start.plus(taken)
+    grouped = replace(alone, members=(replace(alone.members[0], grouped=True),))
+    grouped = search.driven_first(grouped)
+    (member,) = grouped.members
     assert member.label == "coulomb:first"
-    came = search.with_rivals(now, member)
+    came = search.with_rivals(grouped, member)
     assert "coulomb:mirror" in {each.effect.label for each in came.rivals}
 
 
