@@ -141,3 +141,19 @@ def test_commands_of_which_none_changes_are_refused(mechanism, log):
     still = {f"ref.{joint}": pl.lit(0.3) for joint in JOINTS}
     with pytest.raises(MotionError, match="never changes"):
         ident.complete(mechanism, log.with_columns(**still))
+
+
+def test_a_fit_says_which_intervals_of_drives_are_narrow(mechanism, log):
+    motion = ident.complete(mechanism, log)
+    (finding,) = (
+        f for f in ident.identify(mechanism, motion).findings if f.code == "narrow intervals"
+    )
+    of = {
+        *(f"servo.{joint}.kd" for joint in JOINTS),
+        *(f"rotor_inertia.{joint}.Ia" for joint in JOINTS),
+    }
+    assert {*finding.where} == {*of, "command_delay.yaw,shoulder,elbow.d"}
+    frictionless = [e for e in mechanism.effects if not e.jumps]
+    smooth = replace(mechanism, effects=tuple(frictionless))
+    fit = ident.identify(smooth, ident.complete(smooth, log))
+    assert not any(f.code == "narrow intervals" for f in fit.findings)

@@ -21,6 +21,7 @@ from ident.fit.consistency import nearest_possible, possible_bodies
 from ident.fit.drives import (
     delays_at_bounds,
     held_drives,
+    narrow_intervals,
     with_reversal_pulses,
     with_sensors_first,
     without_held_drives,
@@ -95,7 +96,12 @@ def identify(
         compared = (*compared, *held_drives(sorted(unscaled.joints)))
         problem, estimate = _solved(mechanism, motion, start, shapes, equations)
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, likely)
-    findings = [*findings, *compared, *delays_at_bounds(problem, estimate)]
+    findings = [
+        *findings,
+        *compared,
+        *delays_at_bounds(problem, estimate),
+        *narrow_intervals(problem),
+    ]
     fit = fit_of(problem, estimate, consistent, findings, likelihood, rest)
     if validate is None:
         return fit
