@@ -294,8 +294,8 @@ def grow(
         reached(rungs)
         fit = again
     assert last is not None
-    judged = rivals_in_the_end(steps, last.selection.first.contest)
-    return History(judged, last, stopped)
+    final = rivals_in_the_end(steps, last.selection.first.contest)
+    return History(final, last, stopped)
 
 
 def rivals_in_the_end(steps: Sequence[Step], contest: Contest) -> tuple[Step, ...]:
@@ -320,11 +320,11 @@ def rivals_in_the_end(steps: Sequence[Step], contest: Contest) -> tuple[Step, ..
         }
         return tuple(rival for rival in rivals if rival.label in good)
 
-    judged = []
+    final = []
     for step in steps:
         near = {label: as_good(label, rivals) for label, rivals in step.rivals_of.items()}
-        judged.append(replace(step, rivals_of={n: rivals for n, rivals in near.items() if rivals}))
-    return tuple(judged)
+        final.append(replace(step, rivals_of={n: rivals for n, rivals in near.items() if rivals}))
+    return tuple(final)
 
 
 def named_set(

@@ -342,9 +342,9 @@ class Diagnosis(Concluded):
         """Findings of the fit, without errors of the data that what was found explains, and without
         that it fails: where and why is what a diagnosis says.
         """
-        judged = {(finding.code, finding.where) for finding in self.health.findings}
+        remaining = {(finding.code, finding.where) for finding in self.health.findings}
         before = self.fit.health.findings
-        explained = [x for x in before if (x.code, x.where) not in judged]
+        explained = [x for x in before if (x.code, x.where) not in remaining]
         explained += self.fit.poor
         return tuple(str(x) for x in self.fit.all_findings if x not in explained)
 

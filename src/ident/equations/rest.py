@@ -73,8 +73,8 @@ def with_rest(problem: Problem, fitted: Estimate) -> tuple[Problem, Estimate]:
         return problem, fitted
     noise, now, at_rest = np.hypot(WIDTH * limit, sigma), fitted, problem
     for _ in range(PASSES):
-        left = [t.residual_norm(now.x) / np.sqrt(max(n, 1.0)) for t, n in rest_rows]
-        before, noise = noise, np.where(limit > 0, noise, np.maximum(sigma, left))
+        residuals = [t.residual_norm(now.x) / np.sqrt(max(n, 1.0)) for t, n in rest_rows]
+        before, noise = noise, np.where(limit > 0, noise, np.maximum(sigma, residuals))
         noise = np.where(noise > 0, noise, 1.0)
         weights = np.where(in_motion & (sigma > 0), sigma, noise)
         at_rest = weighed(problem, weights, np.where(used, weights / noise, 0.0))

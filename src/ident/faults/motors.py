@@ -81,8 +81,8 @@ class MotorCoordinates:
                 motors.append(Motor(f"m_{name}", ratios))
                 moved |= {*ratios}
         changed = {motor.name.removeprefix("m_") for motor in motors}
-        own = (Motor(name, {name: 1.0}) for name in self.names if name in moved - changed)
-        return (*own, *motors)
+        at_joints = (Motor(name, {name: 1.0}) for name in self.names if name in moved - changed)
+        return (*at_joints, *motors)
 
     @property
     def lines(self) -> str:

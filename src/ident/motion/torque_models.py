@@ -46,16 +46,16 @@ class _Samples:
         n, d = self.tau.shape
         size = np.sqrt(np.mean(self.tau**2, axis=0))
         size = np.where(size > 0, size, 1.0)
-        own = np.stack([np.ones((n, d)), self.rates, np.sign(self.rates)], axis=-1)
-        friction = (np.eye(d)[:, :, None] * own[:, :, None, :]).reshape(n, d, 3 * d)
+        terms = np.stack([np.ones((n, d)), self.rates, np.sign(self.rates)], axis=-1)
+        friction = (np.eye(d)[:, :, None] * terms[:, :, None, :]).reshape(n, d, 3 * d)
         A = (np.concatenate([gamma, friction], axis=2) / size[:, None]).reshape(n * d, -1)
         columns = np.linalg.norm(A, axis=0)
         A = A[:, columns > NIL * columns.max()]
         if len(A) < SPARE * A.shape[1]:
             return np.ones(d)
         b = (self.tau / size).ravel()
-        left = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
-        return np.asarray(np.sqrt(np.mean(left.reshape(n, d) ** 2, axis=0)))
+        residual = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
+        return np.asarray(np.sqrt(np.mean(residual.reshape(n, d) ** 2, axis=0)))
 
 
 def torques_of_models(mechanism: Mechanism, states: Sequence[State]) -> dict[str, TorqueVerdict]:

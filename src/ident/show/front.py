@@ -38,7 +38,7 @@ FOREST = 12  # shown: identified values, the most certain first
 SPRINGS = ("spring", "elasticity", "cable")  # kinds that are drawn as a coil
 FILM = 400  # shown: pictures of the machine in a report
 HEIGHT = 2.6  # shown: inches of each of the two charts, which leave room for the machine
-SEEN = 0.01  # shown: of the machine's size, by which a ghost is beside it and seen
+DISCERNIBLE = 0.01  # shown: of the machine's size, by which a ghost is beside it and seen
 LOOKED_AT = 60  # work: moments of a ghost that are looked at
 PERCENTILE_95 = 1.96  # level: standard errors of an interval of 95 %
 
@@ -176,12 +176,14 @@ def machine_of(
                 positions, window = drift([*models.values()], samples)
                 known = now.motion.experiments[number].q[samples]
                 model = now.model.mechanism.model
-                seen = {
+                discernible = {
                     name: q
                     for name, q in zip(models, positions, strict=True)
-                    if departure(model, known, q) > SEEN
+                    if departure(model, known, q) > DISCERNIBLE
                 }
-                ghosts[number] = Ghosts(samples, [*seen.values()], window, tuple(seen))
+                ghosts[number] = Ghosts(
+                    samples, [*discernible.values()], window, tuple(discernible)
+                )
     view = view_of_fit(now, now.predictions, marks, most, ghosts)
     shapes = [shape for x in effects if (shape := _effect_shape(now.model.mechanism, x, view.size))]
     return replace(view, shapes=[*view.shapes, *shapes])

@@ -309,7 +309,7 @@ def monitor_sheet(x: Monitor) -> Sheet:
 
 
 MOST_MOMENTS = 1000  # moments of a curve; beyond, every second one is forgotten
-SEEN = 2  # shown: parameters that are seen beside the headline
+BESIDE_HEADLINE = 2  # shown: parameters that are seen beside the headline
 PANELS = 8  # parameters that have a chart; all are in the tables
 FORCES = 6  # multipliers that have one
 NOTHING_LEFT = 0.02  # shown: of the squares beyond noise, below which a cause explains all of it
@@ -537,7 +537,7 @@ class MonitorHistory:
         if (result := self._last) is not None:
             known = self._identified(result)
             front = [self._error_chart(result)]
-            front += self._charts("Parameters", self._parameters, known, SEEN, 1)
+            front += self._charts("Parameters", self._parameters, known, BESIDE_HEADLINE, 1)
         title = f"{self._mechanism.name}: monitor"
         return report_page(title, self.card, (*self.sections, went_in), front)
 
