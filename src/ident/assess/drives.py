@@ -23,10 +23,10 @@ from ident.fit.shapes import NoScale
 from ident.fit.values import absorbed_by
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.motion.commands import OFF, held_samples, linear_samples
+from ident.motion.commands import ON_ABOVE, held_samples, linear_samples
 from ident.text import listed, percent, shortlist, significant
 
-HARDLY = 0.98  # level: correlation of two estimates, with which each is five times as uncertain
+INSEPARABLE = 0.98  # level: correlation of two estimates: each is five times as uncertain
 UNKNOWN = "not known"
 HELD_STILL = "none: it holds its joint still, whose equation is left out"
 
@@ -155,7 +155,7 @@ def _rests_on(mechanism: Mechanism, name: str, drive: Effect, motion: Motion) ->
         given = mechanism.drives.get(other)
         if given is not None and given.scale in given.values:
             return f"by the given {given.scale} of {other}, which carries the same bodies"
-    if any((e.extra.get(f"on.{name}", np.ones(1)) < OFF).any() for e in motion.experiments):
+    if any((e.extra.get(f"on.{name}", np.ones(1)) < ON_ABOVE).any() for e in motion.experiments):
         return "by the drive off"
     return "by other joints"
 
@@ -189,7 +189,7 @@ def _command(drive: Effect, motion: Motion) -> str:
             words.append(f"{column} straight for {n} samples ({n * ms:.3g} ms)")
         else:
             words.append(f"{column} new in each sample, held between them")
-    off = [float((e.extra[f"on.{name}"] < OFF).mean())
+    off = [float((e.extra[f"on.{name}"] < ON_ABOVE).mean())
            for e in motion.experiments if f"on.{name}" in e.extra]  # fmt: skip
     if off and max(off) > 0:
         words.append(f"off for {percent(float(np.mean(off)))} of the time")
@@ -213,7 +213,7 @@ def _not_apart(fit: Fit | None, drive: Effect, motion: Motion) -> Iterator[str]:
             f"switch the drive off for a second (on.{name}), or give {short} from the controller"
         )
     with suppress(FitError):
-        for a, b, r in fit.correlation.pairs(HARDLY):
+        for a, b, r in fit.correlation.pairs(INSEPARABLE):
             if damping in (a, b) and any(x.startswith("command_delay") for x in (a, b)):
                 wider = significant(1 / np.sqrt(max(1 - r**2, 1e-12)), 2)
                 short, band = damping.rpartition(".")[2], significant(2 * motion.band.motion, 2)

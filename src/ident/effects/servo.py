@@ -77,8 +77,8 @@ class Drive(Correcting):
         x = s.extra.get(f"{name}.{self.joints[0]}")
         if x is None or len(s.t) < 2:
             return x
-        held = s.extra.get(HOLD)  # of the log: signals may have fewer samples than it
-        step = float(s.t[1] - s.t[0] if held is None else held[0])
+        hold = s.extra.get(HOLD)  # of the log: signals may have fewer samples than it
+        step = float(s.t[1] - s.t[0] if hold is None else hold[0])
         return np.interp(s.t - self.delay(s) - 0.5 * step, s.t, x)
 
     def delay(self, s: Signals) -> float:

@@ -20,7 +20,7 @@ from ident.information.estimate import Estimate
 from ident.mechanism.drives import with_common_delay
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, State
-from ident.motion.commands import OFF
+from ident.motion.commands import ON_ABOVE
 from ident.text import listed, percent, shortlist
 
 DIFFERS = 0.1  # level: share of the measured torque by which a drive's differs and is named
@@ -125,7 +125,7 @@ def _difference(
     for e in experiments:
         # a late command of the first samples was sent before the log
         used = e.usable & (e.poses | (e.t >= e.t[0] + (LATEST_COMMAND if present else 0.0)))
-        on = e.extra.get(f"on.{name}", np.ones(len(e.t))) > OFF
+        on = e.extra.get(f"on.{name}", np.ones(len(e.t))) > ON_ABOVE
 
         def unlimited(
             shape: dict[str, float], e: State = e, on: np.ndarray = on, used: np.ndarray = used

@@ -20,11 +20,11 @@ UNLIKE = 0.5  # level: … and below which it is that of another joint
 LONGEST_DELAY = 0.1  # range: share of a log by which a drive may be late
 FULL = 1.0 + 1e-6  # numerics: largest duty
 SATURATED = 0.98  # level: share of samples at the limit from which no gain shows
-OFF = 0.5  # range: `on.` below it is off
+ON_ABOVE = 0.5  # range: `on.` below it is off
 # level: of the way of a joint whose command changes: one that goes less far with a constant one is
 # held by its drive, one that goes farther has another command
 STANDS = 0.2
-HELD = 1.5  # range: samples from which a command is held between its changes
+HOLD_FROM = 1.5  # range: samples from which a command is held between its changes
 
 
 def check_commands(
@@ -124,17 +124,17 @@ def _check_command(
     q = columns.get(f"q.{name}")
     if kind != "ref" or q is None:
         return
-    own, slope = _correlation(x, q)
+    likeness, slope = _correlation(x, q)
     joint = mechanism.joint(name)
-    if joint.rotational and own > ALIKE and DEGREES[0] < slope < DEGREES[1]:
+    if joint.rotational and likeness > ALIKE and DEGREES[0] < slope < DEGREES[1]:
         raise MotionError(
             f"{log}: {column} is {slope:.3g} times q.{name}: in degrees, not in rad; write [log] "
             f'"{column}" = {{ column = "…", scale = 0.017453293 }}'
         )
-    if own < -ALIKE:
+    if likeness < -ALIKE:
         raise MotionError(
-            f"{log}: {column} is against q.{name} (correlation {own:.2f}): its sign is another; "
-            f'write [log] "{column}" = {{ column = "…", scale = -1 }}'
+            f"{log}: {column} is against q.{name} (correlation {likeness:.2f}): its sign is "
+            f'another; write [log] "{column}" = {{ column = "…", scale = -1 }}'
         )
     others = {
         other: _correlation(x, columns[f"q.{other}"])[0]
@@ -142,9 +142,9 @@ def _check_command(
         if other != name and f"q.{other}" in columns
     }
     nearest = max(others, key=lambda other: others[other], default="")
-    if own < UNLIKE and nearest and others[nearest] > ALIKE:
+    if likeness < UNLIKE and nearest and others[nearest] > ALIKE:
         raise MotionError(
-            f"{log}: {column} is not followed by q.{name} (correlation {own:.2f}) but by "
+            f"{log}: {column} is not followed by q.{name} (correlation {likeness:.2f}) but by "
             f"q.{nearest} ({others[nearest]:.2f}): it is the command of another joint; map it in "
             f'[log] "ref.{nearest}" = "{column}"'
         )
@@ -177,7 +177,7 @@ def _check_on(mechanism: Mechanism, log: str, columns: Mapping[str, np.ndarray])
     names = [name for name in mechanism.drives if f"on.{name}" in columns]
     known = np.setdiff1d(mechanism.bodies.names, mechanism.unknown)
     has_mass = any(mechanism.prior[mechanism.bodies.names.index(name)] for name in known)
-    off = [name for name in names if not (columns[f"on.{name}"] > OFF).any()]
+    off = [name for name in names if not (columns[f"on.{name}"] > ON_ABOVE).any()]
     if off and len(off) == len(mechanism.driven) and not has_mass:
         raise MotionError(
             f"{log}: all drives are off throughout and no body is known, so everything is free up "
@@ -202,7 +202,7 @@ def held_samples(x: np.ndarray) -> int:
     if len(changes) < 3:
         return 1
     usual = float(np.median(np.diff(changes)))
-    return round(usual) if usual > HELD else 1
+    return round(usual) if usual > HOLD_FROM else 1
 
 
 def linear_samples(x: np.ndarray) -> int:
@@ -212,4 +212,4 @@ def linear_samples(x: np.ndarray) -> int:
     if len(bends) < 3 or held_samples(x) > 1:
         return 1
     usual = float(np.median(np.diff(bends)))
-    return round(usual) if usual > HELD else 1
+    return round(usual) if usual > HOLD_FROM else 1
