@@ -58,9 +58,8 @@ LISTED = 8  # shown: candidates that are listed at most
 VERDICTS = ("missing", "nothing", "unexplained", "undecided")
 STEP = 0.08  # tuned: of dry friction's rms, by which it may differ from a step around reversals; a
 # simulator's friction, 10 ms early, differs by 0.06, breakaway of eight times as much by 0.1
-REPEATING_CORRELATION = (
-    0.6  # tuned: correlation of a residual between periods that noise does not have
-)
+# tuned: correlation of a residual between periods that noise does not have
+REPEATING_CORRELATION = 0.6
 
 
 def diagnose(

@@ -35,9 +35,8 @@ from ident.motion.motion import left_out
 
 NEARBY = (0.7, 0.85, 1.2, 1.4)  # work: times a formula's constant, where it may do the same
 TOLD_APART_SE = 7.0  # level: standard errors by which rivals are told apart, with chance against it
-SINGULAR_RATIO = (
-    10.0  # range: times the log's largest ‖K⁺‖: no trial goes nearer to a singular position
-)
+# range: times the log's largest ‖K⁺‖: no trial goes nearer to a singular position
+SINGULAR_RATIO = 10.0
 
 
 @dataclass(frozen=True, eq=False)

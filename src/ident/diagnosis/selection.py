@@ -32,9 +32,8 @@ from ident.information.hypotheses import Array, Gains, Index, PartialRegression,
 from ident.mechanism.mechanism import Mechanism
 
 MAIN_CAUSE = 0.5  # level: of a joint's squares: what explains less of them is not its main cause
-SAME_PART = (
-    0.7  # level: cosine of what two candidates explain: half of the squares are the same part
-)
+# level: cosine of what two candidates explain: half of the squares are the same part
+SAME_PART = 0.7
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 STARTS = 4  # work: of a searched shape, from which it is refined

@@ -21,9 +21,8 @@ from ident.information.hypotheses import Array, PartialRegression
 
 SHARE = 0.05  # shown: of a column, from which an unknown is named as one that carries it
 NAMED = 4  # shown: unknowns that are named
-UNFELT = (
-    1e-9  # numerics: of other effects' columns: below, the motion does not feel this one at all
-)
+# numerics: of other effects' columns: below, the motion does not feel this one at all
+UNFELT = 1e-9
 
 
 def name_of(effect: Effect) -> dict[str, Any]:
@@ -152,9 +151,8 @@ def _absurd(fit: Fit, effect: Effect) -> list[str]:
     ]
 
 
-EXTRAPOLATION = (
-    2.0  # range: times the travelled range, over which laws that do as well are compared
-)
+# range: times the travelled range, over which laws that do as well are compared
+EXTRAPOLATION = 2.0
 DIFFERENT = 0.2  # tuned: of a torque (rms) there, from which two are two laws
 
 

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 LOW, HIGH = 1e-3, 1.0  # shown: 0.1 % and 100 % of the torque
 SMALLEST = 1e-16  # numerics: an error below is rounding, and drawn at the left end
 ENDS = (1.0, 2.0, 5.0, 10.0)  # shown: times a power of ten, where a longer axis may end
-TICKS = (
-    4  # shown: numbers at most above an axis; a longer one has them at every second or third decade
-)
+# shown: numbers at most above an axis; a longer one has them at every second or third decade
+TICKS = 4
 BEFORE, NOW, NOISE, WAY = "○", "●", "│", "─"  # the way leads from before to now
 KEY_BEFORE, KEY_NOW, KEY_NOISE = f"{BEFORE} before", f"{NOW} now", f"{NOISE} noise alone"
 
