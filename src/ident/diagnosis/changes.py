@@ -28,6 +28,7 @@ CODE = "changed within the log"
 FEWEST_BLOCKS = 3  # work: of each stretch
 TIMES = 8  # work: in each of two blocks, at which the change is sought in the end
 COMPARED = 8  # work: causes whose times are sought
+ROUNDING_OF_VALUES = 1e-9  # numerics: of the largest number of a change
 SHOWN = 3  # shown: values of a change
 PUSHES = (1, 2, 4)  # work: blocks that a push lasts
 Gate = Callable[[np.ndarray], np.ndarray]
@@ -88,7 +89,8 @@ class Change:
         """Return it in words."""
         pairs = zip(self.cause.names, self.values, self.stderr, self.cause.units, strict=False)
         listed = list(pairs)
-        large = [x for x in listed if abs(x[1]) > CERTAIN * x[2]][:SHOWN] or listed[:1]
+        least = ROUNDING_OF_VALUES * float(np.abs(self.values).max())  # no torque feels it
+        large = [x for x in listed if abs(x[1]) > max(CERTAIN * x[2], least)][:SHOWN] or listed[:1]
         values = ", ".join(
             f"{name} {value:+.3g} ± {error:.1g} {unit}".removesuffix(" 1")
             for name, value, error, unit in large
@@ -141,8 +143,9 @@ def change_within(first: Ranking) -> Change | None:
         cause, number, time = where[i]
         if id(cause) not in timed and len(timed) < COMPARED:
             timed[id(cause)] = _with_time(contest, cause, number, time, boundaries, p)
-    most = max(change.gain for change in timed.values())
-    equal = [change for change in timed.values() if change.gain >= (1 - PARSIMONY) * most]
+    least_left = 1 - max(change.gain for change in timed.values())
+    most_left = (1 + PARSIMONY) * least_left
+    equal = [change for change in timed.values() if 1 - change.gain <= most_left]
     change = min(equal, key=lambda change: (len(change.cause.names), -change.gain))
     always = [e.refit.loss[:, change.coordinate] for e in first.evidence]
     least = min(always, key=lambda loss: float(loss.sum()), default=None)
