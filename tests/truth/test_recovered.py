@@ -156,8 +156,10 @@ def planted(case, model, true, noise=()):
 
 def test_every_kind_is_here():
     # drives follow the log's commands: tests/truth/test_drives.py recovers them
-    drives = {"servo", "motor_current", "motor_voltage", "command_delay"}
-    assert {case.effect.split(":")[0] for case in CASES} == set(KINDS) - {"curve", *drives}
+    drives = {"servo", "motor_current", "motor_voltage", "motor_duty", "command_delay"}
+    at_frames = {kind for kind in KINDS if KINDS[kind].sits == "frame"}  # test_frame_forces.py
+    others = {"curve", "reversal_pulses", *drives, *at_frames}
+    assert {case.effect.split(":")[0] for case in CASES} == set(KINDS) - others
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
