@@ -13,7 +13,12 @@ from ident.request import Request, Step, planned_limits
 # options of the model that a verb takes: with a value, and without one
 WITH, PAIRS, FLAGS = "--with", ("--lock", "--unmeasured"), ("--absolute", "--allow-code")
 NO_BASIS = {"--basis", "--spacing"}  # options that `monitor` does not have
-MOTION, GROWN, FIT = "next.csv", "grown", "fit"  # names for what a command writes
+MOTION, GROWN, FIT, KEPT = (
+    "next.csv",
+    "grown",
+    "fit",
+    "diagnosis",
+)  # names for what a command writes
 
 
 @dataclass(frozen=True)
@@ -24,6 +29,9 @@ class ShellRequest(Request):
         """Return a step as a command; empty where the verb does not take the options given, or
         needs a log that is not known yet.
         """
+        if step.files and not self.folder:  # the diagnosis writes them where it has a place
+            words = [*self._words(Step("diagnose")), "--out", self.unused(KEPT)]
+            return shlex.join(["ident", "diagnose", *words])
         words = self._words(step) if step else []
         return shlex.join(["ident", step.verb, *words]) if words else ""
 
@@ -100,7 +108,7 @@ class ShellRequest(Request):
         `--with`, which are no part of the mechanism yet.
         """
         words = [word for name, word in pairwise(self.options) if name == WITH]
-        files = [f"{self.folder or 'DIR'}/{name}" for name in step.files]
+        files = [f"{self.folder}/{name}" for name in step.files]
         code = ["--allow-code"] * bool(files or "--allow-code" in self.options)
         return [*dict.fromkeys([*words, *step.effects, *files, *code])]
 

@@ -429,9 +429,13 @@ class MonitorHistory:
         """Return what is left of the change with the likeliest cause of the last alarm."""
         best = self.alarms[-1].best
         if best is None:
-            return "Left: all of it"
+            return "Left: all that is new"
         rest = max(0.0, 1.0 - best.explains)
-        return f"Left: {percent(rest)} of what is new" if rest > NOTHING_LEFT else "Left: noise"
+        return (
+            f"Left with it: {percent(rest)} of what is new"
+            if rest > NOTHING_LEFT
+            else "Left with it: noise"
+        )
 
     def _bar(self, joint: str, now: Error, noise: float | None) -> Bar:
         """Return the error of the model of normal running now, beside the usual one."""
