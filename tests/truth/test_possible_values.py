@@ -53,7 +53,7 @@ def test_a_machine_that_swings_freely_has_no_load_that_takes_its_forces_off(arm)
     """τ = 0 everywhere is explained by forces that take off all known ones."""
     motion = ident.complete(arm, arm.urdf.parent / "run.csv")
     free = {joint: Error(1.0, None, "N m") for joint in motion.independent}
-    fit = SimpleNamespace(mechanism=arm, motion=motion, train=free)
+    fit = replace(ident.identify(arm, motion), train=free, held_out={})
     kinds = {effect.kind for effect in candidates_of(fit)}
     assert not {"load_friction", "torque_gain"} & kinds
     assert {"viscous", "coulomb"} <= kinds
