@@ -28,7 +28,7 @@ from ident.assess.diagnosis import assess_growth
 from ident.show.headline import headline
 
 NAMES = ("tx40", "kr300", "panda", "lwr4", "ur10e", "baxter")
-FALL = re.compile(r"error [\d.–]+ % → [\d.–]+ %", re.IGNORECASE)
+FALL = re.compile(r"error [\d.–]+ %( \([^)]*\))? → [\d.–]+ %", re.IGNORECASE)
 
 
 def of_gallery(file: str, folder: Path) -> Machine:
