@@ -198,7 +198,11 @@ def _read(
     )
     driven = tuple(joint.name for joint in joints if joint.name not in passive)
     without = _unmeasured(
-        top.table("joints"), {*unmeasured, *chained.gimbals}, driven, locks, bool(passive)
+        top.table("joints"),
+        unmeasured if isinstance(unmeasured, str) else {*unmeasured, *chained.gimbals},
+        driven,
+        locks,
+        bool(passive),
     )
     if without and constraints:
         raise top.table("joints").error(
