@@ -14,7 +14,7 @@ from scipy.integrate import trapezoid
 import ident
 from helpers import ROBOTS
 from ident import Log, Mechanism, Noise
-from ident.assess.experiment import follow_signal, next_experiment, step_of
+from ident.assess.experiment import follow_signal, next_experiment, step_of_suggestion
 from ident.diagnosis import Diagnosis, diagnose
 from ident.diagnosis.experiment import Proposal, attempts, contenders, proposal, questions
 from ident.diagnosis.trials import present, trials
@@ -181,7 +181,7 @@ def test_half_the_speed_is_advised_where_a_residual_goes_with_it(
     d = replace(narrow, where=(worst,), periods=object() if repeats else None)
     advice = follow_signal(d)
     words = suggestion_words(advice, d.fit.mechanism)
-    (planned,) = step_of(d, [advice]).speed
+    (planned,) = step_of_suggestion(d, advice).speed
     (top,) = (move.speed for move in present(d.fit.mechanism, d.fit.motion))
     assert ("at least twice" in words) is not repeats
     if signal[0] in "va":
