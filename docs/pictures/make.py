@@ -88,7 +88,7 @@ def moving(browser: Browser, folder: Path) -> None:
     slider = page.locator("figure.scene input")
     first, last = page.evaluate(
         "[...document.querySelectorAll('script[id^=data-]')]"
-        ".map(e => JSON.parse(e.textContent).stretch).find(Array.isArray).slice(1)"
+        ".map(e => JSON.parse(e.textContent).stretch).find(Array.isArray).slice(1, 3)"
     )
     annotated(page)
     pictures = []

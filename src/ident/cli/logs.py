@@ -92,11 +92,12 @@ def check(
             except IdentError:
                 _suggest_columns(mechanism, logs[0])
                 raise
+        log_check = check_logs(mechanism, motion)
         if json:
-            conclude(check_json(check_logs(mechanism, motion), mechanism, motion))
+            conclude(check_json(log_check, mechanism, motion))
         else:
             request = model.request(logs)
-            conclude(check_text(mechanism, motion, request, verbose=verbose))
+            conclude(check_text(log_check, mechanism, motion, request, verbose=verbose))
 
 
 def _suggest_columns(mechanism: Mechanism, path: Path) -> None:

@@ -14,7 +14,6 @@ from ident.assess.check import (
     LogCheck,
     assembled_coordinates,
     beyond_limits,
-    check_logs,
     data_findings,
     joints_json,
 )
@@ -194,6 +193,7 @@ def check_card(check: LogCheck, request: Request = PYTHON) -> Card:
 
 
 def check_text(
+    check: LogCheck,
     mechanism: Mechanism,
     motion: Motion | None = None,
     request: Request = PYTHON,
@@ -203,7 +203,6 @@ def check_text(
     """Return whether a log can be used, joints and columns, and how much it identifies; `verbose`:
     with the channels, all notes and the base parameters.
     """
-    check = check_logs(mechanism, motion)
     column = ["assembled", *(f"{x:.4g}" for x in assembled_coordinates(mechanism))]
     rows = zip(joint_rows(mechanism, motion), column, strict=True)
     joints = text_table([[*row, cell] for row, cell in rows])
