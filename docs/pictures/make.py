@@ -109,7 +109,7 @@ def moving(browser: Browser, folder: Path) -> None:
 
 
 PARTS = {  # of a report's first screen, in the order of docs/report.md; not all have all of them
-    "header .line": 1, "table.errors": 2, ".copy": 3, ".front figure.chart >> nth=0": 4,
+    "header .line": 1, "table.errors": 2, ".next": 3, ".front figure.chart >> nth=0": 4,
     ".front figure.chart >> nth=1": 5, "figure.scene": 6,
 }  # fmt: skip
 NUMBER = (
