@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -173,11 +174,13 @@ def monitored(browser: Browser, folder: Path) -> bytes:
         for x in filter(lambda x: x.startswith("tau."), columns):
             columns[x] = columns[x] + NOISE * np.std(columns[x]) * random.standard_normal(len(t))
         ident.Log.from_arrays(name, t, columns).write(folder / name)
-    friction = ("--with", "viscous", "--with", "coulomb", "--like", str(folder / "normal.csv"))
-    command = ("monitor", str(ROBOTS / "arm"), str(folder / "today.csv"), *friction, "--page")
+    shutil.copytree(ROBOTS / "arm", folder / "arm")  # the page names it as the command does
+    friction = ("--with", "viscous", "--with", "coulomb", "--like", "normal.csv")
+    command = ("monitor", "arm", "today.csv", *friction, "--page")
     running = subprocess.Popen(
-        (sys.executable, "-u", "-m", "ident", *command), stdout=subprocess.PIPE, text=True
-    )
+        (sys.executable, "-u", "-m", "ident", *command), cwd=folder, stdout=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
     assert running.stdout is not None
     address = next(x for x in running.stdout if "http://" in x).split()[-1]
     page = browser.new_page(viewport={"width": WIDTH, "height": 1000}, color_scheme="light")
