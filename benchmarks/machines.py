@@ -29,7 +29,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,7 @@ import ident
 
 NAMES = (
     "tx40", "kr300", "kr300_slow", "panda", "lwr4", "ur10e", "baxter", "xl330", "airbot", "ur10",
-    "xmate",
+    "xmate", "tiago", "mtm", "mtm_poses", "double_pendulum",
 )  # fmt: skip
 COLUMNS = (
     "machine", "published", "viscous + Coulomb", "by hand", "possible bodies", "grown", "effects",
@@ -149,7 +149,7 @@ def measured(name: str, source: Path, by_hand: bool) -> dict[str, Any]:
         **ladder(rungs, judged is not None),
         "weak": ", ".join(weak(history)) or "–",
         "bars": {
-            title: [100 * e.relative for e in by_joint(fit)]
+            title: [100 * share for share in shares(fit)]
             for title, fit in (("defaults", defaults), ("grown", rungs[-1]))
         },
         "effects": f"{len(history.added)}: {', '.join(e.label for e in history.added)}",
@@ -184,10 +184,10 @@ def ladder(fits: Sequence[Any], judged: bool) -> dict[str, str]:
     """What rungs say of a log that was never seen."""
     if not judged:
         return {"last / best": "–", "test / held out": "–"}
-    joints = list(fits[-1].held_out)
-    rungs = np.array([[e.relative for e in by_joint(fit)] for fit in fits])
+    joints = [joint for joint, e in fits[-1].held_out.items() if not e.unmeasured]
+    rungs = np.array([shares(fit) for fit in fits])
     last = rungs[-1] / rungs.min(axis=0)
-    held_out = np.array([fits[-1].held_out[joint].relative for joint in joints])
+    held_out = np.array(shares(fits[-1], measured_joints(fits[-1].held_out)))
     optimism = rungs[-1] / held_out
     for fit, errors in zip(fits, rungs, strict=True):
         print(len(fit.mechanism.effects), *(f"{100 * e:.3g}" for e in errors), file=sys.stderr)
@@ -214,22 +214,43 @@ def weak(history: Any) -> list[str]:
 
 
 def by_joint(fit: Any) -> list[Any]:
-    """Errors of all joints in the first validation log, or held out in time."""
+    """Errors of all measured joints in the first validation log, or held out in time."""
     logs = list(fit.validation.values())
-    return list((logs[0] if logs else fit.held_out).values())
+    return measured_joints(logs[0] if logs else fit.held_out)
+
+
+def measured_joints(errors: Mapping[str, Any]) -> list[Any]:
+    """Errors of the joints whose torque is logged."""
+    return [error for error in errors.values() if not error.unmeasured]
+
+
+def shares(fit: Any, errors: Sequence[Any] | None = None) -> list[float]:
+    """Errors of all joints over their torque, of those without over gravity's torque in the fit."""
+    errors = by_joint(fit) if errors is None else errors
+    sizes = np.mean([np.mean(trace.gravity**2, axis=0) for trace in fit.residual.traces], axis=0)
+    gravity = dict(zip(fit.motion.independent, np.sqrt(sizes), strict=True))
+    joints = [joint for joint, e in fit.held_out.items() if not e.unmeasured]
+    return [
+        e.rms / gravity[joint] if e.relative is None else e.relative
+        for joint, e in zip(joints, errors, strict=True)
+    ]
 
 
 def misfit(fit: Any) -> float:
     """Mean logarithm of the relative errors of all joints."""
-    return float(np.mean([np.log(error.relative) for error in by_joint(fit)]))
+    return float(np.mean(np.log(shares(fit))))
 
 
 def errors(fit: Any) -> str:
-    """Relative errors in motion [%], and with standstill: of all joints, of the whole vector."""
-    joints, whole = by_joint(fit), [error.with_standstill for error in by_joint(fit)]
+    """Relative errors in motion [%], and with standstill: of all joints, of the whole vector; of a
+    machine that swings freely, shares of gravity's torque.
+    """
+    whole = [error.with_standstill for error in by_joint(fit)]
     moving, every = (
-        " ".join(f"{100 * error.relative:.3g}" for error in each) for each in (joints, whole)
+        " ".join(f"{100 * share:.3g}" for share in shares(fit, each)) for each in (None, whole)
     )
+    if any(error.relative is None for error in whole):
+        return f"{moving} (with standstill {every})"
     squares = np.array([(e.rms**2, (e.rms / e.relative) ** 2) for e in whole]).sum(axis=0)
     vector = 100 * np.sqrt(squares[0] / squares[1])
     return f"{moving} (with standstill {every}, whole vector {vector:.3g})"

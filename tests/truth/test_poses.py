@@ -235,3 +235,11 @@ def test_a_load_that_held_axes_lift_is_named_and_nothing_of_their_own(
     assert diagnosis.best.label == "payload:fore"
     assert all("shoulder" not in x.label for x in (diagnosis.best, *diagnosis.group))
     assert not diagnosis.health.findings
+
+
+def test_poses_grow_a_spring_without_the_past_that_they_have_not(arm: Mechanism):
+    columns = held(arm, 3, 60)
+    columns["tau.elbow"] = columns["tau.elbow"] + 4.0 * (columns["q.elbow"] - 0.5)
+    log = Log.from_arrays("held", np.arange(60.0), columns).as_poses()
+    grown = ident.grow(arm, ident.complete(arm, log))
+    assert [joint for effect in grown.added for joint in effect.joints] == ["elbow"]

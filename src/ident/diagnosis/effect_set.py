@@ -209,7 +209,10 @@ def past_responses(last: Ranking) -> tuple[Ranking, list[Response]]:
     of each joint that has curves too, and the responses that explain more than chance.
     """
     table, limit = last.contest.table, last.with_curves.limit
-    cutoff = table.motion.band.cutoff or 0.25 * min(scene.e.rate for scene in table.scenes)
+    rates = [scene.e.rate for scene in table.scenes if not scene.e.poses]
+    if not rates:
+        return last, []  # poses have no past
+    cutoff = table.motion.band.cutoff or 0.25 * min(rates)
     shortest = {"T": 0.5 / (np.pi * cutoff)}
     regression, responses = last.regression.bare, []
     for joint in dict.fromkeys(e.effect.joints[0] for e in last.contest.candidates if e.curve):
