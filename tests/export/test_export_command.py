@@ -1,6 +1,7 @@
 """`ident export`: from an identification to a file that moves like the machine."""
 
 import json
+import re
 import sys
 from dataclasses import replace
 
@@ -118,8 +119,16 @@ def test_the_command_and_its_replay(identified, spoken, tmp_path):
     model = mujoco.MjModel.from_xml_path(str(out))
     at = model.joint("j1").dofadr[0]
     assert model.dof_frictionloss[at] == pytest.approx(fit["coulomb.j1.Fc"].value, rel=0.05)
-    status, _, _ = spoken(*words, "--good-enough", "1e-6")
+    words.append("--physical")
+    status, _, err = spoken(*words, "--good-enough", "1e-6")
     assert status == 3
+    shares = {name: float(x) for name, x in re.findall(r"(j\d) ([\d.e-]+) %", err)}
+    assert set(shares) == {"j1", "j2"}
+    between = sum(shares.values()) / 2
+    status, _, err = spoken(*words, "--good-enough", between)
+    assert status == 3
+    worst = max(shares, key=shares.__getitem__)
+    assert f"status 3: {worst} {shares[worst]:g} % above --good-enough {between:g} %" in err
     status, _, _ = spoken(*words, "--good-enough", "50")
     assert status == 0
 

@@ -1,6 +1,7 @@
 """MuJoCo models: every parameter through the file and back, and the motion of the machine."""
 
 import difflib
+from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
@@ -11,9 +12,11 @@ from public_robots import public_robot
 
 import ident
 from ident.export.export import export
-from ident.export.fitted import bare, error_of, exact_motion
-from ident.export.laws import nominal_motion
-from ident.export.mjcf import spring_of
+from ident.export.fitted import FIT_DURATION, bare, error_of, exact_motion, fit_numbers
+from ident.export.laws import felt_inertia, nominal_motion
+from ident.export.machine import machine_of
+from ident.export.mjcf import WORDS, Numbers, spring_of, write_mjcf
+from ident.export.target import Job, translated
 from ident.log import Log
 
 KINDS = ("viscous", "coulomb", "rotor_inertia")
@@ -82,6 +85,115 @@ def test_another_motion_than_the_fitted_one(name, most, robots):
     text = made.text.encode()
     errors = error_of(text, made.translation.laws, made.machine, other)
     assert max(errors.values()) < most
+
+
+# a heavy frame that tilts, with a light crank on it that drives a toggle and a ram: at 1 ms the
+# crank is off by what no friction makes
+LINKS = {  # parent, joint, its kind, origin and axis; place and mass of the centre, and inertia
+    "frame": ("base", "tilt", "revolute", "0 0 0", "0 -1 0", "-.05 0 .3", 8, ".3 .4 .15"),
+    "disc": ("frame", "crank", "revolute", "-.35 0 .35", "0 -1 0", ".02 0 0", .8, "6e-4 .001 6e-4"),
+    "rod": ("disc", "big_end", "revolute", ".05 0 0", "0 -1 0", ".22 0 0", 0.6, "2e-4 .01 .01"),
+    "upper": ("frame", "top", "revolute", "0 0 .6", "0 -1 0", ".125 0 0", 0.7, "2e-4 38e-4 38e-4"),
+    "lower": ("upper", "knee", "revolute", ".25 0 0", "0 -1 0", ".125 0 0", .7, "2e-4 38e-4 38e-4"),
+    "body": ("frame", "ram", "prismatic", "0 0 0", "0 0 1", "0 0 -.04", 2.0, ".004 .004 .002"),
+}  # fmt: skip
+PRESS_TOML = """urdf = "press.urdf"
+[joints]
+passive = ["big_end", "top", "knee", "ram"]
+start = { big_end = 0.05, top = -1.0, knee = -1.1, ram = 0.17 }
+[[closure]]
+name = "knee_pin"
+kind = "point"
+a = { link = "rod", xyz = [0.45, 0, 0] }
+b = { link = "upper", xyz = [0.25, 0, 0] }
+axes = "xz"
+[[closure]]
+name = "ram_pin"
+kind = "point"
+a = { link = "lower", xyz = [0.25, 0, 0] }
+b = { link = "body", xyz = [0, 0, 0] }
+axes = "xz"
+"""
+
+
+def press(folder):
+    """The press, and the values of its friction and of the spring of its ram."""
+    text = '<robot name="press"><link name="base"/>'
+    for link, (parent, joint, kind, origin, axis, centre, mass, inertia) in LINKS.items():
+        xx, yy, zz = inertia.split()
+        text += (
+            f'<link name="{link}"><inertial><origin xyz="{centre}"/><mass value="{mass}"/>'
+            f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="{joint}" type="{kind}"><parent link="{parent}"/><child link="{link}"/>'
+            f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
+            '<limit lower="-9" upper="9" velocity="9" effort="99"/></joint>'
+        )
+    folder.mkdir()
+    (folder / "press.urdf").write_text(f"{text}</robot>")
+    (folder / "mechanism.toml").write_text(PRESS_TOML)
+    mechanism = ident.load(folder).with_effect("spring:ram")
+    values = {"spring.ram.k": 400.0, "spring.ram.b": -80.0}
+    for joint, Fc, Fv in (("tilt", 1.5, 0.8), ("crank", 0.12, 0.03)):
+        mechanism = mechanism.with_effect(f"coulomb:{joint}").with_effect(f"viscous:{joint}")
+        values |= {f"coulomb.{joint}.Fc": Fc, f"viscous.{joint}.Fv": Fv}
+    return mechanism, values
+
+
+def test_no_joint_moves_worse_for_the_sake_of_another(tmp_path):
+    """Friction of the heavy frame was fitted to the light crank, with 8 times the frame's error."""
+    mechanism, values = press(tmp_path / "press")
+    (e,) = nominal_motion(mechanism).experiments
+    columns = {f"q.{j}": e.y[::-1, mechanism.joint_index[j]] for j in mechanism.driven}
+    errors = []
+    reference = Log.from_arrays("other", e.t, columns)
+    other = exact_motion(machine_of(mechanism, values), reference, 2.0)
+    for fitted in (False, True):
+        made = export(mechanism, "mjcf", values=values, fitted=fitted)
+        laws = made.translation.laws
+        errors.append(error_of(made.text.encode(), laws, made.machine, other))
+    physical, written = errors
+    assert all(written[joint] < 1.2 * x + 1e-6 for joint, x in physical.items())
+    assert laws["tilt"].coulomb == pytest.approx(1.5, rel=0.02)
+
+
+def test_the_note_states_the_motion_that_was_not_fitted(robots):
+    """Stribeck friction, which MuJoCo lacks, has fitted numbers in its place."""
+    mechanism, values = machine(robots, "four_bar")
+    inertia = felt_inertia(machine_of(mechanism, values))["crank"]
+    values |= {"viscous.crank.Fv": 1.5 * inertia, "coulomb.crank.Fc": 3 * inertia}
+    mechanism = mechanism.with_effect("stribeck:crank")
+    values |= {"stribeck.crank.Fs": 4 * inertia, "stribeck.crank.vs": 0.1}
+    machine_ = machine_of(mechanism, values)
+    translation = translated(Job(machine_, None, Path("x.xml")), WORDS)
+    exact = exact_motion(machine_)
+    numbers = Numbers(1e-3, 2e-3)
+    fit = fit_numbers(translation, numbers, exact)
+    _, test = exact.parts(FIT_DURATION)
+    measured = [
+        error_of(write_mjcf(x, n), x.laws, machine_, test)["crank"]
+        for x, n in ((translation, numbers), (fit.translation, fit.numbers))
+    ]
+    assert fit.errors == {"crank": pytest.approx(tuple(measured))}
+    assert measured[1] < 0.8 * measured[0]
+    (note,) = fit.notes
+    before, after = (f"crank {1e3 * x:.2g} mrad" for x in measured)
+    assert f"off by {after} instead of {before} rms" in note
+
+
+def test_numbers_of_joints_that_gain_nothing_stay_physical(robots):
+    mechanism, values = machine(robots, "arm")
+    mechanism = mechanism.with_effect("stribeck:shoulder")
+    values |= {"stribeck.shoulder.Fs": 0.5, "stribeck.shoulder.vs": 0.2}
+    machine_ = machine_of(mechanism, values)
+    translation = translated(Job(machine_, None, Path("x.xml")), WORDS)
+    fit = fit_numbers(translation, Numbers(1e-3, 2e-3), exact_motion(machine_))
+    assert set(fit.kept) == {*mechanism.driven} - {"shoulder"}
+    before, after = fit.errors["shoulder"]
+    assert after < 0.8 * before
+    for joint in fit.kept:
+        assert fit.translation.laws[joint] == translation.laws[joint]
+        assert fit.errors[joint][1] < 1.1 * fit.errors[joint][0] + 1e-6
+    assert f"physical values of {', '.join(fit.kept)} stay" in fit.notes[0]
 
 
 def test_a_polynomial_of_the_position_is_mujocos():

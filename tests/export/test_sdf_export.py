@@ -7,6 +7,7 @@ from lxml import etree
 
 import ident
 from ident.export.export import export
+from ident.export.laws import nominal_motion
 
 
 def described(robots, name, values=None):
@@ -50,3 +51,27 @@ def test_dynamics_and_loops_are_said(robots):
     loops = [j for name, j in joints.items() if name.endswith("_closure")]
     assert len(loops) == len(mechanism.closures)
     assert all(j.get("type") in ("ball", "revolute") for j in loops)
+
+
+def test_a_tilted_gravity_is_lost_with_its_torque(robots):
+    """The torque at the crank is the derivative of the bodies' potential energy along the loop."""
+    mechanism = ident.load(robots / "four_bar").with_effect("gravity_tilt")
+    values = {name: 0.0 for effect in mechanism.effects for name in effect.names}
+    made = export(mechanism, "sdf", values=values | {"gravity_tilt.y": 0.1})
+    (lost,) = made.lost
+    assert (lost.label, lost.where) == ("gravity_tilt", "crank")
+    assert "gravity_tilt" not in dict(made.fixed)
+    (e,) = nominal_motion(mechanism).experiments
+    model, change = mechanism.model, np.zeros(len(e.y))
+    data = model.createData()
+    tilted = made.machine.gravity - mechanism.model.gravity.linear
+    mass = sum(inertia.mass for inertia in model.inertias)
+    for k, q in enumerate(e.y[:, : model.nq]):
+        change[k] = -mass * tilted @ pin.centerOfMass(model, data, np.ascontiguousarray(q))
+    crank = mechanism.joint_index["crank"]
+    speed = e.yd[:, crank]
+    moving = (np.abs(speed) > 0.2 * np.abs(speed).max()) & e.usable
+    moving[[0, -1]] = False
+    torque = (np.gradient(change, e.t) / np.where(moving, speed, 1.0))[moving]
+    assert lost.largest == pytest.approx(np.abs(torque).max(), rel=0.05)
+    assert lost.torque == pytest.approx(np.sqrt(np.mean(torque**2)), rel=0.2)

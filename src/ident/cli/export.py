@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.cli.app import conclude, progress
+from ident.cli.app import conclude, notes, progress
 from ident.cli.options import (
     CHARTS,
     GoodEnough,
@@ -64,7 +64,7 @@ def export(
     listed with its size; with --replay the file is run in its simulator beside ident's own model.
     """
     from ident.export import export as export_
-    from ident.export.export import largest_error
+    from ident.export.export import joints_above
 
     mechanism, saved = _read(model, fit)
     output_file(plot, CHARTS)
@@ -102,7 +102,10 @@ def export(
     conclude(render(made, "json") if json else made, written, remarks)
     if good_enough is None or made.replays is None:
         return
-    if largest_error(made.replays, made.simulator) > good_enough / 100:
+    above = joints_above(made.replays, made.simulator, good_enough / 100)
+    if above:
+        loud = ", ".join(f"{name} {100 * share:.3g} %" for name, share in above.items())
+        notes([f"status 3: {loud} above --good-enough {good_enough:g} %"])
         sys.exit(3)
 
 

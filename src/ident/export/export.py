@@ -259,7 +259,13 @@ def _replays(
     )
 
 
-def largest_error(replays: Replay, model: str) -> float:
-    """Return the largest error of a model's motion over joints, as a share of the way."""
-    shares = [error.relative or 0.0 for run in replays.runs[model] for error in run.errors.values()]
-    return float(np.nanmax(shares, initial=0.0))
+def joints_above(replays: Replay, model: str, acceptable: float) -> dict[str, float]:
+    """Return joints whose motion a model misses by more than a share of the way, with the largest
+    such share over logs, the largest first.
+    """
+    shares: dict[str, float] = {}
+    for run in replays.runs[model]:
+        for joint, error in run.errors.items():
+            shares[joint] = max(shares.get(joint, 0.0), error.relative or 0.0)
+    above = {joint: share for joint, share in shares.items() if share > acceptable}
+    return dict(sorted(above.items(), key=lambda item: -item[1]))

@@ -32,6 +32,7 @@ from ident.motion.closures import independent_joints
 BANDWIDTH = 2 * np.pi * 5.0  # range: [rad/s] of the controller in whose error a torque is stated
 AMPLITUDES = (0.5, 0.2, 0.05, 0.01)  # range: [rad | m] of the nominal motion, the first that goes
 SECONDS, RATE = 6.0, 200.0  # range: [s], [Hz] of the nominal motion
+SAMPLES = 200  # work: of a motion, at which the torque of gravity is taken
 FREQUENCY = 0.5  # range: [Hz] of its first joint; each further one is a little faster
 FRICTIONS = ("dry", "level", "state")  # `Unknown.acts` of friction
 OF_THE_LOG = ("delay",)  # kinds that tell how a log was made, not how the machine moves
@@ -225,6 +226,8 @@ class _Measured:
         """Return what is lost of an effect at its i-th joint, and the laws that stand in for it."""
         where = effect.joints[i] if effect.joints else self.machine.name
         joint = self.machine.mechanism.joint_index.get(where)
+        if effect.kind == "gravity_tilt":
+            return self._of_gravity(effect), None
         if joint is None or effect.corrects:
             return self._of_correction(effect, where), None
         c, shape = self.machine.point.of(effect)
@@ -247,6 +250,41 @@ class _Measured:
             rms / (BANDWIDTH**2 * self.inertia.get(where, np.inf)),
             (units.force_unit, units.unit), nearest,
         ), changed  # fmt: skip
+
+    def _of_gravity(self, effect: Effect) -> Lost:
+        """Return what a tilted gravity is at the driven joint that it would move most."""
+        machine = self.machine
+        mechanism, tilted, level = machine.mechanism, machine.model(), machine.model()
+        level.gravity = mechanism.model.gravity
+        tree = [mechanism.joint_index[link.joint.name] for link in machine.links]
+        q = np.concatenate([scene.e.y[scene.e.usable][:, tree] for scene in self.scenes])
+        q = q[:: -(-len(q) // SAMPLES) or 1]
+        sides = [
+            np.stack([pin.computeGeneralizedGravity(model, model.createData(), x) for x in q])
+            for model in (tilted, level)
+        ]
+        drives = [link for link in machine.links if link.joint.name in mechanism.driven]
+        drives = drives or list(machine.links)
+        torque = self._at_joints(q, sides[0] - sides[1], [link.joint.index for link in drives])
+        rms, largest = np.sqrt(np.mean(torque**2, axis=0)), np.abs(torque).max(axis=0)
+        inertia = np.array([self.inertia[link.joint.name] for link in drives])
+        position = rms / (BANDWIDTH**2 * inertia)
+        i = int(position.argmax())
+        joint = drives[i].joint
+        return Lost(
+            effect.label, joint.name, float(rms[i]), float(largest[i]), float(rms[i]),
+            float(position[i]), (joint.force_unit, joint.unit), "gravity of the simulator's world",
+        )  # fmt: skip
+
+    def _at_joints(self, q: np.ndarray, torque: np.ndarray, at: Sequence[int]) -> np.ndarray:
+        """Return torques (n, len(at)) of some joints that do what those of all (n, nv) do."""
+        drawing = self.machine.drawing
+        if not drawing.closures:
+            return torque[:, at]
+        rate = drawing.kinematics.closure_rows(q).rate
+        Z = [linear.svd(J)[2][drawing.rank :].T for J in rate]
+        both = zip(Z, torque, strict=True)
+        return np.stack([linear.pinv(z[at].T, 1e-9) @ z.T @ x for z, x in both])
 
     def _of_correction(self, effect: Effect, where: str) -> Lost | None:
         """Return the size of an effect that is an angle, or of no torque at one joint."""
@@ -327,14 +365,7 @@ def _nearest(
 
 def felt_inertia(machine: Machine) -> dict[str, float]:
     """Return by joint the inertia [kg m² | kg] that its drive feels at the start."""
-    mechanism, q = machine.drawing, machine.start
-    model = mechanism.model.copy()
-    for link in machine.links:
-        index = model.getJointId(link.joint.name)
-        body = machine.total(link)
-        model.inertias[index] = (
-            pin.Inertia.FromDynamicParameters(body) if body[0] > 0 else pin.Inertia.Zero()
-        )
+    mechanism, q, model = machine.drawing, machine.start, machine.model()
     M = pin.crba(model, model.createData(), q)
     M = np.triu(M) + np.triu(M, 1).T
     for link in machine.links:

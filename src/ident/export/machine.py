@@ -143,6 +143,16 @@ class Machine:
         payload = self.payloads(link.name)
         return link.pi if payload is None else link.pi + payload
 
+    def model(self) -> pin.Model:
+        """Return Pinocchio's model with the bodies and payloads of all links."""
+        model = self.drawing.model.copy()
+        for link in self.links:
+            body = self.total(link)
+            model.inertias[model.getJointId(link.joint.name)] = (
+                pin.Inertia.FromDynamicParameters(body) if body[0] > 0 else pin.Inertia.Zero()
+            )
+        return model
+
     def separate_payload(self, link: Link) -> bool:
         """Whether both the link and its payload are possible bodies, so that each is one."""
         payload = self.payloads(link.name)

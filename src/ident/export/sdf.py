@@ -21,7 +21,7 @@ JOINTS = {
 }  # fmt: skip
 WORDS = Vocabulary(
     {"viscous": "dynamics/damping", "coulomb": "dynamics/friction", "payload": "inertial",
-     "spring": "dynamics/spring_stiffness", "gravity_tilt": "gravity", "geometry": "pose"},
+     "spring": "dynamics/spring_stiffness", "geometry": "pose"},
     {kind: f"a {word} joint" for kind, word in JOINTS.items()}, degree=1,
 )  # fmt: skip
 
