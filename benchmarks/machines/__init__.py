@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -95,6 +95,7 @@ def chain(
     *,
     parents: Mapping[str, str] | None = None,
     masses: Mapping[str, tuple[float, float]] | None = None,
+    sliding: Collection[str] = (),
 ) -> Path:
     """Writes the URDF of an arm with revolute joints about z.
 
@@ -104,6 +105,7 @@ def chain(
         origins: (joints, 6) x, y, z [m], roll, pitch, yaw [rad] of each joint in the one before.
         parents: by joint, the joint that it sits on, where that is not the one before.
         masses: by joint, of its link [kg], and its centre's x [m], where that is not 1 kg at 0.
+        sliding: joints that slide along z.
     """
     parents, masses = parents or {}, masses or {}
     inertia = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
@@ -111,11 +113,12 @@ def chain(
     for joint, origin in zip(joints, origins, strict=True):
         xyz, rpy = (" ".join(map(str, x)) for x in (origin[:3], origin[3:]))
         parent = f"link_{parents[joint]}" if joint in parents else parent
+        kind = "prismatic" if joint in sliding else "revolute"
         mass, x = masses.get(joint, (1.0, 0.0))
         body = f'<origin xyz="{x} 0 0"/><mass value="{mass}"/>{inertia}'
         lines += [
             f'<link name="link_{joint}"><inertial>{body}</inertial></link>',
-            f'<joint name="{joint}" type="revolute"><parent link="{parent}"/>',
+            f'<joint name="{joint}" type="{kind}"><parent link="{parent}"/>',
             f'<child link="link_{joint}"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>',
             '<limit lower="-6.3" upper="6.3" effort="1000" velocity="10"/></joint>',
         ]
