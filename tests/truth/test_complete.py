@@ -7,12 +7,12 @@ import pytest
 
 from helpers import Truth, series, write_mechanism
 from ident import identify
+from ident.assess.check import identifiable
 from ident.errors import MechanismError, MotionError
 from ident.log import Log, read_log
 from ident.mechanism import load
 from ident.mechanism.load import absolute
 from ident.motion import complete
-from ident.show.motion import identifiable
 
 NAMES = ("slider_crank", "pendulum", "four_bar", "five_bar", "arm")
 
