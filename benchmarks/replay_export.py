@@ -16,6 +16,7 @@ machine, `ident` and MuJoCo, largest rms over joints, and the ratio.
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,16 +53,23 @@ def main() -> None:
     names, places = arguments(__doc__, (*SHIPPED, *PUBLIC))
     print("| robot | file: physical | softness kept | fitted | replay: ident | MuJoCo | ratio |")
     print("|---|---|---|---|---|---|---|")
+    for name, _, model, values in robots(names, places):
+        cells = files(model, values)
+        print(f"| {name} | {' | '.join(cells)} |", end="", flush=True)
+        print(f" {' | '.join(replays(model, values))} |", flush=True)
+
+
+def robots(
+    names: Sequence[str], places: list[Path]
+) -> Iterator[tuple[str, Mechanism, Mechanism, dict[str, float]]]:
+    """Yield name, robot, robot with effects and their values; a row for those that are not here."""
     for name in names:
         with tempfile.TemporaryDirectory() as folder:
             mechanism = robot(name, places, Path(folder))
             if mechanism is None:
-                print(f"| {name} | not in --data | | | | | |")
+                print(f"| {name} | not in --data |", flush=True)
                 continue
-            model, values = with_effects(mechanism, np.random.default_rng(len(name)))
-            cells = files(model, values)
-            print(f"| {name} | {' | '.join(cells)} |", end="", flush=True)
-            print(f" {' | '.join(replays(model, values))} |", flush=True)
+            yield name, mechanism, *with_effects(mechanism, np.random.default_rng(len(name)))
 
 
 def robot(name: str, places: list[Path], folder: Path) -> Mechanism | None:

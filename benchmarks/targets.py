@@ -13,13 +13,12 @@ torque that is missing in the program, largest over joints, and what the list of
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 
 import mujoco
 import numpy as np
 from machines import arguments
-from replay_export import robot, with_effects
+from replay_export import robots
 
 import ident
 from ident import Log, Mechanism
@@ -42,22 +41,14 @@ def main() -> None:
         "| robot, target | held: torque | position | replay | lost, each alone: missing / listed |"
     )
     print("|---|---|---|---|---|")
-    for name in names:
-        with tempfile.TemporaryDirectory() as folder:
-            mechanism = robot(name, places, Path(folder))
-            if mechanism is None:
-                print(f"| {name} | not in --data | | | |")
-                continue
-            model, values = with_effects(mechanism, np.random.default_rng(len(name)))
-            joint = mechanism.driven[-1]
-            model = model.with_effect(f"ripple:{joint}")
-            size = felt_inertia(machine_of(mechanism))[joint]
-            values |= {f"ripple.{joint}.A": 2 * size, f"ripple.{joint}.B": size,
-                       f"ripple.{joint}.N": 6.0}  # fmt: skip
-            for target in TARGETS:
-                print(
-                    f"| {name}, {target} | {' | '.join(row(model, values, target))} |", flush=True
-                )
+    for name, mechanism, model, values in robots(names, places):
+        joint = mechanism.driven[-1]
+        model = model.with_effect(f"ripple:{joint}")
+        size = felt_inertia(machine_of(mechanism))[joint]
+        values |= {f"ripple.{joint}.A": 2 * size, f"ripple.{joint}.B": size,
+                   f"ripple.{joint}.N": 6.0}  # fmt: skip
+        for target in TARGETS:
+            print(f"| {name}, {target} | {' | '.join(row(model, values, target))} |", flush=True)
 
 
 def row(model: Mechanism, values: dict[str, float], target: str) -> list[str]:

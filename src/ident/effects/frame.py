@@ -9,6 +9,7 @@ a torque of these joints like any other, in a fit, a diagnosis and a simulation.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -120,11 +121,11 @@ class FrameForce(Effect):
             )
         return self.path.at(s.q, s.v)
 
+    @abstractmethod
     def wrench(self, m: FrameMotion, s: Signals) -> np.ndarray:
         """W (n, 6, unknowns): force [N] and moment [N m] on the body, in the frame's axes, of one
         of each unknown.
         """
-        raise NotImplementedError
 
     def columns(self, s: Signals) -> np.ndarray:
         m = self.motion(s)
