@@ -13,12 +13,8 @@ from ident.request import Request, Step, planned_limits
 # options of the model that a verb takes: with a value, and without one
 WITH, PAIRS, FLAGS = "--with", ("--lock", "--unmeasured"), ("--absolute", "--allow-code")
 NO_BASIS = {"--basis", "--spacing"}  # options that `monitor` does not have
-MOTION, GROWN, FIT, KEPT = (
-    "next.csv",
-    "grown",
-    "fit",
-    "diagnosis",
-)  # names for what a command writes
+# names for what a command writes
+MOTION, GROWN, FIT, KEPT = "next.csv", "grown", "fit", "diagnosis"
 
 
 @dataclass(frozen=True)
