@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import replace
 from pathlib import Path
 
@@ -105,9 +105,11 @@ def main() -> None:
             f"{kind} {np.median(np.abs(off[way][kind])):.2g} ({np.mean(inside[way][kind]):.0%})"
             for kind in ("kp", "Fc", "kd", "Ia", "d")
         ]
-        print(f"{way:16s} " + "  ".join(cells) + f"   {np.median(seconds[way]):.2g} s a log")
-        for why in failed[way]:
-            print(f"                 ! {why}")
+        every = np.mean(np.concatenate([*inside[way].values()]))
+        print(f"{way:16s} " + "  ".join(cells) + f"  all ({every:.0%})   "
+              f"{np.median(seconds[way]):.2g} s a log")  # fmt: skip
+        for why, times in Counter(failed[way]).items():
+            print(f"                 ! {why}, {times} times")
     if replays:
         text = " ".join(f"{x:.3f}" for x in np.median(replays, axis=0))
         print(f"held-out replay, windows of 1 s against 14 bit encoders: {text} mrad by joint")

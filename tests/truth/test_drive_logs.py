@@ -143,11 +143,26 @@ def test_commands_of_which_none_changes_are_refused(mechanism, log):
         ident.complete(mechanism, log.with_columns(**still))
 
 
-def test_a_fit_says_which_intervals_of_drives_are_narrow(mechanism, log):
+def narrow(fit):
+    return [finding for finding in fit.findings if finding.code == "narrow intervals"]
+
+
+def test_rows_of_servos_end_where_servos_follow(mechanism, log):
+    # M about 0.03 kg m² at the elbow, whose servo is the fastest: √(kp / M) / 2π = 3.4 to 4.9 Hz
     motion = ident.complete(mechanism, log)
-    (finding,) = (
-        f for f in ident.identify(mechanism, motion).findings if f.code == "narrow intervals"
-    )
+    assert 3.0 < motion.band.cutoff < 6.0
+    assert not narrow(ident.identify(mechanism, motion))
+    fast = log.with_columns(**{  # a command that reaches 8 Hz shows what there is at 8 Hz
+        f"ref.{joint}": pl.col(f"ref.{joint}") + 0.1 * (50 * pl.col("t")).sin() for joint in JOINTS
+    })  # fmt: skip
+    assert ident.complete(mechanism, fast).band.cutoff > 1.5 * motion.band.cutoff
+    sensors = log.with_columns(**{f"tau.{joint}": pl.col(f"ref.{joint}") for joint in JOINTS})
+    assert ident.complete(mechanism, sensors).band.cutoff > 1.5 * motion.band.cutoff
+
+
+def test_a_fit_says_which_intervals_of_drives_are_narrow(mechanism, log):
+    fit = ident.identify(mechanism, ident.complete(mechanism, log, cutoff=12.0))
+    (finding,) = narrow(fit)
     of = {
         *(f"servo.{joint}.kd" for joint in JOINTS),
         *(f"rotor_inertia.{joint}.Ia" for joint in JOINTS),
@@ -155,5 +170,4 @@ def test_a_fit_says_which_intervals_of_drives_are_narrow(mechanism, log):
     assert {*finding.where} == {*of, "command_delay.yaw,shoulder,elbow.d"}
     frictionless = [e for e in mechanism.effects if not e.jumps]
     smooth = replace(mechanism, effects=tuple(frictionless))
-    fit = ident.identify(smooth, ident.complete(smooth, log))
-    assert not any(f.code == "narrow intervals" for f in fit.findings)
+    assert not narrow(ident.identify(smooth, ident.complete(smooth, log, cutoff=12.0)))

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.display import Progress, no_progress, part
+from ident.effects import Effect
 from ident.equations.problem import Problem, information_of
 from ident.equations.rest import unweighed, with_rest
 from ident.equations.unknowns import Point
@@ -35,12 +36,13 @@ from ident.fit.result import Fit
 from ident.fit.shapes import NoScale, beyond_bounds, refuse_scales, unknown_scales, working_point
 from ident.fit.values import ParameterValues
 from ident.information.blocks import Error
-from ident.information.chance import covariance, held_out, prior_covariance
+from ident.information.chance import NEGATIVE, covariance, held_out, prior_covariance
 from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion import Motion
 
+RUNS = 0.5  # numerics: share of a scale; one that the last step changes by more has not settled
 ESTIMATORS = ("auto", "least-squares", "likelihood")
 
 
@@ -103,6 +105,7 @@ def identify(
         *narrow_intervals(problem),
     ]
     fit = fit_of(problem, estimate, consistent, findings, likelihood, rest)
+    refuse_scales(scales_within_error(fit))
     if validate is None:
         return fit
     texts = "its errors are no validation", "validate on another log"
@@ -151,9 +154,25 @@ def estimate_of(problem: Problem) -> Estimate:
         if not beyond.any():
             break
         estimate = problem.estimate(sigma=estimate.sigma, fixed=estimate.fixed | beyond)
-    fixed = estimate.fixed  # a scale that ran to its bounds is none
-    refuse_scales([effect for effect, at in unknown_scales(problem.columns) if fixed[at]])
+    # a scale that ran to the end of its search, or would go on from there, is none
+    fixed, point = estimate.fixed, problem.point.unknowns(problem.columns)
+    runs = np.abs(estimate.x - point) > RUNS * np.abs(point)
+    refuse_scales([e for e, at in unknown_scales(problem.columns) if fixed[at] or runs[at]])
     return estimate
+
+
+def scales_within_error(fit: Fit) -> list[Effect]:
+    """Return the drives whose scale is zero as far as its standard error tells."""
+    if not unknown_scales(fit.columns):
+        return []
+    values = ParameterValues(fit.columns, fit.estimate, fit.scatter).effects(fit.problem.point)
+    return [
+        effect.effect
+        for effect in values
+        for p in effect.parameters
+        if effect.effect.scale and p.name == effect.effect.full[effect.effect.scale]
+        if p.stderr is not None and p.value < NEGATIVE * p.stderr
+    ]
 
 
 def fit_of(

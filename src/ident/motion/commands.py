@@ -5,13 +5,18 @@ A command that cannot be that of its joint would be fitted by a wrong gain, so i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ident.effects import Effect
+from ident.effects.servo import Servo
 from ident.errors import MotionError
+from ident.information import linear
 from ident.mechanism.mechanism import Mechanism
+from ident.motion.recipe import ROWS_OVER_MOTION_LEAST
+from ident.motion.spline import motion_bandwidth
+from ident.motion.state import State
 from ident.text import listed, percent
 
 DEGREES = (40.0, 80.0)  # range: slope of a command over its position that is one of degrees, 57.3
@@ -24,6 +29,7 @@ ON_ABOVE = 0.5  # range: `on.` below it is off
 # level: of the way of a joint whose command changes: one that goes less far with a constant one is
 # held by its drive, one that goes farther has another command
 STANDS = 0.2
+SERVO_COLUMNS = ("ref", "dref", "feedforward", "kp", "on")  # of a joint
 HOLD_FROM = 1.5  # range: samples from which a command is held between its changes
 
 
@@ -194,6 +200,48 @@ def _correlation(x: np.ndarray, q: np.ndarray) -> tuple[float, float]:
     if min(squares) <= 0:
         return 0.0, 0.0
     return float(x @ q / np.sqrt(squares[0] * squares[1])), float(x @ q / squares[0])
+
+
+def servo_cutoff(mechanism: Mechanism, experiments: Sequence[State]) -> float | None:
+    """Return the cut-off [Hz] of rows beyond which servos follow nothing; None where some torque
+    is not that of a position servo, or where a servo's bandwidth does not show.
+
+    The noise of such rows is that of positions alone, |kp − M ω²| times as large in N m: beyond the
+    servo's own √(kp / M) they hold noise of accelerations, which shrinks inertia and damping, and
+    nothing that a command made. That is the weight of an error of the motion, which the servo's
+    response filters, M q̈ + kd q̇ + kp q = kp ref. M / kp is the share of q̈ in ref − q, beside speed,
+    dry friction and gravity of the joint itself. No less passes than twice what commands reach.
+    """
+    drives = mechanism.drives
+    if not drives or {*drives} != {*mechanism.driven}:
+        return None
+    bands = []
+    for name, drive in drives.items():
+        if not isinstance(drive, Servo) or name not in mechanism.joint_index:
+            return None
+        at, largest = mechanism.joint_index[name], 0.0
+        rows, errors = list[np.ndarray](), list[np.ndarray]()
+        for e in experiments:
+            if e.poses or f"ref.{name}" not in e.extra:
+                return None
+            named = {key: e.extra.get(f"{key}.{name}") for key in SERVO_COLUMNS}
+            x = {key: series for key, series in named.items() if series is not None}
+            used = e.usable & (x.get("on", np.ones(len(e))) > ON_ABOVE)
+            q, v, a = e.y[:, at], e.yd[:, at], e.ydd[:, at]
+            gain = x.get("kp", np.ones(len(e)))
+            largest = max(largest, float(gain[used].max(initial=0.0)))
+            columns = [a, v, np.sign(v), np.ones(len(q)), np.sin(q), np.cos(q)]
+            columns += [x[key] for key in ("dref", "feedforward") if key in x]
+            rows.append(np.stack(columns, axis=1)[used])
+            errors.append((gain * (x["ref"] - q))[used])
+            bands.append(ROWS_OVER_MOTION_LEAST * motion_bandwidth(x["ref"], 1 / e.rate, 0))
+        if len({part.shape[1] for part in rows}) > 1:
+            return None
+        share = float(linear.lstsq(np.concatenate(rows), np.concatenate(errors), rcond=1e-9)[0][0])
+        if min(share, largest) <= 0:
+            return None
+        bands.append(float(np.sqrt(largest / share)) / (2 * np.pi))
+    return max(bands)
 
 
 def held_samples(x: np.ndarray) -> int:

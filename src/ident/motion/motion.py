@@ -21,7 +21,7 @@ from ident.log.table import is_frame
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.at_rest import measure_poses, rest_of
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
-from ident.motion.commands import check_commands
+from ident.motion.commands import check_commands, servo_cutoff
 from ident.motion.knots import by_torques, doubtful, without_time_errors
 from ident.motion.recipe import (
     AUTO,
@@ -280,6 +280,11 @@ def complete(
         else replace(e, still=standstill(mechanism, signals, e, names))
         for signals, e in zip(measured, experiments, strict=True)
     )
+    sensors = any(f"tau.{name}" in log.columns for log in read for name in mechanism.drives)
+    if cutoff == "auto" and band.cutoff is not None and not sensors:
+        servos = servo_cutoff(mechanism, states)
+        if servos is not None and servos < band.cutoff:
+            band = replace(band, cutoff=servos)
     if missing := unforced_base(mechanism, states):
         if torques:
             raise MotionError(missing)
