@@ -59,7 +59,9 @@ def test_corrections_must_stand_out_of_their_errors():
     def values(value, stderr):
         own = (SimpleNamespace(value=value, stderr=stderr),)
         effects = [SimpleNamespace(effect=e, parameters=own) for e in mechanism.effects]
-        return SimpleNamespace(mechanism=mechanism, logged_effects=effects)
+        return SimpleNamespace(
+            mechanism=mechanism, without_faults=None, effects_with=lambda covariance: effects
+        )
 
     assert undetermined(values(-0.45, 0.18), mechanism.effects) == "encoder_offset:elbow"
     assert undetermined(values(-0.45, 0.1), mechanism.effects) == ""

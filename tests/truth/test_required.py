@@ -39,9 +39,13 @@ def test_what_another_effect_changes_does_not_leave_before_it():
         replace(e, parameters=tuple(replace(v, value=0.0, stderr=1.0) for v in e.parameters))
         for e in fit.effects
     )
-    vague = SimpleNamespace(mechanism=mechanism, logged_effects=nothing)
+    vague = SimpleNamespace(
+        mechanism=mechanism, without_faults=None, effects_with=lambda covariance: nothing
+    )
     assert undetermined(vague, mechanism.effects) == "friction_width:elbow"
     alone = SimpleNamespace(
-        mechanism=mechanism.without("friction_width:elbow"), logged_effects=nothing[:1]
+        mechanism=mechanism.without("friction_width:elbow"),
+        without_faults=None,
+        effects_with=lambda covariance: nothing[:1],
     )
     assert undetermined(alone, mechanism.effects) == "coulomb:elbow"

@@ -240,7 +240,10 @@ class Contest:
             joint: store.add(fit.mechanism.placed(ReversalPulses((joint,))), [{}])
             for joint in dict.fromkeys(dry)
         }
-        known = {} if earlier is None else earlier.unchanged(fit, use)
+        known = {} if earlier is None else earlier.unchanged(table, use)
+        if earlier and known:  # of rows at rest these are another for each fit
+            changed = table.scale / earlier.table.scale
+            weights = [changed[rows, u, None] for u, rows in enumerate(store.rows)]
         index, columns = table.mechanism.joint_index, columns_of(fit.motion)
         moving = tuple(  # in some log, in the tree or anywhere in a loop
             name
@@ -256,7 +259,7 @@ class Contest:
                 shapes, old, C = table.starts(effect), known.get(effect.label), None
                 if earlier and old and old.effect == effect and [*old.shapes] == shapes:
                     at, parts = np.concatenate(old.groups), earlier.regression.parts
-                    C = {part.coordinate: part.taken(at) for part in parts}
+                    C = {p.coordinate: weights[p.coordinate] * p.taken(at) for p in parts}
                 groups = np.split(store.add(effect, shapes, C), len(shapes))
                 candidates.append(CandidateColumns(effect, tuple(shapes), tuple(groups)))
             except (IdentError, np.linalg.LinAlgError) as error:
@@ -307,13 +310,17 @@ class Contest:
         """Candidates that are no curves."""
         return tuple(candidate for candidate in self.candidates if not candidate.curve)
 
-    def unchanged(self, fit: Fit, use: np.ndarray) -> dict[str, CandidateColumns]:
-        """Laws, by label, with the same columns in the rows (N, d) of another fit of the motion."""
-        models = self.fit.mechanism, fit.mechanism
-        if self.fit.motion is not fit.motion or any(e.corrects for m in models for e in m.effects):
+    def unchanged(self, table: Table, use: np.ndarray) -> dict[str, CandidateColumns]:
+        """Laws, by label, with the same columns in the rows (N, d) of another table, but for the
+        weights of these.
+        """
+        ours, other = ((x.sample, x.experiment) for x in (self.table, table))
+        same_rows = np.array_equal(use, self.use) and all(map(np.array_equal, ours, other))
+        scenes = zip(table.scenes, self.table.scenes, strict=True)
+        if not same_rows or not all(a.samples.same_motion(b.samples) for a, b in scenes):
             return {}
         explicit = (e for e in self.laws if not e.effect.implicit and not e.effect.corrects)
-        return {e.effect.label: e for e in explicit} if np.array_equal(use, self.use) else {}
+        return {e.effect.label: e for e in explicit}
 
     def columns(self, effect: Effect, shape: Shape) -> list[np.ndarray]:
         """The columns (m, u) of an effect at a shape in the rows of each part."""

@@ -514,7 +514,8 @@ def undetermined(
     required = {label for effect in fit.mechanism.effects for label in effect.required}
     labels = {effect.label for effect in new} - required
     loose = []
-    for e in fit.logged_effects:
+    # not by what faults of the data change: these are sought in the last model alone
+    for e in fit.effects_with(fit.without_faults):
         parameters = e.parameters[: len(e.effect.unknowns) or None]
         values = np.array([v.value for v in parameters])
         errors = np.array([np.inf if v.stderr is None else v.stderr for v in parameters])

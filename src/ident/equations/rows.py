@@ -82,11 +82,11 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             tau, channel = e.tau.copy(), mechanism.driven.index(name)
             tau[:, channel] = late(e.t, e.tau[:, channel], -d)  # read at t + d, without the ends
             inside = (e.t >= e.t[0] + margin) & (e.t <= e.t[-1] - margin)
-            e = replace(e, tau=tau, usable=e.usable & inside)
+            e = e.with_torques(tau, e.usable & inside)
         for name, torque in what.torque.items():
             tau = e.tau.copy()
             tau[:, mechanism.driven.index(name)] = torque
-            e = replace(e, tau=tau)
+            e = e.with_torques(tau)
         for name, dq in what.dq.items():
             if name in e.logged:  # the closures place the others
                 known[:, :, e.logged.index(name)] += _rates(e, dq, cutoff)
@@ -100,7 +100,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             (torque,), channel = now.predicted((name,))[0].T, mechanism.driven.index(name)
             tau = e.tau.copy()
             tau[:, channel] += torque - late(e.t, torque, d)
-            e = replace(e, tau=tau)
+            e = e.with_torques(tau)
         if what.clock:
             f = 1 + what.clock
             e = replace(e, v=e.v / f, yd=e.yd / f, still=e.still / f)
@@ -119,8 +119,8 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
 
 def _memo(base: Samples, mechanism: Mechanism, e: State) -> dict[object, Any]:
     """Return what a corrected state shares with the one of `base`."""
-    as_before = e.q is base.e.q and e.a is base.e.a and mechanism.model is base.mechanism.model
-    return {RIGID: base.memo.setdefault(RIGID, {})} if as_before else {}
+    same = base.same_motion(Samples(mechanism, e, slice(None), base.point))
+    return {RIGID: base.memo.setdefault(RIGID, {})} if same else {}
 
 
 def perturbed(
@@ -385,7 +385,8 @@ def rows(
     """
     e, model = scene.e, scene.mechanism.model
     farthest = largest_transmission(e) if farthest is None else farthest
-    key = "Γ", cutoff, e.loop is not None
+    segments = e.segments()
+    key = "Γ", cutoff, e.loop is not None, tuple((run.start, run.stop) for run in segments)
     stored = e.store.get(key, model)
     # for each independent coordinate the stretch of Γ's columns that can differ from zero
     every = [slice(0, len(scene.mechanism.prior))] * e.leverage.shape[2]
@@ -420,7 +421,7 @@ def rows(
         return [*effects, *(gamma_of(s) if stored is None else [])]
 
     d, done, size = len(spans), 0, 0
-    for segment in e.segments():
+    for segment in segments:
         thinning = Thinning(decimator, step, segment.stop - segment.start)
         at_nodes = NodeSeries(thinning, make_smooth, segment.start)
         for sample, series in decimator.filtered(segment, make):

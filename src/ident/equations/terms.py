@@ -189,6 +189,12 @@ class Samples:
             shifted = {**shape, name: shape[name] + sign * h}
             self.add_effect(out, effect, sign * c / (2 * h), shifted)
 
+    def same_motion(self, other: Samples) -> bool:
+        """Whether other samples are of the same motion of the same model, whatever the torques."""
+        e, o = self.e, other.e
+        same_state = e.q is o.q and e.v is o.v and e.a is o.a
+        return same_state and self.mechanism.model is other.mechanism.model
+
     def generalised(self, part: slice | np.ndarray) -> Samples:
         """Other samples of the same state, in generalised coordinates."""
         return Samples(self.mechanism, self.e, part, self.point, self.memo)

@@ -24,8 +24,8 @@ from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.motors import Motor
 from ident.motion import State
 
-RATIOS = np.geomspace(0.01, 100.0, 41)  # work: of a lone motor that are tried, refined then
-WIDTH = 1.2  # work: factor on either side within which a ratio is refined
+RATIOS = np.geomspace(0.01, 100.0, 25)  # work: of a lone motor that are tried, refined then
+WIDTH = 1.3  # work: factor on either side within which a ratio is refined
 NICE = (1.0, 2.0, 3.0, 4.0, 5.0)  # range: usual ratios, or their inverses, which go first
 
 

@@ -177,7 +177,8 @@ def variable_projection(
         stderr[now.base.independent] = np.sqrt(np.diag(now.solution.C))
         if (np.abs(x - before) <= OF_VALUE * np.abs(x) + OF_ERROR * stderr).all():
             break
-    if loss < np.inf:  # far from the start a scale may have lost what supported it
+    # far from the start a scale may have lost what supported it
+    if loss < np.inf and unknown_scales(columns):
         check_scales(columns, solved(point, first, first.fixed))
     return point
 

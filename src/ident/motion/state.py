@@ -141,8 +141,18 @@ class State:
 
     def with_rest(self, weight: np.ndarray | None) -> State:
         """The same state, a row at rest with a weight (d,) over that of one in motion."""
-        e = replace(self, rest=weight)
-        object.__setattr__(e, "store", self.store)  # nothing in it hangs on weights
+        return self._same_motion(replace(self, rest=weight))
+
+    def with_torques(self, tau: np.ndarray, usable: np.ndarray | None = None) -> State:
+        """The same motion with other torques (n, driven), by default usable where it was."""
+        usable = self.usable if usable is None else usable
+        return self._same_motion(replace(self, tau=tau, usable=usable))
+
+    def _same_motion(self, e: State) -> State:
+        """Return a state, with what is stored of this one: nothing of it hangs on torques, weights
+        or which samples are usable.
+        """
+        object.__setattr__(e, "store", self.store)
         return e
 
     def segments(self) -> list[slice]:
