@@ -109,3 +109,20 @@ def test_what_is_held_adds_the_errors_that_a_prior_row_gives():
     np.testing.assert_allclose(
         found.solution.C + prior_covariance(found, plausible), together, rtol=1e-6
     )
+
+
+def test_a_column_that_only_the_last_weights_make_independent_is_held_too():
+    """Two columns are one to 1e-9; rows that part them weigh 100 times as much later."""
+    random = np.random.default_rng(3)
+    common, free = random.standard_normal((2, 200))
+    coarse, fine = random.standard_normal((2, 200)) * [[30.0], [0.1]]
+    none = np.zeros(200)
+    slow = Triangle.of(np.column_stack([common, common, none]), common + coarse)
+    fast = Triangle.of(
+        np.column_stack([none, 1e-9 * random.standard_normal(200), free]), free + fine
+    )
+    plausible = np.full(3, 10.0)
+    fit = estimate([slow, fast], np.zeros(3), np.array([30.0, 1.0]), plausible)
+    assert fit.base.independent.tolist() == [0, 2]
+    assert fit.fixed.tolist() == [False, True, False]
+    assert abs(fit.x[1]) < 10.0

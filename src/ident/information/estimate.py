@@ -204,19 +204,11 @@ def estimate(
         noise = noise if given is None else max(noise, 1.0)
         while plausible is not None and len(trial.independent):
             # hold, one by one, what the data know worse than is plausible
-            own_range = plausible[trial.independent]
-            possible = own_range + np.abs(trial.K) @ plausible[trial.dependent]
-            stderr = noise * trial.spread
-            # what stands out of its own error is real, whatever the prior calls plausible
-            beta_prior = prior[trial.independent] + trial.K @ prior[trial.dependent]
-            clear = np.abs(trial.beta - beta_prior) > CLEAR * stderr
-            doubtful = ~clear & (stderr > possible)
-            if not doubtful.any():
+            newest = _doubtful(trial, noise * trial.spread, prior, plausible)
+            if newest is None:
                 break
-            # of several that are known only together, the one that is newest only by noise
-            newest = np.where(doubtful, trial.distance, np.inf).argmin()
             fixed = fixed.copy()
-            fixed[trial.independent[newest]] = True
+            fixed[newest] = True
             trial = rows.solved(weights, fixed, trial)
         if given is not None:
             break
@@ -233,6 +225,20 @@ def estimate(
         weights = new
     total = weighted_total(totals, weights)
     base, solution = _solve(total, prior, fixed)
+    while plausible is not None and base.rank:
+        # a search anew may take a column of rounding for independent that the first one did not
+        spread = noise * np.sqrt(solution.C.diagonal())
+        again = Trial(
+            base.independent, base.dependent, base.K, fixed, solution.beta, spread,
+            base.distance[base.independent], solution.x, total.R,
+        )  # fmt: skip
+        new_columns = np.flatnonzero(~np.isin(base.independent, trial.independent))
+        newest = _doubtful(again, spread, prior, plausible, new_columns)
+        if newest is None:
+            break
+        fixed = fixed.copy()
+        fixed[newest] = True
+        base, solution = _solve(total, prior, fixed)
     return Estimate(solution, base, weights, total, fixed)
 
 
@@ -349,6 +355,28 @@ class RowsOnBase:
             independent, dependent, K, fixed, beta, np.linalg.norm(inverse, axis=1),
             np.abs(R.diagonal()) / np.where(norm > 0, norm, 1.0), x, triangle,
         )  # fmt: skip
+
+
+def _doubtful(
+    trial: Trial,
+    stderr: Array,
+    prior: Array,
+    plausible: Array,
+    among: Index | slice = slice(None),
+) -> int | None:
+    """Return the unknown of a base that the data know worse than is plausible: of several that are
+    known only together, the one that is newest only by noise; None where there is none. `among`:
+    which of the base's columns may be it.
+    """
+    possible = plausible[trial.independent] + np.abs(trial.K) @ plausible[trial.dependent]
+    # what stands out of its own error is real, whatever the prior calls plausible
+    beta_prior = prior[trial.independent] + trial.K @ prior[trial.dependent]
+    clear = np.abs(trial.beta - beta_prior) > CLEAR * stderr
+    doubtful = np.zeros(len(possible), dtype=bool)
+    doubtful[among] = (~clear & (stderr > possible))[among]
+    if not doubtful.any():
+        return None
+    return int(trial.independent[np.where(doubtful, trial.distance, np.inf).argmin()])
 
 
 def _residuals(totals: Sequence[Triangle], x: Array) -> Array:
