@@ -7,10 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from ident.fit.residual import residual_of
 from ident.fit.values import Value
 from ident.information.blocks import Error
 from ident.show.bodies import FACES, coil, decimated, hull, sphere
+from ident.show.charts import Line
 from ident.show.front import forest_rows, stretch_of
+from ident.show.residual import plot_map
+from identification import motion_log, plant, robot
 
 T = np.arange(0.0, 20.0, 0.01)
 NOISE = 0.1 * np.sin(40 * T)
@@ -94,3 +98,16 @@ def test_a_fine_mesh_is_decimated_and_stays_closed_and_as_large():
 def test_faces_of_a_coil_and_a_ball_look_outward():
     assert volume(*coil(1.0, 2.0)) > 0
     assert volume(*hull(sphere(1.0))) == pytest.approx(4.19, rel=0.1)
+
+
+def test_a_passive_joint_of_a_loop_is_drawn_by_its_own_torque():
+    with_friction = robot("four_bar").with_effect("viscous:rocker")
+    planted = plant(with_friction, motion_log("four_bar"), {"viscous.rocker.Fv": 0.2})
+    now = planted.fit()
+    before = planted.fit(mechanism=robot("four_bar"))
+    chart = plot_map(residual_of(before), residual_of(now), "crank", "viscous:rocker", 2.0)
+    assert chart is not None
+    panel = chart.rows[0][0]
+    line = next(mark for mark in panel.marks if isinstance(mark, Line))
+    assert np.allclose(np.polyfit(line.x, line.y, 1)[0], 0.2, rtol=0.02)
+    assert "rocker" in panel.y

@@ -44,6 +44,8 @@ MOST_WINDOWS_SHOWN = 3  # windows that are shown; all are in compare.json
 LABEL = 28  # characters of a model's name in a chart or table
 FILM = 400  # moments of the mechanism in a report
 BINS = 30  # of the mean that is drawn through a cloud
+# numerics: of the largest: what acts by less says little of the torque of a joint within a loop
+LEAST_LEVER = 0.2
 JOINT_SIGNALS = ("q", "v", "a", "load")  # of a joint, against which its residual is drawn
 SUM = "the sum taken apart, rms: rigid bodies + effects = predicted"
 MAPS = (
@@ -326,21 +328,47 @@ def plot_map(
     most, or nothing where none does.
     """
     scores = {} if effect else _scores(residual, joint)
-    name, torque = next(iter(scores), ""), None
+    name, torque, levers = next(iter(scores), ""), None, None
+    unit = residual.units[residual.joints.index(joint)]
+    of_joint = joint
     if effect:
         u = now.joints.index(joint)
         torque = np.concatenate([trace.parts[effect][:, u] for trace in now.traces])
+        if passive := _passive_joint(now, effect):  # in a loop: of the torque in that joint itself
+            of_joint, levers = passive, _levers(now, passive, u)
+            unit = now.model.mechanism.joint(passive).force_unit
+            torque = torque / np.concatenate(levers)
         name = _signal_of_effect(now, effect, torque)
     if not name:
         return None
-    panel = _map(residual, joint, name, scores, False, torque)
-    unit = residual.units[residual.joints.index(joint)]
-    panel = replace(panel, y=f"residual of {joint} [{unit}]", height=height)
-    words = f"Torque of {joint} that the model leaves, against {panel.x}; the line: its mean"
+    panel = _map(residual, joint, name, scores, False, torque, levers)
+    panel = replace(panel, y=f"residual of {of_joint} [{unit}]", height=height)
+    words = f"Torque of {of_joint} that the model leaves, against {panel.x}; the line: its mean"
     if effect:
-        words = f"Torque of {joint} that is missing without {effect}, against {panel.x}"
+        words = f"Torque of {of_joint} that is missing without {effect}, against {panel.x}"
         words += f"; the line: {effect}"
     return Chart(words, ((panel,),), stretch=True)
+
+
+def _passive_joint(residual: Residual, effect: str) -> str:
+    """Return the only joint of an effect, if it is in a loop and no independent coordinate."""
+    joints = next(x for x in residual.model.mechanism.effects if x.label == effect).joints
+    in_loop = all(e.loop is not None for e in residual.motion.experiments)
+    alone = len(joints) == 1 and joints[0] not in residual.joints
+    known = residual.model.mechanism.joint_index
+    return joints[0] if in_loop and alone and joints[0] in known else ""
+
+
+def _levers(residual: Residual, joint: str, u: int) -> list[np.ndarray]:
+    """Return by experiment W (n,) with which a torque in a joint acts on coordinate u, in the rows
+    of the traces; NaN where it is near 0.
+    """
+    at, every = residual.model.mechanism.joint_index[joint], []
+    for e, trace in zip(residual.motion.experiments, residual.traces, strict=True):
+        rows = np.minimum(np.searchsorted(e.t, trace.t), len(e) - 1)
+        every.append(e.leverage[rows, at, u])
+    most = max(float(np.abs(W).max(initial=0.0)) for W in every)
+    return [np.where(np.abs(W) > LEAST_LEVER * most, W, np.nan) for W in every]
 
 
 def _signal_of_effect(residual: Residual, effect: str, torque: np.ndarray) -> str:
@@ -358,7 +386,8 @@ def _signal_of_effect(residual: Residual, effect: str, torque: np.ndarray) -> st
     ]
 
     def explained(name: str) -> float:
-        _, mean, count = _means(np.concatenate(residual.signal(name)[0]), torque)
+        known = np.isfinite(torque)
+        _, mean, count = _means(np.concatenate(residual.signal(name)[0])[known], torque[known])
         return float(count @ mean**2)
 
     return max(signals, key=explained, default="")
@@ -381,14 +410,21 @@ def _scores(residual: Residual, joint: str) -> dict[str, Dependence]:
 
 def _map(
     residual: Residual, joint: str, name: str, scores: Mapping[str, Dependence], marked: bool,
-    torque: np.ndarray | None,
+    torque: np.ndarray | None, levers: Sequence[np.ndarray] | None = None,
 ) -> Panel:  # fmt: skip
-    """Draw points, one colour an experiment, and means in bins: theirs, or an effect's torque's."""
+    """Draw points, one colour an experiment, and means in bins: theirs, or an effect's torque's;
+    residuals are divided by `levers`, by experiment, and left out where these are not finite.
+    """
     u = residual.joints.index(joint)
     x, unit = residual.signal(name)
     if name == "t":
         x = [times - residual.zero(trace) for times, trace in zip(x, residual.traces, strict=True)]
     r = [trace.residual[:, u] for trace in residual.traces]
+    if levers is not None:
+        known = [np.isfinite(W) for W in levers]
+        r = [(rs / W)[use] for rs, W, use in zip(r, levers, known, strict=True)]
+        x = [xs[use] for xs, use in zip(x, known, strict=True)]
+        torque = torque if torque is None else torque[np.concatenate(known)]
     clouds = [Points(xs, rs, colour=i) for i, (xs, rs) in enumerate(zip(x, r, strict=True))]
     label = name.removesuffix(f".{joint}")
     title = f"R² {scores[name].r2:.2f}" if name in scores else ""
