@@ -54,6 +54,7 @@ OF_NOISE = 1e-3  # numerics: share of the torques' noise by which thinned rows m
 EXACT = 1e-9  # numerics: share of a column by which they may differ where there is no noise
 LOOSEST = 1e-6  # numerics: and the most, however large the noise is
 STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smooth in their shapes
+EARLIER = "state before"  # in the memory of samples
 
 
 def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -> Samples:
@@ -97,9 +98,9 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     for _, what in corrections:
         for name, d in what.late.items() if len(e) > 1 else ():
             now = Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
-            (torque,), channel = now.predicted((name,))[0].T, mechanism.driven.index(name)
+            torque, before = (s.predicted((name,))[0][:, 0] for s in (now, _earlier(now, base, d)))
             tau = e.tau.copy()
-            tau[:, channel] += torque - late(e.t, torque, d)
+            tau[:, mechanism.driven.index(name)] += torque - before
             e = e.with_torques(tau)
         if what.clock:
             f = 1 + what.clock
@@ -115,6 +116,20 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     if e is base.e and mechanism is base.mechanism:
         return base
     return Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
+
+
+def _earlier(now: Samples, base: Samples, d: float) -> Samples:
+    """Return samples of the state d [s] before, so that dry friction jumps there as it does where
+    positions are read as much earlier.
+    """
+    e = now.e
+    stored = base.memo.setdefault(EARLIER, {}) if base.same_motion(now) else {}
+    if d not in stored:
+        known = e.known(now.mechanism).transpose(1, 0, 2)  # by sample
+        shifted = late(e.t, known.reshape(len(e), -1), d).reshape(known.shape)
+        stored[d] = e.at(now.mechanism, shifted.transpose(1, 0, 2)), {}
+    state, bodies = stored[d]
+    return replace(now, e=state, memo={RIGID: bodies})
 
 
 def _memo(base: Samples, mechanism: Mechanism, e: State) -> dict[object, Any]:

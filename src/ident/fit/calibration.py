@@ -18,18 +18,19 @@ noise whitens (`fit.calibration_rows`). Sources: JCGM 100 (GUM), 2008, sect. 5; 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
+from ident.equations.rows import Rows
 from ident.errors import IdentError
 from ident.finding import Finding
 from ident.fit.calibration_rows import FitRows
 from ident.information import linear
 from ident.information.blocks import Information
-from ident.information.chance import CERTAIN, covariance
+from ident.information.chance import CERTAIN, moderated_covariance
 from ident.information.estimate import MATERIAL, Estimate, estimate, term_sizes
 from ident.information.linear import Triangle
 from ident.mechanism.causes import Cause
@@ -97,7 +98,7 @@ class Budget:
             yield Finding("calibration", text, remedy, (cause.place or "t",), float(size), CERTAIN)
 
 
-def budget_of(rows: FitRows, fitted: Estimate) -> Budget | None:
+def budget_of(of_fit: FitRows, fitted: Estimate) -> Budget | None:
     """Return the error budget of an estimate, in the rows that it was made of; None where nothing
     may be wrong, or no column of a cause is felt.
 
@@ -105,10 +106,10 @@ def budget_of(rows: FitRows, fitted: Estimate) -> Budget | None:
     are NEAR: a channel that is a sample late shifts the steps of dry friction, which a slope
     describes badly.
     """
-    base, causes, left_out = fitted.base.independent, [*rows.causes()], list[str]()
+    base, causes, left_out = fitted.base.independent, [*of_fit.causes()], list[str]()
     if not causes or not len(base):
         return None
-    x, values, of_fit, at = fitted.x.copy(), np.zeros(len(causes)), rows, rows.excerpt()
+    x, values, at = fitted.x.copy(), np.zeros(len(causes)), of_fit.excerpt()
     least, n = fitted.solution.beta, len(base)
     for number in range(ROUNDS):
         if number:
@@ -123,16 +124,18 @@ def budget_of(rows: FitRows, fitted: Estimate) -> Budget | None:
         if not causes:
             return None
         N = np.stack([column for k in felt if (column := columns[k]) is not None], axis=-1)
-        information = at.information(fitted, N, N @ values)
-        z, total, sigma = _marginal(information, fitted, at, n, len(causes))
+        rows = at.beside(fitted, N, N @ values)
+        information = at.reduced(rows)
+        z, total, sigma, white = _marginal(rows, information, fitted, at, len(causes))
         if len(z.base.dependent):  # a log that is spoilt: which of its errors is open
             kept = np.setdiff1d(np.arange(len(causes)), z.base.dependent - n)
             if (z.base.dependent < n).any() or not len(kept):
                 return None
             left_out += [c.name for k, c in enumerate(causes) if k not in kept]
             causes, values, N = [causes[k] for k in kept], values[kept], N[..., kept]
-            information = at.information(fitted, N, N @ values)
-            z, total, sigma = _marginal(information, fitted, at, n, len(causes))
+            rows = at.beside(fitted, N, N @ values)
+            information = at.reduced(rows)
+            z, total, sigma, white = _marginal(rows, information, fitted, at, len(causes))
             if len(z.base.dependent):
                 return None
         if not number and not at.same_as(of_fit):
@@ -147,9 +150,7 @@ def budget_of(rows: FitRows, fitted: Estimate) -> Budget | None:
         causes=tuple(causes),
         left_out=tuple(left_out),
         noise=at.noise(
-            covariance(information, weighted, with_prior=True)[:n, :n],
-            z.solution.C[:n, :n] - parts @ parts.T,
-            weighted,
+            moderated_covariance(information, weighted, white)[:n, :n], white[:n, :n], weighted
         ),
         parts=parts,
         propagated=_propagated(information, sigma, n),
@@ -169,19 +170,24 @@ def _propagated(information: Information, sigma: np.ndarray, n: int) -> np.ndarr
 
 
 def _marginal(
-    information: Information, fitted: Estimate, rows: FitRows, n: int, c: int
-) -> tuple[Estimate, Triangle, np.ndarray]:
-    """Return the estimate of [β; η], its triangle with the priors' rows, and the noise (d,) of the
-    coordinates' rows: what is left, but no less than a share of the terms that cancel in them; 1
-    where rows are divided by their noise already.
+    rows: Rows, information: Information, fitted: Estimate, of: FitRows, c: int
+) -> tuple[Estimate, Triangle, np.ndarray, np.ndarray]:
+    """Return the estimate of [β; η], its triangle with the priors' rows, the noise (d,) by which
+    the coordinates' rows are divided, and what noise of that kind makes of the estimate, (n + c,
+    n + c).
+
+    Of a filtered residual a few neighbouring rows tell as much as one of white noise, so its noise
+    is larger than its rms: against a prior, rows count for what they tell. It is no less than a
+    share of the terms that cancel in the rows, and 1 where these are divided by their noise.
     """
-    totals, one = information.totals, np.ones(1)
+    totals, one, n = information.totals, np.ones(1), information.k - c
     prior = Triangle.of(np.eye(n + c)[n:], np.zeros(c))
-    if rows.white:
+    if of.white:
         total = Triangle.merge([information.total(one), prior])
-        return estimate([total], np.zeros(n + c), one, sigma=one), total, one
+        z = estimate([total], np.zeros(n + c), one, sigma=one)
+        return z, total, one, _by_noise(z, [information.total(one)], one, one)
     start = np.concatenate([fitted.solution.beta, np.zeros(c)])
-    floor = MATERIAL * np.maximum(term_sizes(totals, start), rows.torque)
+    floor = MATERIAL * np.maximum(term_sizes(totals, start), of.torque)
     sigma = np.array(fitted.sigma) if len(fitted.sigma) == len(totals) else None
     if sigma is None:
         rms = [t.residual_norm(start) / np.sqrt(max(t.rows, 1)) for t in totals]
@@ -191,15 +197,40 @@ def _marginal(
         sum(b.rest_count for b in information if b.coordinate == u) for u in range(len(sigma))
     ]
     at_rest = np.array(
-        [not rows.poses and t.rows == count for t, count in zip(totals, rest_rows, strict=True)]
+        [not of.poses and t.rows == count for t, count in zip(totals, rest_rows, strict=True)]
     )
     for _ in range(PASSES):
         total = Triangle.merge([information.total(sigma), prior])
         z = estimate([total], np.zeros(n + c), one, sigma=one)
-        rms = [t.residual_norm(z.x) / np.sqrt(max(t.rows, 1)) for t in totals]
-        new = np.maximum(rms, floor)
-        new = np.where((new > 0) & ~at_rest, new, sigma)
+        noise = np.where(at_rest, sigma, _noise_of(z, totals, sigma, of.repeated(rows, z.x)))
+        new = np.where(at_rest, sigma, np.maximum(noise, floor))
+        new = np.where(new > 0, new, sigma)
         if np.abs(np.log(new / sigma)).max() < SETTLED:
             break
         sigma = new
-    return z, total, sigma
+    return z, total, sigma, _by_noise(z, totals, sigma, np.minimum(noise, sigma))
+
+
+def _noise_of(
+    z: Estimate, totals: Sequence[Triangle], sigma: np.ndarray, alike: np.ndarray
+) -> np.ndarray:
+    """Return the noise (d,) of white rows that tell as much as those of a residual of which so many
+    are `alike`, without what the estimate took out of it.
+    """
+    noise = np.zeros(len(totals))
+    for u, (t, of_one) in enumerate(zip(totals, alike, strict=True)):
+        R = t.R[:, z.base.independent] / sigma[u]
+        taken = min(of_one * float(np.sum(R @ z.solution.C * R)), t.rows / 2)
+        noise[u] = np.sqrt(of_one / max(t.rows - taken, 1)) * t.residual_norm(z.x)
+    return noise
+
+
+def _by_noise(
+    z: Estimate, totals: Sequence[Triangle], sigma: np.ndarray, noise: np.ndarray
+) -> np.ndarray:
+    """Return the covariance of an estimate in rows divided by `sigma` (d,) that noise makes."""
+    independent, middle = z.base.independent, 0.0
+    for t, divisor, size in zip(totals, sigma, noise, strict=True):
+        R = t.R[:, independent] * size / divisor**2
+        middle = middle + R.T @ R
+    return np.asarray(z.solution.C @ middle @ z.solution.C)

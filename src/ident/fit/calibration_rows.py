@@ -26,12 +26,14 @@ from ident.errors import IdentError
 from ident.fit.likelihood import Likelihood, Linearization, squares_per_row
 from ident.information.blocks import Block, Information
 from ident.information.estimate import Estimate
+from ident.information.stationary import rows_alike
 from ident.mechanism.causes import Cause, causes_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
 SAMPLES = 8_000  # work: that columns are made of, as few as smooth series allow
 STRETCHES = 16  # work: of a log with more
+ROUNDING = 1e-6  # numerics: of a number of samples
 SMALLER = (1.0, 0.1, 0.01)  # work: shares of a prior scale at which a column is taken
 
 
@@ -84,15 +86,25 @@ class FitRows(ABC):
                     return np.concatenate(parts)
         return None
 
-    def information(self, fitted: Estimate, columns: np.ndarray, known: np.ndarray) -> Information:
-        """Return the rows of [A_I, N S] as information, with what is corrected in the tables
-        already (N, d) given back; unknowns that are held stay at their prior.
+    def beside(self, fitted: Estimate, columns: np.ndarray, known: np.ndarray) -> Rows:
+        """Return the rows of [A_I, N S], `columns` (N, d, c) of causes behind those of the model,
+        with what is corrected in the tables already (N, d) given back; unknowns that are held stay
+        at their prior.
         """
         base, fixed = fitted.base.independent, np.flatnonzero(fitted.fixed)
         every = Rows.concatenated([_rows(table) for table in self.tables])
         b = every.b - every.A[:, :, fixed] @ fitted.x[fixed] + known
         A = np.concatenate([every.A[:, :, base], columns], axis=2)
-        return self._reduced(replace(every, A=A, b=b))
+        return replace(every, A=A, b=b)
+
+    def repeated(self, rows: Rows, x: np.ndarray) -> np.ndarray:
+        """Return (d,) of how many rows that inform what is left at x (k,) tells as much as of one:
+        filtered noise is alike in neighbouring rows.
+        """
+        residual = np.where(self.informed, rows.b - rows.A @ x, np.nan)
+        log = np.concatenate([table.experiment for table in self.tables])
+        runs = [np.flatnonzero(log == number) for number in np.unique(log)]
+        return np.array([rows_alike([series[run] for run in runs]) for series in residual.T])
 
     def _corrected(
         self, x: np.ndarray, causes: Sequence[Cause], values: np.ndarray
@@ -131,7 +143,7 @@ class FitRows(ABC):
         """Return the squared residual (d,) at x over that of the fit."""
 
     @abstractmethod
-    def _reduced(self, rows: Rows) -> Information:
+    def reduced(self, rows: Rows) -> Information:
         """Return rows as information."""
 
 
@@ -176,7 +188,8 @@ class ReducedRows(FitRows):
         before = _mean_squares(self.problem.information, fitted.x)
         return _mean_squares(information, x) / np.maximum(before, 1e-300)
 
-    def _reduced(self, rows: Rows) -> Information:
+    def reduced(self, rows: Rows) -> Information:
+        """Return the triangles of the blocks of all logs."""
         blocks, motion = list[Block](), self.problem.motion
         supports = [np.arange(rows.A.shape[2])] * rows.b.shape[1]
         for number, e in enumerate(motion.experiments):
@@ -238,7 +251,8 @@ class WhitenedRows(FitRows):
         """Return ones: the motion has moved, residuals are no measure."""
         return np.ones(self.problem.information.d)
 
-    def _reduced(self, rows: Rows) -> Information:
+    def reduced(self, rows: Rows) -> Information:
+        """Return the rows after the motion is eliminated."""
         runs, first = [], 0
         for run in self._runs():
             rows_of_run, first = rows[first : first + len(run.rows)], first + len(run.rows)
@@ -259,6 +273,9 @@ def _column(table: Table, cause: Cause, share: float) -> np.ndarray:
         column[:, felt] = C[:, :, 0]
         return cause.scale * column
     none, step = {parameter.name: 0.0}, share * cause.scale
+    if cause.kind == "lateness":  # each reversal of dry friction falls into as many samples
+        spacing = max(float(s.e.t[1] - s.e.t[0]) for s in table.thin if len(s.e) > 1)
+        step = spacing * np.ceil(step / spacing - ROUNDING)
     return cause.scale * table.sensitivity(effect, none, parameter.name, step)
 
 

@@ -36,6 +36,8 @@ from operator import add, attrgetter
 from statistics import NormalDist
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import digamma, polygamma
 
 from ident.information import linear
 from ident.information.blocks import Information, Squares
@@ -62,20 +64,17 @@ BEYOND = 3.0
 EXPLAINED_BELOW = 0.3
 FEWEST_EQUATIONS = 3.0  # level: equations a parameter below which values follow the noise
 FEWEST_SQUARES = 3.0  # level: ν below which the t-distribution's width means nothing
+MANY_SQUARES = 100.0  # level: ν beyond which it is no wider than a normal distribution
 
 Times = Sequence[tuple[int, int]]  # (log, block)
 
 
-def covariance(information: Information, estimate: Estimate, with_prior: bool = False) -> Array:
-    """Return the covariance (n_ind, n_ind) of the base parameters; NaN for a single block.
-
-    `with_prior`: whether the estimate rests on further rows, which say what was known beforehand;
-    what the noise of the rows `information` makes of it is returned then.
-    """
+def covariance(information: Information, estimate: Estimate) -> Array:
+    """Return the covariance (n_ind, n_ind) of the base parameters; NaN for a single block."""
     size, times = estimate.base.rank, information.times
     if not size or len(times) < 2:
         return np.full((size, size), np.nan)
-    blocks = LeftOut.of(information, estimate, with_prior)
+    blocks = LeftOut.of(information, estimate)
     deltas, shares = blocks.deltas
     total, nu = long_run(information.neighbours, deltas, shares)
     wider = np.sqrt(nu / (nu - 2))
@@ -85,6 +84,49 @@ def covariance(information: Information, estimate: Estimate, with_prior: bool = 
     if any(block.resting for block in information) and information.neighbours != information.times:
         return _at_least(result, least)
     return np.asarray(result + np.diag(np.maximum(np.diag(least - result), 0.0)))
+
+
+def moderated_covariance(information: Information, estimate: Estimate, white: Array) -> Array:
+    """Return what noise of rows makes of an estimate (n_ind, n_ind) that rests on a prior too.
+
+    Few blocks determine most of its worst directions, so the scatter of blocks is a variance s_i²
+    from few squares ν_i, and leaving one out exaggerates. `white` w_i, the covariance by noise that
+    is the same all the time, is a second opinion, from many squares. Both are averaged by their
+    squares ν, of a prior that the s_i²/w_i of all parameters make together,
+
+        v_i = (ν₀ s₀² w_i + ν_i s_i²)/(ν₀ + ν_i)
+        log s₀² = mean e,  ψ'(ν₀/2) = var e − mean ψ'(ν_i/2)
+        e_i = log s_i²/w_i − ψ(ν_i/2) + log ν_i/2
+
+    (moderated variances: Smyth, Stat. Appl. Genet. Mol. Biol. 3(1), 2004), and no less than w_i.
+    Blocks' changes are (I − G)^(−1/2) h, unbiased if rows are white (CR2: Bell, McCaffrey 2002).
+    """
+    blocks, w = LeftOut.of(information, estimate, with_prior=True), np.diag(white)
+    if len(blocks.times) < 2 or not (w > 0).all():
+        return white
+    changes, shares = blocks.unbiased_changes
+    total, nu = long_run(information.neighbours, changes, shares)
+    count = len(blocks.times)
+    ratio = np.maximum(np.diag(total) * count / (count - 1) / w, np.finfo(float).tiny)
+    e = np.log(ratio) - digamma(nu / 2) + np.log(nu / 2)
+    common = max(float(np.exp(np.mean(e))), 1.0)
+    nu_common = _squares_of_spread(float(np.var(e) - np.mean(polygamma(1, nu / 2))))
+    squares = nu_common + nu
+    variance = np.maximum((nu_common * common + nu * ratio) / squares, 1.0)
+    wider = np.sqrt(variance * squares / (squares - 2))
+    return np.asarray(white * np.outer(wider, wider))
+
+
+def _squares_of_spread(spread: float) -> float:
+    """Return ν with ψ'(ν/2) = `spread`, the variance of the logarithm of a mean of ν squares, from
+    FEWEST_SQUARES to MANY_SQUARES.
+    """
+    if spread <= polygamma(1, MANY_SQUARES / 2):
+        return MANY_SQUARES
+    if spread >= polygamma(1, FEWEST_SQUARES / 2):
+        return FEWEST_SQUARES
+    ends = FEWEST_SQUARES, MANY_SQUARES
+    return float(brentq(lambda nu: polygamma(1, nu / 2) - spread, *ends))
 
 
 def _at_least(covariance: Array, least: Array) -> Array:

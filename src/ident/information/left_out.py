@@ -125,6 +125,17 @@ class LeftOut:
         return deltas, np.maximum(shares, 0.0)
 
     @property
+    def unbiased_changes(self) -> tuple[Array, Array]:
+        """Changes T (I − G)^(−1/2) h (B, n) by each block, whose squares have the mean T G Tᵀ if
+        rows are white, and the shares (B, n) of each block in it.
+        """
+        values, V = np.linalg.eigh(self.G)
+        scale = 1 / np.sqrt(np.maximum(1 - values, 1 / ALONE))
+        h = V @ (scale * (V.transpose(0, 2, 1) @ self.h[:, :, None])[:, :, 0])[:, :, None]
+        shares = (self.T @ self.G * self.T).sum(axis=2)
+        return h[:, :, 0] @ self.T.T, np.maximum(shares, 0.0)
+
+    @property
     def white_covariance(self) -> Array:
         """Covariance (n, n) of the base parameters if residuals were white."""
         return np.asarray(self.T @ self.white @ self.T.T)
