@@ -131,6 +131,20 @@ def test_types_of_joints(write):
     assert [joint.name for joint in mechanism.joints] == ["crank", "coupler"]
 
 
+def test_names_say_what_a_file_without_types_leaves_out(write):
+    """The generator of robot.yaml makes balls of joints that are called so."""
+    urdf = four_bar(frames=True, coupler="spherical_coupler")
+    mechanism = ident.load(write(urdf, YAML))
+    names = ["crank", *(f"spherical_coupler.r{axis}" for axis in "xyz"), "rocker"]
+    assert len(mechanism.idle) == 1
+    assert [joint.name for joint in mechanism.joints] == [
+        name for name in names if name not in mechanism.idle
+    ]
+    assert any("write joint_name: []" in note for note in mechanism.notes)
+    hinges = ident.load(write(urdf, YAML + "joint_name: []\njoint_type: []\n"))
+    assert [joint.name for joint in hinges.joints] == ["crank", "spherical_coupler", "rocker"]
+
+
 def test_a_coupling_is_a_ratio(write):
     coupling = (
         '<coupling name="gear"><predecessor link="crank_link"/><successor link="rocker_link"/>'

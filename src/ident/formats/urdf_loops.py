@@ -28,6 +28,8 @@ from ident.mechanism.description import UNLIMITED, Extension, align_z, attribute
 from ident.mechanism.urdf import place_table
 
 LARGEST = 1_000_000  # work: bytes of a robot.yaml
+BALL = "spherical"  # in names of joints, by the convention of the format's own generator
+HINGES = ("revolute", "continuous")
 MASSLESS = 1e-4  # range: [kg] that exporters give to frames
 LOOP_TYPES = {"3d": "point", "6d": "fixed"}
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
@@ -152,7 +154,7 @@ class _ExtendedUrdf:
             notes = [note]
         else:
             notes = []
-        self._types()
+        notes += self._types()
         closures = self._loops()
         unlimited = [joint for joint in self.robot.findall("joint") if self._unlimited(joint)]
         for joint in unlimited:
@@ -181,7 +183,10 @@ class _ExtendedUrdf:
         limits = (attribute(joint, "limit", key, str(self.path)) for key in ("lower", "upper"))
         return not any(value for (value,) in limits)
 
-    def _types(self) -> None:
+    def _types(self) -> list[str]:
+        """Make the joints what they are said to be; return a note where only their names say it."""
+        if not {"joint_name", "joint_type"} & {*self.content.nodes}:
+            return self._balls_by_name()
         names, kinds = (self.content.items(key) for key in ("joint_name", "joint_type"))
         if len(names) != len(kinds):
             raise MechanismError(
@@ -198,9 +203,7 @@ class _ExtendedUrdf:
                 joint.set("type", "fixed")
                 etree.strip_elements(joint, "axis", "limit", "mimic", with_tail=False)
             elif kind == "SPHERICAL":
-                steps = [(f"r{axis}", "revolute", AXES[axis]) for axis in "xyz"]
-                self.auxiliary += replace_joint(self.robot, joint, steps)
-                self.chained.append(name)
+                self._make_ball(joint)
             elif kind.startswith("UJOINT_") and {*kind[7:].lower()} <= {*AXES} and len(kind) == 9:
                 steps = [(axis, "revolute", AXES[axis.lower()]) for axis in kind[7:]]
                 self.auxiliary += replace_joint(self.robot, joint, steps, "_")
@@ -208,6 +211,31 @@ class _ExtendedUrdf:
             else:
                 valid = ("SPHERICAL", "FIXED", "UJOINT_XY", "UJOINT_YZ", "UJOINT_ZX")
                 self.content.refuse(kind_node, f"joint_type '{kind}'; {one_of(kind, valid)}")
+
+        return []
+
+    def _make_ball(self, joint: etree._Element) -> None:
+        steps = [(f"r{axis}", "revolute", AXES[axis]) for axis in "xyz"]
+        self.auxiliary += replace_joint(self.robot, joint, steps)
+        self.chained.append(joint.get("name"))
+
+    def _balls_by_name(self) -> list[str]:
+        """Make balls of hinges whose names say so, as the format's generator of robot.yaml does."""
+        motors = {self.content.word(node) for node in self.content.items("name_mot")}
+        balls = [
+            joint
+            for name, joint in self.joints.items()
+            if BALL in name and name not in motors and joint.get("type") in HINGES
+        ]
+        for joint in balls:
+            self._make_ball(joint)
+        if not balls:
+            return []
+        return [
+            f"{self.content.path.name} has no joint_name: {len(balls)} joints with '{BALL}' in "
+            f"their names are balls (the first: {balls[0].get('name')}), as the format's generator "
+            "writes them; write joint_name: [] and joint_type: [] there to keep hinges"
+        ]
 
     def _loops(self) -> list[dict[str, Any]]:
         loops, types = (self.content.items(key) for key in ("closed_loop", "type"))
