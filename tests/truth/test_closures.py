@@ -11,6 +11,7 @@ from ident.mechanism import load
 from ident.mechanism.closures import KINDS as ALL
 from ident.mechanism.closures import Frame, FrameClosure
 from ident.mechanism.kinematics import Kinematics
+from ident.motion.closures import best_conditioned
 
 KINDS = {k: c for k, c in ALL.items() if issubclass(c, FrameClosure) and k != "distance"}
 TREE = [
@@ -241,3 +242,18 @@ def test_a_closures_own_joint_is_its_free_coordinate(kind):
     assert [own.rotational for own in kinematics.closure_joints] == [
         n.endswith("rz") or kind == "revolute" for n in found
     ]
+
+
+def test_independent_joints_of_many_drives_are_chosen_at_once(tmp_path):
+    """Sixteen trains of three driven wheels: 2·10¹² sets of joints, of which a few are compared."""
+    urdf = tree_urdf([J(f"{name}{i}", "continuous") for i in range(16) for name in "abc"])
+    toml = "".join(
+        f'[[closure]]\nname = "{name}{i}"\nkind = "linear"\njoints = ["a{i}", "{name}{i}"]\n'
+        f"ratios = [{ratio}, -1]\n"
+        for i in range(16)
+        for name, ratio in (("b", 0.5), ("c", 2.0))
+    )
+    mechanism = load(write_mechanism(tmp_path, urdf, toml))
+    assert mechanism.degrees_of_freedom == 16
+    joints = best_conditioned(mechanism, np.zeros((1, mechanism.model.nq)))
+    assert {*joints} == {f"c{i}" for i in range(16)}  # the fastest of each train

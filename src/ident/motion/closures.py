@@ -12,7 +12,7 @@ K⁺ also gives the reduced equations and the multipliers: W_uᵀτ_u − Jᵀλ
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import combinations, islice, pairwise
 
 import numpy as np
@@ -31,6 +31,7 @@ FARTHEST = 1000.0  # range: [rad | m] from the start to the nearest sample; beyo
 BENT = 0.2  # numerics: share of a step by which the tangents at its ends may mispredict it
 DEPENDENT = 1e-9  # numerics: of the largest singular value of [J; W_u]: u is no set of coordinates
 PARALLEL = 1e-6  # numerics: sine of the angle between axes that are meant to be parallel
+SETS = 500  # work: sets of independent joints that are compared
 LEAP = 20.0  # range: [rad | m] from one sample to the next
 
 
@@ -288,15 +289,20 @@ def best_conditioned(mechanism: Mechanism, q: np.ndarray) -> tuple[str, ...]:
     fixed = independent_joints(mechanism, mechanism.driven)
     if len(fixed) == d == len(mechanism.driven):
         return fixed
-    sets = [*combinations(mechanism.driven, d)]
+    others = list(mechanism.driven)
     if len(fixed) < d:
         others = [joint.name for joint in mechanism.joints if joint.name not in fixed]
-        sets = [(*fixed, *more) for more in combinations(others, d - len(fixed))]
-    names = tuple(dict.fromkeys(name for joints in sets for name in joints))
+    else:
+        fixed = ()
+    names = tuple(dict.fromkeys((*fixed, *others)))
     J = mechanism.kinematics.closure_rows(q).rate
     W = LoopSolver(mechanism, names).coordinates(q).rate
+    sets = [(*fixed, *more) for more in islice(combinations(others, d - len(fixed)), SETS + 1)]
+    if len(sets) > SETS:
+        middle = len(q) // 2
+        sets = [_most_independent(names, len(fixed), J[middle], W[middle])]
     best, least = sets[0], np.inf
-    for joints in islice(sets, 500):
+    for joints in sets:
         K = np.concatenate([J, W[:, [names.index(name) for name in joints]]], axis=1)
         values = np.linalg.svd(K[len(K) // 2], compute_uv=False)
         if values[mechanism.model.nv - 1] < DEPENDENT * values[0]:
@@ -306,6 +312,24 @@ def best_conditioned(mechanism: Mechanism, q: np.ndarray) -> tuple[str, ...]:
         if size < 0.99 * least:
             best, least = joints, size
     return tuple(joint.name for joint in mechanism.joints if joint.name in best)
+
+
+def _most_independent(
+    names: Sequence[str], first: int, J: np.ndarray, W: np.ndarray
+) -> tuple[str, ...]:
+    """Return the `first` of the names and those that are least determined by J and the ones before,
+    one after the other (pivoted QR of the rates W in the freedoms that J leaves).
+    """
+    _, sizes, directions = linear.svd(J)
+    free = directions[int((sizes > 1e-8 * max(1.0, sizes.max(initial=0))).sum()) :]
+    rest, chosen = W @ free.T, []
+    for k in range(len(free)):
+        norms = np.linalg.norm(rest, axis=1)
+        chosen.append(k if k < first else int(norms.argmax()))
+        axis = rest[chosen[-1]] / (norms[chosen[-1]] or 1.0)
+        rest = rest - np.outer(rest @ axis, axis)
+        rest[chosen] = 0.0
+    return tuple(names[i] for i in chosen)
 
 
 def check_freedom(mechanism: Mechanism) -> None:
