@@ -24,10 +24,12 @@ import os
 import runpy
 import shutil
 import stat
+import sys
 import time
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass
+from functools import cache
 from importlib import import_module
 from inspect import isfunction
 from pathlib import Path
@@ -406,6 +408,12 @@ def dialects() -> list[Callable[..., Any]]:
 
 
 def _of_others() -> EntryPoints:
+    return _installed(tuple(sys.path))
+
+
+@cache
+def _installed(paths: tuple[str, ...]) -> EntryPoints:
+    """Return what packages in `sys.path` offer: all of their folders are looked through."""
     from importlib.metadata import entry_points  # `ident --help` need not wait for it
 
     return entry_points(group=GROUP)

@@ -7,6 +7,7 @@ import sys
 import pytest
 
 IDENTIFY = "identify robots/four_bar robots/four_bar/run.csv"
+TREE = "identify robots/arm robots/arm/run.csv"  # whose bodies are brought within limits
 PROGRAM = """import sys
 from ident.cli.app import main
 sys.argv = ["ident", *sys.argv[1:]]
@@ -43,6 +44,11 @@ def test_help_loads_nothing_scientific(line, robots):
 
 def test_identify_loads_no_slow_package(robots):
     assert loaded_by(IDENTIFY, SLOW, robots.parent) == []
+
+
+def test_identify_of_a_tree_loads_neither_casadi_nor_scipys_packages(robots):
+    slow = [*SLOW, "casadi", "scipy.linalg", "scipy.sparse"]
+    assert loaded_by(TREE, slow, robots.parent) == []
 
 
 def test_a_command_has_one_thread_of_linear_algebra_unless_told_otherwise():

@@ -16,6 +16,7 @@ from ident.mechanism.parameters import (
     pseudo_inertia,
     regressor,
     rigid_forces,
+    rigid_tangents,
     split,
     supports,
     unit_of,
@@ -86,14 +87,44 @@ def test_gamma_of_many_samples_is_pinocchios(name, n, tmp_path):
     assert relative_error(mechanism.model, n) < 1e-12
 
 
-def test_gamma_of_free_bodies_is_pinocchios():
+@pytest.mark.parametrize("name", [*TREES, "free bodies"])
+def test_tangents_are_differences_of_forces(name, tmp_path):
+    if name == "free bodies":
+        model = free_bodies()
+    else:
+        urdf = tree_urdf(TREES[name], seed=3)
+        model = load(write_mechanism(tmp_path, urdf, "gravity = [1.0, -2.0, -9.0]")).model
+    rng, n, h = np.random.default_rng(1), 5, 1e-5
+    q = np.array([pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))] * n)
+    v, a = rng.normal(size=(2, n, model.nv))
+    pi = rng.normal(size=10 * (model.njoints - 1))
+    tangents = rigid_tangents(model, q, v, a, pi)
+
+    def force(order, step):
+        stepped = [np.array([pin.integrate(model, x, step) for x in q]), v + step, a + step]
+        pairs = zip(stepped, (q, v, a), strict=True)
+        state = [new if i == order else old for i, (new, old) in enumerate(pairs)]
+        return rigid_forces(model, *state, pi)
+
+    for order in range(3):
+        for j, step in enumerate(h * np.eye(model.nv)):
+            slope = (force(order, step) - force(order, -step)) / (2 * h)
+            size = np.abs(tangents[order]).max()
+            np.testing.assert_allclose(tangents[order, :, j].T, slope, atol=1e-8 * size)
+
+
+def free_bodies():
     model = pin.Model()
     slide = pin.JointModelPrismaticUnaligned(np.array([1.0, 2.0, 2.0]) / 3)
     joints = [pin.JointModelFreeFlyer(), pin.JointModelRX(), slide, pin.JointModelFreeFlyer()]
     for parent, joint in zip([0, 1, 2, 0], joints, strict=True):
         added = model.addJoint(parent, joint, pin.SE3.Random(), f"j{len(model.names)}")
         model.appendBodyToJoint(added, pin.Inertia.Random(), pin.SE3.Identity())
-    assert relative_error(model, 200) < 1e-12
+    return model
+
+
+def test_gamma_of_free_bodies_is_pinocchios():
+    assert relative_error(free_bodies(), 200) < 1e-12
 
 
 @pytest.mark.parametrize("name", ["arm", "four_bar", "five_bar", "slider_crank", "pendulum"])

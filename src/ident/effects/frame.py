@@ -14,14 +14,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import casadi as ca
 import numpy as np
 
 from ident.effects.effect import NOWHERE, Bounds, Effect, Shape, Signals, Unknown
 from ident.effects.user_function import Shapes, compiled_columns, members_of, split_unit
 from ident.errors import MechanismError, line_of
+from ident.lazy import lazy
+
+if TYPE_CHECKING:
+    import casadi as ca
+else:
+    ca = lazy("casadi")
 
 SLOWEST = 0.3  # range: [m/s] of rolling below which slip is no angle
 CURVED = 1.3  # level: C of Pacejka's sin(C atan(B α)) of a side force (Pacejka, ch. 4)

@@ -17,9 +17,8 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import casadi as ca
 import numpy as np
 
 from ident.effects import drive, frame, joint, servo
@@ -28,7 +27,13 @@ from ident.effects.effect import PER_LOG, Effect, Shape, Signals, Unknown
 from ident.effects.user_function import Shapes, compiled_columns, members_of, split_unit
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import function_of
+from ident.lazy import lazy
 from ident.text import listed, places
+
+if TYPE_CHECKING:
+    import casadi as ca
+else:
+    ca = lazy("casadi")
 
 KINDS: Mapping[str, type[Effect]] = {
     effect.kind: effect

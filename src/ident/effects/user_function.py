@@ -5,12 +5,16 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
-
-import casadi as ca
+from typing import TYPE_CHECKING, Any
 
 from ident.effects.effect import Unknown
 from ident.errors import MechanismError, line_of
+from ident.lazy import lazy
+
+if TYPE_CHECKING:
+    import casadi as ca
+else:
+    ca = lazy("casadi")
 
 Shapes = tuple[Mapping[str, float], tuple[Unknown, ...]]  # starts by name, and the entries
 

@@ -30,6 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.equations.filter import STANDING, Decimator, filtered_windows
+from ident.equations.nearby import beside
 from ident.equations.rows import (
     Rows,
     Scene,
@@ -69,7 +70,8 @@ def gain(
     def at(e: State) -> Samples:
         return corrected(Samples(mechanism, e, slice(None), point), cutoff)
 
-    base = residual(at(e))
+    now = at(e)
+    base = residual(now)
     G = np.empty((*base.shape, len(names), 3))
     given = names if len(e.logged) > mechanism.degrees_of_freedom else e.logged
     known, neighbours = e.known(mechanism, given), Neighbours(mechanism, e, given)
@@ -82,7 +84,7 @@ def gain(
                 shifted = known.copy()
                 shifted[order][:, given.index(name)] += step
                 shifted_state = e.at(mechanism, shifted, given)
-            G[:, :, i, order] = (residual(at(shifted_state)) - base) / step
+            G[:, :, i, order] = (residual(beside(at(shifted_state), now)) - base) / step
     samples = Samples(mechanism, e, slice(None), point).reduced(slice(None))
     G[~informing(samples, largest_transmission(e))] = 0.0
     return G

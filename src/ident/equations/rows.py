@@ -60,9 +60,11 @@ EARLIER = "state before"  # in the memory of samples
 def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -> Samples:
     """A whole state as correcting effects (or `only` one) make it at the point of `base`."""
     mechanism, e = base.mechanism, base.e
-    corrections = []
-    for effect in mechanism.effects:
-        if not effect.corrects or (only and effect.label != only.label):
+    corrections, every = [], mechanism.effects
+    if only:  # the last one as a rule
+        every = tuple(x for x in every[::-1] if x.kind == only.kind and x.label == only.label)[:1]
+    for effect in every:
+        if not effect.corrects:
             continue
         _, shape = base.point.of(effect)
         if effect.supplies_torque and not e.extra.keys() >= {*effect.reads()}:
@@ -152,8 +154,8 @@ def perturbed(
 def residual(at: Samples) -> np.ndarray:
     """r = b − A x (n, d) of a whole state, in the independent coordinates."""
     if "residual" not in at.memo:
-        starts = range(0, len(at.e), CHUNK)
-        parts = (at.reduced(slice(start, start + CHUNK)) for start in starts)
+        n = len(at.e)
+        parts = (at.reduced(slice(i, min(i + CHUNK, n))) for i in range(0, n, CHUNK))
         at.memo["residual"] = np.concatenate([*map(unbalanced, parts)])
     return at.memo["residual"]
 

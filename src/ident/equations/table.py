@@ -15,17 +15,21 @@ import numpy as np
 
 from ident.effects import Effect, Signals
 from ident.equations.filter import Decimator, Product, multiplied, products
+from ident.equations.nearby import beside
 from ident.equations.rows import Rows, Scene, corrected, perturbed, residual, rows
 from ident.equations.terms import Samples
+from ident.equations.thinning import SplineProduct, multiplied_splines, spline_products
 from ident.equations.unknowns import Columns, Point
-from ident.information.cubic import cubic
+from ident.information.cubic import coefficients, cubic
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
+from ident.motion.state import State
 
 TABLE = 20_000  # work: rows; of more, one in so many is kept: they decide, they are not fitted
 BLOCKS = 20  # work: of time, in all experiments together
 SMOOTH = 16.0  # numerics: samples a period of the cut-off at which sensitivities are evaluated
 AT_ONCE = 32  # work: columns that are filtered in one product
+FEWEST = 4  # range: samples that a spline goes through
 COARSE = 8.0  # numerics: the same, at least, from which formulas are screened
 
 
@@ -171,17 +175,38 @@ class Table(Rows):
                     )
                     for value in values
                 )  # fmt: skip
-            S, t = (residual(at) - residual(shifted)) / h, scene.e.t
-            if len(S) != len(t):
+            base, t = self.thin[number], scene.e.t
+            S = (residual(beside(at, base)) - residual(beside(shifted, base))) / h
+            if len(S) == len(t):
+                series.append(self.filtered(number, S[self.samples[number].part]))
+            elif self.every > 1 or len(S) < FEWEST:
                 S = cubic(bare.e.t, S, t)
-            series.append(self.filtered(number, S[self.samples[number].part]))
+                series.append(self.filtered(number, S[self.samples[number].part]))
+            else:
+                terms = np.stack(coefficients(bare.e.t, S))
+                series.append(multiplied_splines(self._splines[number], terms))
         return np.concatenate(series) * self.scale
+
+    @cached_property
+    def _splines(self) -> list[SplineProduct]:
+        """By experiment, what makes its rows from splines through the samples of `thin`."""
+        return [
+            spline_products(
+                Decimator.of(self.motion.band.cutoff, scene.e.rate),
+                self.sample[self.experiment == number], len(scene.e), self._step_of(scene.e),
+                1 / scene.e.rate,
+            )
+            for number, scene in enumerate(self.scenes)
+        ]  # fmt: skip
+
+    def _step_of(self, e: State) -> int:
+        """Return the samples from one of `thin` to the next, in an experiment."""
+        return max(1, int(e.rate / (SMOOTH * (self.motion.band.cutoff or np.inf))))
 
     @cached_property
     def thin(self) -> tuple[Samples, ...]:
         """The experiments with as few samples as smooth series allow, given the rows' filter."""
-        most = SMOOTH * (self.motion.band.cutoff or np.inf)  # samples a second
-        states = (s.e.thinned(max(1, int(s.e.rate / most))) for s in self.scenes)
+        states = (s.e.thinned(self._step_of(s.e)) for s in self.scenes)
         both = zip(self.scenes, states, strict=True)
         return tuple(replace(s.samples, e=e, memo={}) for s, e in both)
 

@@ -36,6 +36,7 @@ GAMMA_BYTES = 48_000_000
 CHUNK = 4096  # work: samples whose regressor is in memory at once
 UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
+NEARBY = "nearby"  # in a memo: what the state shares with the one beside it (`equations.nearby`)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +97,12 @@ class Samples:
             return self.reduce(rigid_forces(model, e.q[part], e.v[part], e.a[part], pi))
         made, key = self.memo.setdefault(RIGID, {}), (part.start, part.stop, pi.tobytes())
         if key not in made:
-            made[key] = rigid_forces(model, e.q[part], e.v[part], e.a[part], pi)
+            nearby = self.memo.get(NEARBY)
+            made[key] = (
+                rigid_forces(model, e.q[part], e.v[part], e.a[part], pi)
+                if nearby is None
+                else nearby.rigid(part, pi)
+            )
         return self.reduce(made[key])
 
     @cached_property
@@ -175,6 +181,15 @@ class Samples:
         for i, name in enumerate(effect.acting):
             self.add_torque(out, name, E[:, i] @ c)
 
+    def force_of(self, effect: Effect, c: np.ndarray, shape: Mapping[str, float]) -> np.ndarray:
+        """E c (n, r) of one effect, of a state nearby where that is the same."""
+        nearby = self.memo.get(NEARBY)
+        if nearby is not None and isinstance(self.part, slice) and nearby.keeps(effect):
+            return np.asarray(nearby.force(self.part, effect, c, shape))
+        force = np.zeros(self.shape)
+        self.add_effect(force, effect, c, shape)
+        return force
+
     def add_sensitivity(
         self, out: np.ndarray, effect: Effect, c: np.ndarray, shape: Mapping[str, float], name: str
     ) -> None:
@@ -247,8 +262,7 @@ class Samples:
             c, shape = self.point.of(effect)
             known = effect.unknowns and len(shape) == len(effect.shapes)
             if known and not (explicit and effect.implicit):
-                forces[effect.label] = np.zeros(self.shape)
-                self.add_effect(forces[effect.label], effect, c, shape)
+                forces[effect.label] = self.force_of(effect, c, shape)
         if self.wrench is not None:
             forces[WRENCHES] = -self.wrench
         return forces

@@ -129,6 +129,58 @@ def _weights(nodes: Index, samples: Index, decimator: Decimator) -> tuple[int, A
     return low, w
 
 
+# --- rows of cubic splines -----------------------------------------------------------------------
+
+SplineProduct = list[tuple[slice, Array]]  # intervals m, and weights (rows, 4 m) of some rows
+TOGETHER = 16  # work: rows of splines that one product makes
+
+
+def spline_products(
+    decimator: Decimator, at: Index, length: int, step: int, spacing: float
+) -> SplineProduct:
+    """Return the products that make filtered rows at samples `at` (N,) of a run, from the spline
+    through one sample in `step`: the filter on the polynomials between two of these,
+
+        Σ_s h_s Σ_p c_ip u_s^p  =  Σ_i Σ_p (Σ_s h_s u_s^p) c_ip          samples s of interval i
+
+    `length`: samples of the run, `spacing` [s] apart.
+    """
+    last, taps, half = (length - 1) // step - 1, taps_of(decimator), decimator.half
+    # by the row's place between two samples: weights (4, intervals) and the first interval
+    inner = dict[int, tuple[int, Array]]()
+
+    def weights(sample: int) -> tuple[int, Array]:
+        samples = np.arange(sample - half, sample + half + 1)
+        interval = np.clip(samples // step, 0, last)
+        u, low = spacing * (samples - step * interval), int(interval[0])
+        size = int(interval[-1]) - low + 1
+        return low, np.stack([np.bincount(interval - low, taps * u**p, size) for p in range(4)])
+
+    def of(sample: int) -> tuple[int, Array]:
+        if sample + half >= step * (last + 1):  # beyond the last of the points
+            return weights(sample)
+        number, place = divmod(sample - half, step)
+        if place not in inner:
+            inner[place] = weights(place + half + step * (number if number < 0 else 0))
+        return number, inner[place][1]
+
+    products: SplineProduct = []
+    for start in range(0, len(at), TOGETHER):
+        group = [of(int(sample)) for sample in at[start : start + TOGETHER]]
+        first = min(low for low, _ in group)
+        W = np.zeros((len(group), 4, max(low + w.shape[1] for low, w in group) - first))
+        for row, (low, w) in zip(W, group, strict=True):
+            row[:, low - first : low - first + w.shape[1]] = w
+        products.append((slice(first, first + W.shape[2]), W.reshape(len(W), -1)))
+    return products
+
+
+def multiplied_splines(products: SplineProduct, terms: Array) -> Array:
+    """Return the rows (N, c) of splines with coefficients `terms` (4, intervals, c)."""
+    c = terms.shape[2]
+    return np.concatenate([W @ terms[:, at].reshape(-1, c) for at, W in products])
+
+
 def taps_of(decimator: Decimator) -> Array:
     """The taps of a filter that filters."""
     assert decimator.taps is not None

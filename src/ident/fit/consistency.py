@@ -294,7 +294,8 @@ class Program:
         scale = problem.plausible
         scale = np.where(scale < UNFELT, scale, 1.0)  # of a column of zeros any size will do
         limits = limits_of(problem, asked, scale, margin)
-        if against := cone.conflict(limits, scale):
+        anchor, within = prior, cone.holds(limits, prior)
+        if not within and (against := cone.conflict(limits, scale)):
             names = "; ".join(limit.name for limit in against)
             raise FitError(
                 f"these limits contradict each other: {names}; each can hold without one of the "
@@ -303,8 +304,7 @@ class Program:
                 else f"{names}: impossible with what is known of it, or flat to a millionth of its "
                 "size; make more of it unknown, or correct what the URDF says"
             )
-        anchor = prior
-        if not cone.holds(limits, prior):
+        if not within:
             W = _metric(mechanism, columns, scale, 1.0, None)
             anchor = cone.nearest_within(W, W @ prior, limits, W, None).x
         W = _metric(mechanism, columns, scale, BALL, anchor)

@@ -24,8 +24,9 @@ import numpy as np
 from ident.display import Plotted
 from ident.equations.filter import STANDING, STICKING, Decimator
 from ident.equations.problem import Problem
-from ident.equations.rows import Scene, in_motion, informing, largest_transmission
+from ident.equations.rows import Scene, in_motion, informing, largest_transmission, smooth_step
 from ident.equations.terms import RIGID, WRENCHES
+from ident.equations.thinning import NodeSeries, Thinning
 from ident.equations.unknowns import NOTHING, Point
 from ident.information import linear
 from ident.information.blocks import Squares
@@ -91,39 +92,50 @@ class Prediction(TorqueParts):
         """Return the residual at the rows of the regression, with a cut-off [Hz]."""
         scene, e, point = self.scene, self.scene.e, self.scene.point
         farthest, model = largest_transmission(e), scene.mechanism.model
+        step, decimator = smooth_step(scene, cutoff), Decimator.of(cutoff, e.rate)
 
         def make(part: slice) -> list[np.ndarray]:
-            """Return measured torque, gravity, parts; joint signals; informed; moving."""
-            u, rest = scene.samples.reduced(part), 0 * e.v[part]
-            gravity = u.reduce(rigid_forces(model, e.q[part], rest, rest, point.pi))
+            """Return what jumps: measured torque and parts, directions; informed; moving."""
             # most effects act on one coordinate: what is 0 throughout needs no filter
-            rows = [self.measured[part], gravity, *(self.parts[name][part][:, acts]
-                                                    for name, acts in acting.items())]  # fmt: skip
+            rows = [self.measured[part], *(self.parts[name][part][:, acts]
+                                           for name, acts in acting.items())]  # fmt: skip
             direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
-            joints = np.stack([e.y[part], e.yd[part], e.ydd[part], direction], axis=1)
-            return [np.hstack(rows), joints, informing(u, farthest) | e.poses, self.moving[part]]
+            informed = informing(scene.samples.reduced(part), farthest) | e.poses
+            jumping = [np.hstack(rows), direction, informed, self.moving[part]]
+            return jumping if step > 1 else [*jumping, *make_smooth(part)]
 
-        acting = {name: np.flatnonzero(x.any(axis=0)) for name, x in self.parts.items()}
+        def make_smooth(part: slice | np.ndarray) -> list[np.ndarray]:
+            """Return rigid bodies' forces, gravity; joint signals: made at nodes as rows are."""
+            rest = 0 * e.v[part]
+            gravity = rigid_forces(model, e.q[part], rest, rest, point.pi)
+            bodies = [self.parts[RIGID][part], scene.samples.reduced(part).reduce(gravity)]
+            return [np.hstack(bodies), np.hstack([e.y[part], e.yd[part], e.ydd[part]])]
+
+        jumping = {name: x for name, x in self.parts.items() if name != RIGID}
+        acting = {name: np.flatnonzero(x.any(axis=0)) for name, x in jumping.items()}
         d, J = self.measured.shape[1], e.y.shape[1]
-        series = 2 * d + sum(map(len, acting.values()))
-        empty = np.zeros((0, series)), np.zeros((0, 4, J)), *2 * [np.zeros((0, d))]
+        widths = d + sum(map(len, acting.values())), J, d, d, 2 * d, 3 * J
+        empty = [np.zeros((0, width)) for width in widths]
         pieces: list[list[np.ndarray]] = [[np.zeros(0), np.zeros(0, int), *empty]]
         for number, segment in enumerate(e.segments()):
-            for sample, filtered in Decimator.of(cutoff, e.rate).filtered(segment, make):
-                pieces.append([e.t[sample], np.full(len(sample), number), *filtered])
-        t, segments, torques, joints, opened, standing = (
+            thinning = Thinning(decimator, step, segment.stop - segment.start)
+            at_nodes = NodeSeries(thinning, make_smooth, segment.start)
+            for sample, filtered in decimator.filtered(segment, make):
+                smooth = at_nodes.rows(sample) if step > 1 else []
+                pieces.append([e.t[sample], np.full(len(sample), number), *filtered, *smooth])
+        t, segments, torques, direction, opened, standing, bodies, joints = (
             np.concatenate(x) for x in zip(*pieces, strict=True)
         )
         informed, moving = opened < STICKING, standing < STANDING
-        measured, gravity = torques[:, :d], torques[:, d : 2 * d]
-        by_name, first = dict[str, np.ndarray](), 2 * d
+        measured, gravity = torques[:, :d], bodies[:, d:]
+        by_name, first = {RIGID: bodies[:, :d]}, d
         for name, acts in acting.items():
             by_name[name] = np.zeros((len(t), d))
             by_name[name][:, acts] = torques[:, first : first + len(acts)]
             first += len(acts)
         for x in (measured, gravity, *by_name.values()):  # no residual where none is measured
             x[:, scene.mechanism.unmeasured_rows] = 0.0
-        q, v, a, direction = joints.transpose(1, 0, 2)
+        q, v, a = np.split(joints, 3, axis=1)
         return Trace(
             self.name, t, measured, by_name, informed & moving, segments, gravity, q, v, a,
             direction, informed,

@@ -372,8 +372,7 @@ class Fit(Charted):
             KeyError: if there is none of that name, with the nearest one.
         """
         self[name]
-        all_of = self._values(self.covariance)
-        gradient = all_of.gradient(name, self.mechanism)
+        gradient = self._three[0].gradient(name, self.mechanism)
         if gradient is None or not np.isfinite(self.covariance).all():
             return {}
         total = float(gradient @ self.covariance @ gradient) or 1.0
@@ -395,7 +394,7 @@ class Fit(Charted):
         estimate = self.estimate if logged else self.calibrated
         return ParameterValues(self.columns, estimate, cov, at)
 
-    @property
+    @cached_property
     def _three(self) -> tuple[ParameterValues, ParameterValues, ParameterValues]:
         """Values with all errors, with those of noise, and as they are logged."""
         return (

@@ -115,13 +115,17 @@ class ParameterValues:
     def base(self) -> tuple[BaseValue, ...]:
         """Base parameters with the unit of their leading unknown."""
         base, beta = self.estimate.base, self.estimate.solution.beta
-        names, errors = base_names(self.columns, base), np.sqrt(np.diag(self.cov))
+        errors = np.sqrt(np.diag(self.cov))
         return tuple(
             BaseValue(name, float(value), float(error), self.columns.units[column])
             for name, value, error, column in zip(
-                names, beta, errors, base.independent, strict=True
+                self._base_names, beta, errors, base.independent, strict=True
             )
         )
+
+    @cached_property
+    def _base_names(self) -> list[str]:
+        return base_names(self.columns, self.estimate.base)
 
     @cached_property
     def _stderr(self) -> np.ndarray:
@@ -205,8 +209,7 @@ class ParameterValues:
     def gradient(self, name: str, mechanism: Mechanism) -> np.ndarray | None:
         """Return the slope (n,) of a value by the base parameters; None if these do not hold it."""
         base, word = self.estimate.base, name.rpartition(".")[2]
-        unit = np.eye(base.rank)
-        names = base_names(self.columns, base)
+        unit, names = np.eye(base.rank), self._base_names
         if name in names:
             return np.asarray(unit[names.index(name)])
         centroidal = {to: about for about, to in CENTROIDAL.items()}

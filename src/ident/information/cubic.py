@@ -26,6 +26,14 @@ def cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
         powers, wanted = (np.vander((times - t[0]) / scale, n) for times in (t, at))
         values = wanted @ np.linalg.solve(powers, x.reshape(n, -1))
         return np.asarray(values.reshape(-1, *x.shape[1:]))
+    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, n - 2)
+    u, c = (at - t[i]).reshape(-1, *(1,) * (x.ndim - 1)), coefficients(t, x)
+    return np.asarray(c[0][i] + u * (c[1][i] + u * (c[2][i] + u * c[3][i])))
+
+
+def coefficients(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return those of 1, u, u² and u³ after each of the n ≥ 4 points but the last (n − 1, …)."""
+    n = len(t)
     steps, shape = np.diff(t), (-1, *(1,) * (x.ndim - 1))
     first, last = t[2] - t[0], t[-1] - t[-3]
     h = steps.reshape(shape)
@@ -39,10 +47,8 @@ def cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     lower, upper = np.append(steps[1:], last), np.append(first, steps[:-1])
     *_, slopes, _ = lapack.dgtsv(lower, diagonal, upper, right.reshape(n, -1))
     m = slopes.reshape(x.shape)
-    i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, n - 2)
-    u, m0, m1 = (at - t[i]).reshape(shape), m[i], m[i + 1]
-    bend, twist = (3 * rise[i] - 2 * m0 - m1) / h[i], (m0 + m1 - 2 * rise[i]) / h[i] ** 2
-    return np.asarray(x[i] + u * (m0 + u * (bend + u * twist)))
+    m0, m1 = m[:-1], m[1:]
+    return x[:-1], m0, (3 * rise - 2 * m0 - m1) / h, (m0 + m1 - 2 * rise) / h**2
 
 
 def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:

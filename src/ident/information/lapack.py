@@ -16,24 +16,26 @@ from typing import Any
 import numpy as np
 import scipy
 
-NAME = "scipy.linalg._flapack"
 
-
-def _extension() -> ModuleType:
-    if NAME in sys.modules:
-        return sys.modules[NAME]
+def extension(name: str) -> ModuleType:
+    """Return a compiled module of `scipy.linalg`, without the package; the package's own where it
+    is not found. The package finds it, if it is imported later.
+    """
+    full = f"scipy.linalg.{name}"
+    if full in sys.modules:
+        return sys.modules[full]
     folder = Path(scipy.__file__).parent / "linalg"
     for suffix in EXTENSION_SUFFIXES:
-        spec = importlib.util.spec_from_file_location(NAME, folder / f"_flapack{suffix}")
+        spec = importlib.util.spec_from_file_location(full, folder / f"{name}{suffix}")
         if spec and spec.loader and Path(str(spec.origin)).exists():
             module = importlib.util.module_from_spec(spec)
-            sys.modules[NAME] = module  # scipy.linalg finds it, if it is imported later
+            sys.modules[full] = module
             spec.loader.exec_module(module)
             return module
-    return importlib.import_module("scipy.linalg.lapack")
+    return importlib.import_module(full)
 
 
-lapack: Any = _extension()
+lapack: Any = extension("_flapack")
 
 
 def cholesky_banded(bands: np.ndarray) -> np.ndarray:

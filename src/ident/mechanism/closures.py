@@ -18,17 +18,22 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import casadi as ca
 import numpy as np
 import pinocchio as pin
 
 from ident.errors import MechanismError, line_of, one_of
 from ident.files import TomlTable, function_of
+from ident.lazy import lazy
 from ident.mechanism.description import is_rotational, joint_axis, tidy
 
-Coordinates = Mapping[str, ca.SX]
+if TYPE_CHECKING:
+    import casadi as ca
+else:
+    ca = lazy("casadi")
+
+Coordinates = Mapping[str, "ca.SX"]
 
 
 @dataclass(frozen=True)
@@ -418,7 +423,7 @@ class PolynomialClosure(Closure):
         return Constraint(ca.vertcat(q_a - value), (f"{self.name}.1",), (unit,))
 
 
-class JointSymbols(dict[str | int, ca.SX]):
+class JointSymbols(dict[str | int, "ca.SX"]):
     """The argument of a user's closure function: `q["elbow"]`, or `q[0]`, the first joint."""
 
     def __missing__(self, key: str | int) -> ca.SX:

@@ -11,13 +11,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 import pinocchio as pin
 
 from ident.information import linear
+from ident.lazy import lazy
 from ident.mechanism.closures import Closure, Constraint, OwnJoint, placements, rates
+
+if TYPE_CHECKING:
+    import casadi as ca
+else:
+    ca = lazy("casadi")
 
 CHUNK = 4096  # work: samples a CasADi call maps over
 MAPS = 64  # work: numbers of samples for which mapped functions are cached

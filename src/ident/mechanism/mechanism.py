@@ -604,7 +604,8 @@ class Mechanism(Displayed):
             index = model.getJointId(owner)
             model.jointPlacements[index] = shifted(model.jointPlacements[index], axis, by)
             bare = replace(self, model=model)
-            return replace(bare, effects=tuple(map(bare.placed, self.effects)))
+            moved = (bare.placed(x) if isinstance(x, FrameForce) else x for x in self.effects)
+            return replace(bare, effects=tuple(moved))
         closures = [c.displaced(place, by) if place in c.places else c for c in self.closures]
         return replace(self, closures=tuple(closures))
 

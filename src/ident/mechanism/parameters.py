@@ -23,6 +23,7 @@ from ident.errors import MechanismError, line_of, one_of
 from ident.files import HUGE, TomlTable, is_number
 from ident.lazy import lazy
 from ident.mechanism import batched
+from ident.mechanism.tangents import tangents
 
 if TYPE_CHECKING:
     import polars as pl
@@ -293,6 +294,20 @@ def rigid_forces(
     for sign, other, data in Rigid.of(model, pi).terms:
         total += sign * np.reshape([pin.rnea(other, data, *state) for state in states], total.shape)
     return total
+
+
+def rigid_tangents(
+    model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray, pi: np.ndarray
+) -> np.ndarray:
+    """∂(Γ π)/∂(q, v, a) (3, nv, nv, n), of each force by each coordinate."""
+    if joints := batched.joints_of(model):
+        return tangents(model, joints, q, v, a, pi)
+    out = np.zeros((3, model.nv, model.nv, len(q)))
+    for sign, other, data in Rigid.of(model, pi).terms:
+        for i, state in enumerate(zip(q, v, a, strict=True)):
+            by_q, by_v, by_a = pin.computeRNEADerivatives(other, data, *state)
+            out[..., i] += sign * np.stack([by_q, by_v, by_a])
+    return out
 
 
 def supports(model: pin.Model) -> list[np.ndarray]:
