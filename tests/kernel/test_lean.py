@@ -6,9 +6,11 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_solve_banded
 from scipy.linalg import cholesky_banded as of_scipy
 from scipy.optimize import nnls
-from scipy.special import stdtrit
+from scipy.special import digamma as of_scipy_digamma
+from scipy.special import polygamma, stdtrit
 
 from ident.information.cubic import cubic
+from ident.information.gamma import digamma, trigamma
 from ident.information.lapack import cholesky_banded, lapack, solve_cholesky_banded
 from ident.information.linear import nonnegative
 from ident.information.student import tail_quantile
@@ -65,3 +67,9 @@ def test_nonnegative_least_squares_ends_where_all_numbers_are_rounding():
         x = nonnegative(A, b)
         assert (x >= 0).all()
         assert np.isfinite(x).all()
+
+
+def test_derivatives_of_log_gamma_are_scipys():
+    x = np.geomspace(0.01, 1e6, 200)
+    np.testing.assert_allclose(digamma(x), of_scipy_digamma(x), rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(trigamma(x), polygamma(1, x), rtol=1e-12)

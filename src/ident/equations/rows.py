@@ -27,6 +27,7 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.equations.filter import CHUNK, STANDING, STICKING, Decimator, filtered_windows
+from ident.equations.nearby import beside
 from ident.equations.terms import (
     RIGID,
     Samples,
@@ -122,16 +123,17 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
 
 def _earlier(now: Samples, base: Samples, d: float) -> Samples:
     """Return samples of the state d [s] before, so that dry friction jumps there as it does where
-    positions are read as much earlier.
+    positions are read as much earlier, and forces are as near to those now as they are there.
     """
     e = now.e
     stored = base.memo.setdefault(EARLIER, {}) if base.same_motion(now) else {}
     if d not in stored:
         known = e.known(now.mechanism).transpose(1, 0, 2)  # by sample
         shifted = late(e.t, known.reshape(len(e), -1), d).reshape(known.shape)
-        stored[d] = e.at(now.mechanism, shifted.transpose(1, 0, 2)), {}
-    state, bodies = stored[d]
-    return replace(now, e=state, memo={RIGID: bodies})
+        earlier = replace(now, e=e.at(now.mechanism, shifted.transpose(1, 0, 2)), memo={})
+        stored[d] = beside(earlier, base)
+    made: Samples = stored[d]  # corrections of torques change no force of the model
+    return replace(now, e=made.e, memo=made.memo)
 
 
 def _memo(base: Samples, mechanism: Mechanism, e: State) -> dict[object, Any]:

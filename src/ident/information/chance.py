@@ -36,12 +36,11 @@ from operator import add, attrgetter
 from statistics import NormalDist
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import digamma, polygamma
 
 from ident.information import linear
 from ident.information.blocks import Information, Squares
 from ident.information.estimate import Estimate, estimate
+from ident.information.gamma import digamma, trigamma
 from ident.information.left_out import LeftOut
 from ident.information.linear import Array, Triangle
 from ident.information.student import tail_quantile
@@ -65,6 +64,7 @@ EXPLAINED_BELOW = 0.3
 FEWEST_EQUATIONS = 3.0  # level: equations a parameter below which values follow the noise
 FEWEST_SQUARES = 3.0  # level: ν below which the t-distribution's width means nothing
 MANY_SQUARES = 100.0  # level: ν beyond which it is no wider than a normal distribution
+SQUARES_APART = 1e-12  # numerics: of ν: a smaller step of its search is the last
 
 Times = Sequence[tuple[int, int]]  # (log, block)
 
@@ -110,7 +110,7 @@ def moderated_covariance(information: Information, estimate: Estimate, white: Ar
     ratio = np.maximum(np.diag(total) * count / (count - 1) / w, np.finfo(float).tiny)
     e = np.log(ratio) - digamma(nu / 2) + np.log(nu / 2)
     common = max(float(np.exp(np.mean(e))), 1.0)
-    nu_common = _squares_of_spread(float(np.var(e) - np.mean(polygamma(1, nu / 2))))
+    nu_common = _squares_of_spread(float(np.var(e) - np.mean(trigamma(nu / 2))))
     squares = nu_common + nu
     variance = np.maximum((nu_common * common + nu * ratio) / squares, 1.0)
     wider = np.sqrt(variance * squares / (squares - 2))
@@ -121,12 +121,15 @@ def _squares_of_spread(spread: float) -> float:
     """Return ν with ψ'(ν/2) = `spread`, the variance of the logarithm of a mean of ν squares, from
     FEWEST_SQUARES to MANY_SQUARES.
     """
-    if spread <= polygamma(1, MANY_SQUARES / 2):
+    if spread <= trigamma(MANY_SQUARES / 2):
         return MANY_SQUARES
-    if spread >= polygamma(1, FEWEST_SQUARES / 2):
+    if spread >= trigamma(FEWEST_SQUARES / 2):
         return FEWEST_SQUARES
-    ends = FEWEST_SQUARES, MANY_SQUARES
-    return float(brentq(lambda nu: polygamma(1, nu / 2) - spread, *ends))
+    low, high = FEWEST_SQUARES, MANY_SQUARES
+    while high - low > SQUARES_APART * high:
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if trigamma(middle / 2) > spread else (low, middle)
+    return float(low)
 
 
 def _at_least(covariance: Array, least: Array) -> Array:

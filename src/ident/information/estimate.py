@@ -358,11 +358,7 @@ class RowsOnBase:
 
 
 def _doubtful(
-    trial: Trial,
-    stderr: Array,
-    prior: Array,
-    plausible: Array,
-    among: Index | slice = slice(None),
+    trial: Trial, stderr: Array, prior: Array, plausible: Array, among: Index | slice = slice(None)
 ) -> int | None:
     """Return the unknown of a base that the data know worse than is plausible: of several that are
     known only together, the one that is newest only by noise; None where there is none. `among`:
