@@ -195,6 +195,11 @@ class BodyDrag(FrameForce):
         return W
 
 
+def rolling_speed(vx: np.ndarray) -> np.ndarray:
+    """Return |vx| [m/s], by which slip is divided, exact wherever a wheel rolls."""
+    return np.maximum(np.abs(vx), SLOWEST)
+
+
 class Side(FrameForce):
     """A side force of a tyre, of its slip angle."""
 
@@ -211,7 +216,7 @@ class Side(FrameForce):
     def slip(self, m: FrameMotion) -> np.ndarray:
         """Return the slip angle α (n,) [rad]: of the velocity of the contact against x."""
         vx, vy = m.velocity[:, 0], m.velocity[:, 1]
-        return np.asarray(np.arctan(vy / np.hypot(vx, SLOWEST)))
+        return np.asarray(np.arctan(vy / rolling_speed(vx)))
 
     def across(self, s: Signals, shape: np.ndarray) -> np.ndarray:
         """Return W (n, 6, 1) of the side force of a function (n,) of slip."""
@@ -286,7 +291,7 @@ class TyreSlip(FrameForce):
     def wrench(self, m: FrameMotion, s: Signals) -> np.ndarray:
         vx, W = m.velocity[:, 0], np.zeros((len(s.t), 6, 1))
         rolling = self.setting("radius") * s.extra[self.reads()[0]]
-        W[:, 0, 0] = (rolling - vx) / np.hypot(vx, SLOWEST)
+        W[:, 0, 0] = (rolling - vx) / rolling_speed(vx)
         return W
 
 

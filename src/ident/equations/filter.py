@@ -53,6 +53,13 @@ class Decimator:
         """Samples that the filter needs on either side."""
         return 0 if self.taps is None else len(self.taps) // 2
 
+    @property
+    def independent(self) -> float:
+        """Share of the rows to which white noise that was filtered is equal: its bandwidth over
+        half their rate.
+        """
+        return 1.0 if self.taps is None else min(1.0, self.factor * float(self.taps @ self.taps))
+
     def filtered(
         self, segment: slice, make: Callable[[slice], Sequence[np.ndarray]]
     ) -> Iterator[tuple[np.ndarray, list[np.ndarray]]]:

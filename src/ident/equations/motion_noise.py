@@ -202,6 +202,7 @@ class LinearRun:
     rows: Rows  # at c, before they are weighed
     first: np.ndarray  # (n,) the first function in reach
     L: np.ndarray  # (n, w, coordinates, d), F G B
+    independent: float = 1.0  # share of the rows that white noise of the torques leaves independent
 
     def residual(self, x: np.ndarray) -> np.ndarray:
         """b − A x (n, d), zero where rows do not inform."""
@@ -211,8 +212,16 @@ class LinearRun:
         """|U (c − ĉ)|² + Σ |b − A x|² / σ² at the present motion, for x (k,)."""
         spline = self.spline
         off = (self.c - spline.c)[spline.first[:, None] + np.arange(WIDTH)]
-        parts = np.einsum("nwi,nwi->n", spline.U, off), self.residual(x) / sigma
+        parts = np.einsum("nwi,nwi->n", spline.U, off), self.residual(x) / self.density(sigma)
         return sum(float((part**2).sum()) for part in parts)
+
+    def density(self, sigma: np.ndarray) -> np.ndarray:
+        """(d,) noise of independent rows that says as much as σ (d,) of the filtered ones does.
+
+        Rows are several to a period of the cut-off, and their noise hangs together: n rows say no
+        more than the `independent` share of them, each with the noise σ.
+        """
+        return np.asarray(sigma / np.sqrt(self.independent))
 
     def eliminated(self, sigma: np.ndarray) -> EliminatedRun:
         """The run without its motion, from torque rows divided by their noise σ (d,)."""
@@ -220,7 +229,7 @@ class LinearRun:
         off = self.c - spline.c
         known = np.einsum("nwid,nwi->nd", self.L, off[self.first[:, None] + np.arange(w)])
         chunks = []
-        for u, noise in enumerate(sigma):
+        for u, noise in enumerate(self.density(sigma)):
             at = rows.informed[:, u]
             L, A, b = -self.L[at, :, :, u], rows.A[at, u], (rows.b - known)[at, u]
             chunks.append(Chunk(self.first[at], L / noise, A / noise, b / noise))
@@ -282,5 +291,5 @@ def linear_runs(
         first, L = filtered_windows(
             decimator, basis, t, windows[0][0], np.asarray(values), run.sample - segment.start
         )
-        runs.append(LinearRun(number, segment, spline, c, run, first, L))
+        runs.append(LinearRun(number, segment, spline, c, run, first, L, decimator.independent))
     return runs

@@ -23,7 +23,7 @@ from ident.equations.rows import Rows, Scene
 from ident.equations.table import SMOOTH, Table
 from ident.equations.unknowns import Columns, Point
 from ident.errors import IdentError
-from ident.fit.likelihood import Likelihood, Linearization, squares_per_row
+from ident.fit.likelihood import Likelihood, Linearization
 from ident.information.blocks import Block, Information
 from ident.information.estimate import Estimate
 from ident.information.stationary import rows_alike
@@ -245,7 +245,8 @@ class WhitenedRows(FitRows):
 
     def noise(self, scatter: np.ndarray, white: np.ndarray, now: Estimate) -> np.ndarray:
         """Return the mean of both."""
-        return self.likelihood.mean_covariance(scatter, white, squares_per_row(now))
+        squares = self.linear.squares_per_row(now)
+        return self.likelihood.mean_covariance(scatter, white, squares)
 
     def remaining(self, information: Information, x: np.ndarray, fitted: Estimate) -> np.ndarray:
         """Return ones: the motion has moved, residuals are no measure."""

@@ -42,6 +42,8 @@ DESCENT_ROUNDING = 1e-6  # numerics
 # numerics: of what is left in rows, the least that they are off by: with a sensor, and of a passive
 # joint, whose torque of exactly 0 has no noise, where splines are no exact motion
 LEAST, LEAST_PASSIVE = 1e-3, 3e-2
+# numerics: of a standard error: a first step of more changes the equations of which it was made
+SECOND_ORDER = 1.0
 CONVERGED = 0.05  # numerics: of a standard error: a smaller step is the last
 
 Weighed = tuple[Problem, Estimate, "Likelihood"]
@@ -99,7 +101,7 @@ class Likelihood(Displayed):
         """Return that of the base parameters (n_ind, n_ind): the mean of the blocks' `cov` and, as
         noise explains the rows, (RᵀR)⁻¹, which does not hang on the few blocks that tell most.
         """
-        return self.mean_covariance(cov, now.solution.C, squares_per_row(now))
+        return self.mean_covariance(cov, now.solution.C, self.linear.squares_per_row(now))
 
     def mean_covariance(self, cov: np.ndarray, white: np.ndarray, squares: float) -> np.ndarray:
         """Return the mean of the blocks' covariance and that of rows with unit noise, (n, n) both,
@@ -141,8 +143,8 @@ def weighed(
     problem: Problem, estimate: Estimate, estimator: str, on_progress: Progress = no_progress
 ) -> tuple[Problem, Estimate, Likelihood | None, list[Finding]]:
     """Weigh torques and motion together where that is asked for, or where the noise matters: with
-    `likelihood` in steps until nothing changes, with `auto` in one where noise of the motion
-    matters. `found` is the least-squares estimate.
+    `likelihood` in steps until nothing changes, with `auto` where noise of the motion matters, in
+    one, or where no torque is measured, until nothing changes if that one is long.
     """
     if estimator == "likelihood":
         check_refinable(problem)
@@ -159,7 +161,12 @@ def weighed(
     at = Linearization.at(problem, estimate.x, problem.motion.experiments, on_progress)
     sigma = at.noise()[0]
     runs, now = at.whitened(estimate, sigma)
-    if squares_per_row(now) <= EXCESS**2:
+    if at.squares_per_row(now) <= EXCESS**2:
+        # without a sensor of torques nothing but the motion is noisy, and equations are far from
+        # linear over a long first step
+        if not problem.mechanism.measured and _moved(estimate.x, now) > SECOND_ORDER:
+            better = refined(problem, estimate, share, on_progress)
+            return *better, better[2].findings
         likelihood = Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x), at)
         return replace(at.problem, runs=runs), now, likelihood, likelihood.findings
     text = (
@@ -180,6 +187,7 @@ def refined(
     progress = part(on_progress, 0.0, 1 / STEPS)
     at = Linearization.at(problem, estimate.x, problem.motion.experiments, progress)
     sigma, runs, now = at.balanced(estimate)
+    raised = at.raised(sigma)
     step, converged = 1, False
     while step < STEPS and not converged:
         progress = part(on_progress, step / STEPS, (step + 1) / STEPS)
@@ -188,21 +196,20 @@ def refined(
             break  # no step lowers the loss: friction that jumps, or rounding
         if step == 1:  # the first motion was not yet one that the torques agree with
             sigma, runs, now = after.balanced(estimate)
+            raised = after.raised(sigma)
         else:
             runs, now = after.whitened(estimate, sigma)
-        change = np.abs(now.solution.beta - now.at(after.x).solution.beta)
-        converged = bool((change <= CONVERGED * np.sqrt(np.diag(now.solution.C))).all())
+        converged = _moved(after.x, now) <= CONVERGED
         step, at = step + 1, after
-    raised = float((sigma / at.noise()[0]).max())
     motion = at.motion(runs, now.x)
     likelihood = Likelihood(share, sigma, step, converged, raised, motion, at)
     return replace(at.problem, runs=runs), now, likelihood
 
 
-def squares_per_row(now: Estimate) -> float:
-    """Return the squared residual of whitened rows over their number less the unknowns'."""
-    rows = max(now.triangle.rows - now.base.rank, 1)
-    return now.triangle.residual_norm(now.x) ** 2 / rows
+def _moved(x: np.ndarray, now: Estimate) -> float:
+    """Return the largest step of a base parameter from x (k,), in its standard errors."""
+    change = np.abs(now.solution.beta - now.at(x).solution.beta)
+    return float((change / np.sqrt(np.diag(now.solution.C))).max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,6 +243,15 @@ class Linearization:
             parts += linear_runs(mechanism, problem.columns, (number, e), smooth, point, before)
         return cls(replace(problem, point=point), x, experiments, fine, tuple(parts))
 
+    def squares_per_row(self, now: Estimate) -> float:
+        """Return the squared residual of whitened rows over the number of independent ones, less
+        the unknowns'.
+        """
+        counts = np.array([np.count_nonzero(part.rows.informed) for part in self.parts])
+        share = counts @ [part.independent for part in self.parts] / max(counts.sum(), 1)
+        rows = max(share * now.triangle.rows - now.base.rank, 1.0)
+        return float(now.triangle.residual_norm(now.x) ** 2 / rows)
+
     def again(self, problem: Problem, x: np.ndarray) -> Linearization:
         """Return the same rows of another problem, at parameters x (k,) of it."""
         return Linearization.at(problem, x, self.experiments, no_progress, self)
@@ -257,6 +273,10 @@ class Linearization:
         passive = [name in mechanism.passive and not mechanism.closures for name in names]
         least = np.maximum(white, np.where(passive, LEAST_PASSIVE, LEAST) * largest)
         return least, np.maximum(largest, least)  # a motion that has moved leaves less than noise
+
+    def raised(self, sigma: np.ndarray) -> float:
+        """Return how many times as large as that of the sensors some noise of the torques is."""
+        return float((sigma / self.noise()[0]).max())
 
     def loss(self, sigma: np.ndarray) -> float:
         """Return the loss of all experiments."""
@@ -289,7 +309,7 @@ class Linearization:
         for trial in range(TRIALS):
             sigma = least ** (1 - theta) * largest**theta
             runs, now = self.whitened(estimate, sigma)
-            squares = squares_per_row(now)
+            squares = self.squares_per_row(now)
             if not trial or squares <= AGREED:
                 best = sigma, runs, now
             if (theta == 0.0 and squares <= AGREED) or 1 / AGREED < squares <= AGREED:
