@@ -302,6 +302,14 @@ class _MjcfModel:
 
     def _notes(self, passive: tuple[str, ...]) -> list[str]:
         m, notes = self.model, []
+        limited = [
+            self.joints[j] for j in range(m.njnt) if m.jnt_type[j] == BALL and m.jnt_limited[j]
+        ]
+        if limited:
+            notes.append(
+                f"ranges of ball joints are not taken over: {', '.join(limited)} (a cone, which no "
+                "limit of an angle is)"
+            )
         if passive:
             notes.append(
                 f"{', '.join(passive)}: no actuator, so passive (no torque); [joints] passive in a "

@@ -22,7 +22,7 @@ import pinocchio as pin
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
-from ident.mechanism.description import UNLIMITED, align_z, attribute, words
+from ident.mechanism.description import UNLIMITED, align_z, attribute, refuse, words
 
 AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 ORDERS = tuple("".join(order) for order in permutations("xyz"))
@@ -144,6 +144,22 @@ def _fix(joint: etree._Element, start: Mapping[str, float], where: str) -> None:
         etree.SubElement(joint, "origin", xyz=words(place.translation), rpy=turn)
 
 
+def _check_limits(joint: etree._Element, where: str) -> None:
+    """Refuse limits of a ball joint, whose three angles have no common one."""
+    limit = joint.find("limit")
+    if limit is None:
+        return
+    given = [key for key in ("lower", "upper") if any(attribute(joint, "limit", key, where))]
+    if given:
+        values = ", ".join(f"{key} = {limit.get(key)}" for key in given)
+        refuse(
+            joint,
+            where,
+            f"ball joint '{joint.get('name')}' has limits ({values}), and one angle cannot limit "
+            "three; take them out, or write it as three revolute joints with limits of their own",
+        )
+
+
 def expand(
     robot: etree._Element,
     where: str,
@@ -181,6 +197,7 @@ def expand(
             slides = [(axis, "prismatic", AXES[axis]) for axis in "xyz"]
             auxiliary += replace_joint(robot, joint, [*slides, *turns])
         elif kind == "ball":
+            _check_limits(joint, where)
             auxiliary += replace_joint(robot, joint, turns)
         elif kind == "planar":
             R = align_z(np.array(attribute(joint, "axis", "xyz", where)))

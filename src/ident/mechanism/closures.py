@@ -136,6 +136,7 @@ class Context:
     model: pin.Model  # Pinocchio's
     folder: Path  # of mechanism.toml
     allow_code: bool  # whether Python files may be run
+    locked: bool = False  # whether joints are held, so that several links may be one body
 
     def frame(self, table: TomlTable, key: str) -> Frame:
         """Return the frame `key = { link = "…", xyz = […], rpy = […] }`; "world" is the ground."""
@@ -489,4 +490,10 @@ def read_closure(table: TomlTable, context: Context) -> Closure:
     if kind not in KINDS:
         raise table.error(f"kind = '{kind}'; {one_of(kind, KINDS)}")
     table.check("name", "kind", *KINDS[kind].keys)
-    return KINDS[kind].read(name, table, context)
+    closure = KINDS[kind].read(name, table, context)
+    if len({frame.joint for frame in closure.frames}) == 1:
+        a, b = (frame.link for frame in closure.frames)
+        if a == b or not context.locked:
+            both = f"both frames are of link '{a}'" if a == b else f"'{a}' and '{b}' are one body"
+            raise table.error(f"{both}; a loop is closed between two that move against each other")
+    return closure

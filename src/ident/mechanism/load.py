@@ -178,7 +178,7 @@ def _read(
     bodies, joints = Bodies(tree.links), _tree_joints(tree)
     logged = _columns(top.table("log"), [*(joint.name for joint in joints), *locks])
     folder = (toml or urdf).parent
-    context = Context(tree.model, folder, allow_code)
+    context = Context(tree.model, folder, allow_code, bool(locks))
     passive, start = _passive_and_start(top.table("joints"), tree, joints, locks)
     passive |= ({*chained.passive} | moved_by(motors)) - {*locks}
     basis, parameters = top.table("multipliers"), top.table("parameters")

@@ -23,6 +23,7 @@ from ident.motion.at_rest import measure_poses, rest_of
 from ident.motion.closures import best_conditioned, check_freedom, independent_joints
 from ident.motion.commands import check_commands, servo_cutoff
 from ident.motion.knots import by_torques, doubtful, without_time_errors
+from ident.motion.misread_poses import check_base
 from ident.motion.recipe import (
     AUTO,
     CLEAN,
@@ -285,6 +286,7 @@ def complete(
         servos = servo_cutoff(mechanism, states)
         if servos is not None and servos < band.cutoff:
             band = replace(band, cutoff=servos)
+    check_base(mechanism, states, read)
     if missing := unforced_base(mechanism, states):
         if torques:
             raise MotionError(missing)

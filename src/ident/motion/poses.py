@@ -20,6 +20,7 @@ import numpy as np
 from ident.errors import MotionError
 from ident.mechanism.chains import BASE, GIMBAL, ORDERS, Chain, angles_of
 from ident.mechanism.mechanism import Mechanism
+from ident.motion.body_rates import check_angular, check_linear, rotations
 
 UNIT = 0.01  # range: by which the length of a quaternion may differ from 1
 STEEPEST = np.radians(80.0)  # range: of the middle angle
@@ -29,9 +30,29 @@ GRID = 0.05  # work: [s] between the instants of δ's path
 FASTEST = 4  # work: levels of δ from one instant to the next
 PACE = 0.05  # range: [s²] weight of the speed of δ
 KNOTS = 4  # work: instants of δ's path between knots of its spline
+# range: [m], or of a quaternion: standard deviation of the pose of a base that stands
+STANDS = 2e-3
 XYZ = ("x", "y", "z")
 
 Columns = dict[str, np.ndarray]
+
+
+def check_declared(mechanism: Mechanism, log: str, columns: Columns) -> None:
+    """Refuse a log in which a base moves that is the ground of the mechanism.
+
+    Raises:
+        MotionError: with what to declare.
+    """
+    if any(chain.floating for chain in mechanism.chains) or BASE in mechanism.locked:
+        return
+    pose = [f"{BASE}.{x}" for x in (*XYZ, "qx", "qy", "qz", "qw")]
+    moving = [x for x in pose if x in columns and np.nanstd(columns[x].astype(float)) > STANDS]
+    if moving:
+        raise MotionError(
+            f"{log}: {', '.join(moving)} change, and the root of {mechanism.name} is the ground: "
+            'write base = { kind = "floating" } in mechanism.toml, or leave these columns out if '
+            "it stands"
+        )
 
 
 def scalar_columns(
@@ -81,14 +102,19 @@ def scalar_columns(
                     f"body need its orientation: log {prefixes[0]}qx … {prefixes[0]}qw"
                 )
             turns = _turns(np.stack(angles, axis=1), chain.order)  # type: ignore[arg-type]
+            rotation = turns[0] @ turns[1] @ turns[2]
+            if chain.gimbal:
+                turn = columns[f"q.{chain.name}.{GIMBAL}"]
+                rotation = _turns(turn[:, None], chain.gimbal)[0] @ rotation
             if linear is not None:
-                rotation = turns[0] @ turns[1] @ turns[2]
-                if chain.gimbal:
-                    turn = columns[f"q.{chain.name}.{GIMBAL}"]
-                    rotation = _turns(turn[:, None], chain.gimbal)[0] @ rotation
+                if ordered and all(f"q.{name}" in columns for name in chain.slides):
+                    p = np.stack([columns[f"q.{name}"] for name in chain.slides], axis=1)
+                    check_linear(f"{log}: {prefix}", t, p, rotation, linear)
                 along = np.einsum("nij,nj->ni", rotation, linear)
                 columns |= {f"v.{name}": x for name, x in zip(chain.slides, along.T, strict=True)}
             if angular is not None:
+                if ordered:
+                    check_angular(f"{log}: {prefix}", t, rotation, angular)
                 if chain.gimbal:  # its own rate is prescribed
                     turn = columns[f"q.{chain.name}.{GIMBAL}"]
                     speed = np.gradient(turn, t)
@@ -122,15 +148,7 @@ def _rotations(quaternion: np.ndarray, t: np.ndarray, where: str, ordered: bool)
             f"{where} has the length {length[k]:.4g} at t = {t[k]:.6g} s; an orientation is a "
             "quaternion of length 1: check the columns, or leave such cells empty"
         )
-    x, y, z, w = (quaternion / length[:, None]).T
-    R = np.stack(
-        [
-            1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-        ],
-        axis=1,
-    ).reshape(-1, 3, 3)  # fmt: skip
+    R = rotations(quaternion / length[:, None])
     known = np.flatnonzero(np.isfinite(length))
     cosine = np.abs(
         np.einsum("ni,ni->n", *(quaternion[known[i]] for i in (slice(1, None), slice(-1))))

@@ -18,7 +18,7 @@ from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion.encodings import signed, unwrapped
-from ident.motion.poses import scalar_columns
+from ident.motion.poses import check_declared, scalar_columns
 from ident.motion.spline import ORDERS, Channel, grain, noise_level, rms
 from ident.text import listed, shortlist
 
@@ -198,6 +198,7 @@ def measure(
         is_channel = prefix in PREFIXES and name in mechanism.joint_index
         if is_channel and source.column in log.columns and source.column not in mechanism.columns:
             columns.pop(source.column, None)
+    check_declared(mechanism, log.name, columns)
     if mechanism.chains:
         scalar_columns(mechanism, log.name, log.t, columns)
     notes = list(log.repairs)
