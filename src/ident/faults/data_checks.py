@@ -30,6 +30,7 @@ from ident.information.hypotheses import Array
 from ident.mechanism.parameters import rigid_forces
 from ident.motion.torque_class import TorqueVerdict
 from ident.text import listed, percent, shortlist, two_digits
+from ident.threads import on_one_thread
 
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
@@ -107,6 +108,7 @@ class DataChecks(FaultSearch):
         table = Table.of(problem.mechanism, problem.columns, problem.motion, point)
         return cls(problem, estimate, errors, table, table.informed)
 
+    @on_one_thread
     def health(self) -> Health:
         """Judge the data, gravest first."""
         faults, noise = self.faults

@@ -35,6 +35,7 @@ from ident.information.estimate import MATERIAL, Estimate, estimate, term_sizes
 from ident.information.linear import Triangle
 from ident.mechanism.causes import Cause
 from ident.text import listed
+from ident.threads import on_one_thread
 
 ROUNDS = 2  # work: of columns at the parameters that they lead to
 NEAR = 0.1  # work: prior scales, below which a second round is saved: errors differ by 3 %
@@ -98,6 +99,7 @@ class Budget:
             yield Finding("calibration", text, remedy, (cause.place or "t",), float(size), CERTAIN)
 
 
+@on_one_thread
 def budget_of(of_fit: FitRows, fitted: Estimate) -> Budget | None:
     """Return the error budget of an estimate, in the rows that it was made of; None where nothing
     may be wrong, or no column of a cause is felt.

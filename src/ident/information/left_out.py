@@ -26,6 +26,7 @@ from ident.information.lapack import lapack
 from ident.information.linear import Array
 
 ALONE = 1e10  # numerics: ‖(I − G)⁻¹‖ from which some direction is determined by these blocks alone
+TERMS = 60  # work: of a series in G, beyond which eigenvectors are faster
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,9 +130,19 @@ class LeftOut:
         """Changes T (I − G)^(−1/2) h (B, n) by each block, whose squares have the mean T G Tᵀ if
         rows are white, and the shares (B, n) of each block in it.
         """
-        values, V = np.linalg.eigh(self.G)
-        scale = 1 / np.sqrt(np.maximum(1 - values, 1 / ALONE))
-        h = V @ (scale * (V.transpose(0, 2, 1) @ self.h[:, :, None])[:, :, 0])[:, :, None]
+        h, term = self.h[:, :, None].copy(), self.h[:, :, None]
+        for k in range(1, TERMS + 1):  # (1 − x)^(−1/2) = Σ (2k choose k) (x/4)^k
+            term = (1 - 0.5 / k) * (self.G @ term)
+            h += term
+            small = np.abs(term).max(axis=(1, 2)) <= np.finfo(float).eps * np.abs(h).max(
+                axis=(1, 2)
+            )
+            if small.all():
+                break
+        if not small.all():
+            values, V = np.linalg.eigh(self.G[~small])
+            scale = 1 / np.sqrt(np.maximum(1 - values, 1 / ALONE))[:, :, None]
+            h[~small] = V @ (scale * (V.transpose(0, 2, 1) @ self.h[~small, :, None]))
         shares = (self.T @ self.G * self.T).sum(axis=2)
         return h[:, :, 0] @ self.T.T, np.maximum(shares, 0.0)
 
