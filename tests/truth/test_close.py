@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ident.mechanism import load
-from ident.motion.closures import LoopSolver
+from ident.motion.closures import LoopSolver, pseudo_inverse
 
 LOOPS = {"slider_crank": ("theta",), "four_bar": ("crank",), "five_bar": ("left", "right")}
 
@@ -41,3 +41,15 @@ def test_what_cannot_be_reached_is_said_to_be_left_open(robots):
     q = np.zeros((1, mechanism.model.nq))
     _, left = LoopSolver(mechanism, mechanism.driven).newton(q, np.zeros((1, 2)))
     assert not left[0] < 1e-3
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_steps_with_the_inverse_of_a_state_close_by_end_where_newton_does(name, robots):
+    closer, q, target = near(name, robots)
+    closed, _ = closer.newton(q, target)
+    J, W = closer.mechanism.kinematics.closure_rows(closed).rate, closer.coordinates(closed).rate
+    inverse = pseudo_inverse(np.concatenate([J, W], axis=1))
+    inverse[3] *= -3.0  # leads away: this sample is Newton's
+    again, left = closer.near(closed, inverse, target + 1e-3)
+    assert left.max() < 1e-11
+    np.testing.assert_allclose(again, closer.newton(closed, target + 1e-3)[0], rtol=0, atol=1e-10)

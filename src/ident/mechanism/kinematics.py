@@ -133,9 +133,12 @@ class Kinematics:
         q, v = self._symbols
         N = rates(self.model, q)
         qd = N @ v  # a second derivative along q̇: N(q) is differentiated too
-        drift = ca.jtimes(ca.jtimes(value, q, qd), q, qd)
-        every = (value, ca.jacobian(value, q) @ N, drift)
-        return ca.Function(name, [q, v], [ca.densify(x) for x in every[outputs]])
+        every: list[Callable[[], ca.SX]] = [
+            lambda: value,
+            lambda: ca.jacobian(value, q) @ N,
+            lambda: ca.jtimes(ca.jtimes(value, q, qd), q, qd),
+        ]
+        return ca.Function(name, [q, v], [ca.densify(make()) for make in every[outputs]])
 
     @cached_property
     def _phi(self) -> ca.SX:
@@ -150,6 +153,11 @@ class Kinematics:
     def _place_function(self) -> ca.Function:
         """(q, v) → (Φ, J), half the work."""
         return self._compile("place", self._phi, slice(2))
+
+    @cached_property
+    def _value_function(self) -> ca.Function:
+        """(q, v) → Φ, a twelfth of the work."""
+        return self._compile("value", self._phi, slice(1))
 
     @cached_property
     def _drift_function(self) -> ca.Function:
@@ -168,6 +176,13 @@ class Kinematics:
             none = np.zeros((len(q), 0))
             return ConstraintRows(none, np.zeros((len(q), 0, self.model.nv)), none)
         return self._rows(self._place_function if v is None else self.closure_function, q, v)
+
+    def closure_values(self, q: np.ndarray) -> np.ndarray:
+        """Return Φ (n, m) alone, of q (n, nq)."""
+        if not self.closures:
+            return np.zeros((len(q), 0))
+        still = np.zeros((len(q), self.model.nv))
+        return self._outputs(self._value_function, q, still)[0][..., 0]
 
     def closure_drift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return J̇v (n, m) alone, of q (n, nq) and v (n, nv)."""

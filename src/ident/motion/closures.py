@@ -27,6 +27,8 @@ STRIDE = 64  # work: samples between the anchors that are solved one after the o
 CLOSED = 1e-11  # numerics: [m | rad] largest equation that Newton leaves
 OPEN = 1e-10  # numerics: [m | rad] largest equation at which a configuration counts as closed
 STEPS = 12  # work
+CHORDS = 8  # work: steps with one K⁺
+FAR = 0.1  # numerics: [rad | m] of a step beyond which K⁺ of a state close by says nothing
 FARTHEST = 1000.0  # range: [rad | m] from the start to the nearest sample; beyond, a unit is wrong
 BENT = 0.2  # numerics: share of a step by which the tangents at its ends may mispredict it
 DEPENDENT = 1e-9  # numerics: of the largest singular value of [J; W_u]: u is no set of coordinates
@@ -38,6 +40,8 @@ LEAP = 20.0  # range: [rad | m] from one sample to the next
 def pseudo_inverse(K: np.ndarray) -> np.ndarray:
     """K⁺ (n, nv, m + d) of stacked K (n, m + d, nv) with full column rank."""
     try:
+        if K.shape[1] == K.shape[2]:
+            return np.linalg.inv(K)
         Q, R = np.linalg.qr(K)
         return np.linalg.solve(R, Q.transpose(0, 2, 1))
     except np.linalg.LinAlgError:
@@ -84,12 +88,24 @@ class LoopSolver:
 
     def _residual(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         closure, coordinates = self.mechanism.kinematics.closure_rows(q), self.coordinates(q)
-        off = target - coordinates.value
-        for i, joint in enumerate(self.joints):
-            if joint.rotational and not joint.in_tree:  # its angle is known up to whole turns
-                off[:, i] = (off[:, i] + np.pi) % (2 * np.pi) - np.pi
+        off = self._turned(target - coordinates.value)
         K = np.concatenate([closure.rate, coordinates.rate / self.scale[:, None]], axis=1)
         return np.concatenate([-closure.value, off / self.scale], axis=1), K
+
+    def _turned(self, off: np.ndarray) -> np.ndarray:
+        """Return differences (n, d) of coordinates, changed in place: angles of closures' own
+        joints are known up to whole turns.
+        """
+        for i, joint in enumerate(self.joints):
+            if joint.rotational and not joint.in_tree:
+                off[:, i] = (off[:, i] + np.pi) % (2 * np.pi) - np.pi
+        return off
+
+    def _off(self, q: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Return how far the joints' coordinates at q are from the target (n, d)."""
+        if all(joint.in_tree for joint in self.joints):
+            return target - q[:, [joint.index for joint in self.joints]]
+        return self._turned(target - self.coordinates(q).value)
 
     def newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Configurations (n, nq) near q at the targets (n, d), and the largest |Φ| there (n,)."""
@@ -114,23 +130,53 @@ class LoopSolver:
             off, _ = self._residual(q, target)
         return q, np.abs(off[:, :m] if self.surplus else off).max(axis=1, initial=0.0)
 
+    def near(
+        self, q: np.ndarray, inverse: np.ndarray, target: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As `newton` where q is near already: steps by K⁺ (n, nv, m + d) of a state close by, so
+        that only Φ is evaluated; Newton's for samples at which these do not end.
+        """
+        model, start, last = self.mechanism.model, q, np.full(len(q), np.inf)
+        for _ in range(CHORDS):
+            values = self.mechanism.kinematics.closure_values(q)
+            off = np.concatenate([-values, self._off(q, target)], axis=1)
+            step = _times(inverse, off)
+            last = np.abs(step).max(axis=1, initial=0.0)
+            q = integrate(model, q, np.where(np.abs(step) < FAR, step, 0.0))
+            if (last < CLOSED).all():
+                break
+        values = self.mechanism.kinematics.closure_values(q)
+        gap = np.abs(np.concatenate([values, self._off(q, target)], axis=1)).max(axis=1, initial=0)
+        open_samples = ~(last < CLOSED)
+        if open_samples.any():
+            some = np.flatnonzero(open_samples)
+            q = q.copy()
+            q[some], gap[some] = self.newton(start[some], target[some])
+        return q, gap
+
     def rates(
         self, q: np.ndarray, yd: np.ndarray, ydd: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """v and a (n, nv) that keep the closures, from the joints' rates (n, d)."""
-        closure_rows = self.mechanism.kinematics.closure_rows
-        J, W = closure_rows(q).rate, self.coordinates(q).rate
+        return self.completed(q, yd, ydd)[:2]
+
+    def completed(
+        self, q: np.ndarray, yd: np.ndarray, ydd: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """v and a (n, nv) as `rates`, and K⁺ (n, nv, m + d) with rates over their `scale`."""
+        kinematics = self.mechanism.kinematics
+        J, W = kinematics.closure_rows(q).rate, self.coordinates(q).rate
         Kp = pseudo_inverse(np.concatenate([J, W / self.scale[:, None]], axis=1))
         v = _times(Kp[:, :, J.shape[1] :], yd / self.scale)
         Jp = linear.pinv(J, 1e-9) if self.surplus else None
         if Jp is not None:
             v = v - _times(Jp, _times(J, v))
-        closing = closure_rows(q, v).drift
+        closing = kinematics.closure_drift(q, v)
         wanted = (ydd - self.coordinates(q, v).drift) / self.scale
         a = _times(Kp, np.concatenate([-closing, wanted], axis=1))
         if Jp is not None:
             a = a - _times(Jp, _times(J, a) + closing)
-        return v, a
+        return v, a, Kp
 
     def follow(self, target: np.ndarray, t: np.ndarray) -> np.ndarray:
         """All configurations (n, nq) along the targets (n, d), on the branch of the start."""

@@ -190,7 +190,7 @@ class State:
         Raises:
             MotionError: if the closures cannot follow, or every sample is near a singular position.
         """
-        usable, turns = self.usable, dict[str, np.ndarray]()
+        usable, turns, inverse = self.usable, dict[str, np.ndarray](), None
         if known is None:
             turns = {joint.name: self.y[:, i] for i, joint in enumerate(mechanism.joints)}
         else:
@@ -201,15 +201,18 @@ class State:
                 q, v, a = (np.ascontiguousarray(x[:, order]) for x in known)
             else:
                 solver = LoopSolver(mechanism, names, np.maximum(known[0].std(axis=0), 1e-9))
-                q = self.q
+                q, again = self.q, self.loop is not None and names == self.independent
                 if start == "follow":
                     order = tour(known[0]) if self.poses else np.arange(len(self))
                     q = np.empty((len(self), mechanism.model.nq))
                     q[order] = solver.follow(known[0][order], self.t)
                 elif start == "near":
-                    q, gap = solver.newton(q, known[0])
+                    chord = again and not solver.surplus
+                    near = solver.near(q, self.pinv, known[0]) if chord else None
+                    q, gap = solver.newton(q, known[0]) if near is None else near
                     usable = usable & (gap < LEFT_OPEN)
-                v, a = solver.rates(q, *known[1:])
+                v, a, inverse = solver.completed(q, *known[1:])
+                inverse = inverse if again and not solver.surplus else None
             motion = q, v, a
         assert motion is not None
         y, yd, ydd = joint_coordinates(mechanism, *motion, turns)
@@ -217,10 +220,14 @@ class State:
         e = replace(self, q=q, v=v, a=a, y=y, yd=yd, ydd=ydd, usable=usable)
         if self.loop is None or start == "same":
             return e
-        return e.transmitted(mechanism, self.independent)
+        return e.transmitted(mechanism, self.independent, inverse=inverse)
 
     def transmitted(
-        self, mechanism: Mechanism, independent: tuple[str, ...], largest: float | None = None
+        self,
+        mechanism: Mechanism,
+        independent: tuple[str, ...],
+        largest: float | None = None,
+        inverse: np.ndarray | None = None,
     ) -> State:
         """With K⁺ and velocity transmission in the independent coordinates.
 
@@ -228,17 +235,23 @@ class State:
             mechanism: a tree has neither; independent: joints to which they refer.
             largest: ‖K⁺‖ from which on a sample is near a singular position and not usable;
                 default: of this state.
+            inverse: K⁺ where it is known already.
 
         Raises:
             MotionError: if every sample is near a singular position.
         """
         if not mechanism.closures:
             return self
-        J = mechanism.kinematics.closure_rows(self.q).rate
-        every = LoopSolver(mechanism, (j.name for j in mechanism.joints)).coordinates(self.q).rate
-        W = every[:, [mechanism.joint_index[name] for name in independent]]
-        Kp = pseudo_inverse(np.concatenate([J, W], axis=1))
-        leverage = every @ Kp[:, :, J.shape[1] :]
+        joints, m = mechanism.joints, len(mechanism.kinematics.multipliers)
+        every = None
+        if not all(joint.in_tree for joint in joints):
+            every = LoopSolver(mechanism, (j.name for j in joints)).coordinates(self.q).rate
+        if inverse is None:
+            J = mechanism.kinematics.closure_rows(self.q).rate
+            W = LoopSolver(mechanism, independent).coordinates(self.q).rate
+            inverse = pseudo_inverse(np.concatenate([J, W], axis=1))
+        Kp, Z = inverse, inverse[:, :, m:]
+        leverage = Z[:, [joint.index for joint in joints]] if every is None else every @ Z
         e = replace(self, loop=(Kp, leverage), independent=independent)
         size = nearness(e)
         limit = largest_nearness(size) if largest is None else largest
