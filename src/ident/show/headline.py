@@ -69,13 +69,14 @@ def error_words(a: Assessment) -> str:
     return f"error {share_words(a.before)}{before} → {share_words(now)}"
 
 
-def cause_words(cause: Cause) -> str:
+def cause_words(cause: Cause, alone: bool = True) -> str:
     """Return a cause: effects of one kind with their joints, counted where they are many, and what
-    this data cannot tell from them.
+    this data cannot tell from them, in brackets where it is not `alone`.
     """
     words = effects_words(cause.effects)
     if cause.rivals:
-        words += f" or {named(cause.rivals, 'or')}, which this data cannot tell apart"
+        rivals = f"or {named(cause.rivals, 'or')}"
+        words += f" {rivals}, which this data cannot tell apart" if alone else f" [{rivals}]"
     return f"{'other values of ' * cause.changed}{words}"
 
 
@@ -128,15 +129,18 @@ def causes_words(causes: Sequence[Cause]) -> str:
         single = similar and all(len(effect.joints) == 1 for effect in cause.effects)
         joints = sorted(effect.joints[0] for effect in cause.effects) if single else [f"{i}"]
         same.setdefault((str(single), *joints), []).append(cause)
-    words = []
+    words, alone = [], len(same) == 1
     for group in same.values():
         if not group[1:]:
-            words.append(cause_words(group[0]))
+            words.append(cause_words(group[0], alone))
             continue
         nouns = [effect_noun(cause.effects[0]) for cause in group]
         joints = [effect.joints[0] for effect in group[0].effects]
         words.append(f"{_common_noun(nouns)} in {joints_words(joints)}")
-    return shortlist(words, CAUSES)
+    text = shortlist(words, CAUSES)
+    # one that the list leaves out has no brackets
+    unclear = "; what is in brackets this data cannot tell from it" * ("[or" in text)
+    return f"{text}{unclear}"
 
 
 def _common_noun(nouns: Sequence[str]) -> str:
