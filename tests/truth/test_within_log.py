@@ -93,3 +93,20 @@ def test_a_wrong_joint_makes_no_noise_of_others(steady):
     known = ident.identify(sprung, ident.complete(sprung, log))
     for joint, noise in known.noise.items():
         assert fit.noise[joint] < 1.3 * noise
+
+
+def test_friction_that_falls_as_the_machine_warms(steady):
+    """All friction falls by a third over the log: no exchange of torques by a few percent."""
+    mechanism, values, _ = steady
+    motion, without = motion_log("arm", RATE, 2 * SECONDS), dict.fromkeys(values, 0.0)
+    log = plant(mechanism, motion, values, noise=SENSORS, seed=3).log
+    rigid = plant(mechanism, motion, without, seed=3).log
+    share = 1 - 0.33 * (log.t - log.t[0]) / np.ptp(log.t)
+    columns = {
+        name: rigid.columns[name] + share * (x - rigid.columns[name]) if name[:4] == "tau." else x
+        for name, x in log.columns.items()
+    }
+    d = diagnosed(mechanism, log.t, columns)
+    finding = next(x for x in d.health.findings if x.code == CODE)
+    assert re.search(r"(coulomb|viscous):\w+ changes steadily", finding.meaning)
+    assert "temperature_friction" in finding.remedy

@@ -3,10 +3,11 @@
     b = A x + w(t − t₀) C θ       C: columns of any effect at any place; t₀: a boundary of blocks
 
 All stretches have the model's parameters and what comes later θ besides, w = [t ≥ t₀]: a load that
-is taken up, a friction that rises, channels that are exchanged. A constant torque may also grow
-from t₀ on, w = (t − t₀)₊, as that of a sensor that warms, or last for some blocks, as a push does.
-All causes at all times are judged at once, by left-out errors held against the most that any of
-them explains of random residuals, and must explain more than any effect that acts all the time.
+is taken up, a friction that rises, channels that are exchanged. A constant torque and friction may
+also grow from t₀ on, w = (t − t₀)₊, as of a sensor or a gear that warms; a torque may last for some
+blocks, as a push does. All causes at all times are judged at once, by left-out errors held against
+the most that any of them explains of random residuals, and must explain more than any effect that
+acts all the time.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ TIMES = 8  # work: in each of two blocks, at which the change is sought in the e
 COMPARED = 8  # work: causes whose times are sought
 ROUNDING_OF_VALUES = 1e-9  # numerics: of the largest number of a change
 SHOWN = 3  # shown: values of a change
+LEAST_SHARE = 0.5  # range: of an exchange: 1, but for what a fit of both stretches takes of it
+WARMING = ("coulomb", "viscous")  # kinds of friction that change with a machine's temperature
 PUSHES = (1, 2, 4)  # work: blocks that a push lasts
 Gate = Callable[[np.ndarray], np.ndarray]
 
@@ -53,8 +56,10 @@ class Cause:
     names: tuple[str, ...]  # of its numbers, with their units
     units: tuple[str, ...]
     columns: list[np.ndarray]  # by part (m, u)
+    least: float = -np.inf  # of its number, below which it is no such cause
     gate: Gate = _on  # how much of it acts, by the time since the change
     lasts: float = np.inf  # for so long [s]
+    remedy: str = ""  # what to do, if not to part the log
 
     def gated(self, since: list[np.ndarray]) -> list[np.ndarray]:
         """Return its columns by part (m, u) at times since the change, by part (m,)."""
@@ -101,7 +106,8 @@ class Change:
             text, remedy = f"{text} ({values})", f"leave out {begin:.2f} to {end:.2f} s"
         else:
             text = f"from t = {begin:.2f} s of {self.log} on: {self.cause.words} ({values})"
-            remedy = f"split the log at {begin:.2f} s and identify its parts by themselves"
+            parted = f"split the log at {begin:.2f} s and identify its parts by themselves"
+            remedy = self.cause.remedy or parted
         return Finding(CODE, text, remedy, (self.log, *self.cause.joints), self.gain)
 
 
@@ -111,7 +117,7 @@ def change_within(first: Ranking) -> Change | None:
     """
     contest, boundaries = first.contest, [*_boundaries(first.contest)]
     causes = [*_effects(contest), *_exchanges(contest)]
-    causes += [cause for offset in causes for cause in _of_offset(contest, offset)]
+    causes += [course for cause in causes for course in _courses(contest, cause)]
     if not (boundaries and causes):
         return None
     if contest.regression.residual[0].shape[1] <= 1:
@@ -143,6 +149,11 @@ def change_within(first: Ranking) -> Change | None:
         cause, number, time = where[i]
         if id(cause) not in timed and len(timed) < COMPARED:
             timed[id(cause)] = _with_time(contest, cause, number, time, boundaries, p)
+    timed = {
+        i: change for i, change in timed.items() if (change.values >= change.cause.least).all()
+    }
+    if not timed:
+        return None
     least_left = 1 - max(change.gain for change in timed.values())
     most_left = (1 + PARSIMONY) * least_left
     equal = [change for change in timed.values() if 1 - change.gain <= most_left]
@@ -194,7 +205,7 @@ def _exchanges(contest: Contest) -> Iterator[Cause]:
             sign = {i: 1.0, j: -1.0}.get(u, 0.0)
             columns.append(sign * difference[contest.use[:, u], None])
         words = f"the torques of {one} and {other} are exchanged"
-        yield Cause(words, (one, other), ("share",), ("1",), columns)
+        yield Cause(words, (one, other), ("share",), ("1",), columns, least=LEAST_SHARE)
 
 
 def _boundaries(contest: Contest) -> Iterator[tuple[int, float]]:
@@ -208,15 +219,21 @@ def _boundaries(contest: Contest) -> Iterator[tuple[int, float]]:
             yield number, float(t[np.argmax(blocks >= block)])
 
 
-def _of_offset(contest: Contest, offset: Cause) -> Iterator[Cause]:
-    """Yield a constant torque that grows, as that of a sensor that warms, or lasts for a while."""
-    kind, _, place = offset.words.partition(":")
+def _courses(contest: Contest, cause: Cause) -> Iterator[Cause]:
+    """Yield what a cause does that does not set in at once: friction that changes as a machine
+    warms, a constant torque that grows, as that of a sensor that warms, or lasts for a while.
+    """
+    kind, _, place = cause.words.partition(":")
+    if kind not in ("torque_offset", *WARMING):
+        return
+    words = f"tau.{place} drifts" if kind == "torque_offset" else f"{cause.words} changes steadily"
+    units = tuple(f"{unit}/s" for unit in cause.units)
+    names = ("rate",) if kind == "torque_offset" else tuple(f"{n} rate" for n in cause.names)
+    warm = f"warm {place} up before the log, or log temperature.{place} for temperature_friction"
+    remedy = warm * (kind != "torque_offset")
+    yield replace(cause, words=words, names=names, units=units, gate=_growing, remedy=remedy)
     if kind != "torque_offset":
         return
-    unit = offset.units[0]
-    yield replace(
-        offset, words=f"tau.{place} drifts", names=("rate",), units=(f"{unit}/s",), gate=_growing
-    )
     table = contest.table
     block = float(np.median(np.diff([t for _, t in _boundaries(contest)]) if table.t.size else 0.0))
     for count in PUSHES:
@@ -226,7 +243,7 @@ def _of_offset(contest: Contest, offset: Cause) -> Iterator[Cause]:
             return ((since >= 0) & (since < lasts)).astype(float)
 
         yield replace(
-            offset, words=f"a push on {place}", names=("torque",), gate=pushed, lasts=lasts
+            cause, words=f"a push on {place}", names=("torque",), gate=pushed, lasts=lasts
         )
 
 

@@ -47,6 +47,7 @@ from ident.faults.data_checks import DataChecks, Health
 from ident.faults.fault import Fault, fault_finding, scale_of_time
 from ident.finding import Finding
 from ident.fit import Fit, identify
+from ident.fit.findings import DRIVING
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
 from ident.information.chance import ALPHA, EXCESS, EXPLAINED_BELOW, RIVAL
@@ -174,8 +175,9 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
     beyond_white = _loud(selection.contest, white=True)
     # halves of the log say whether the motion determines what is left; if so it is no noise
     by_motion = bool(beyond_white) and determined_by_motion(selection.contest)
-    # a wrong channel must explain more than the effects that were found
-    squares = last.losses / last.weight**2
+    # a wrong channel must explain more than the effects that were found, in a possible machine
+    possible = all(finding.code != DRIVING for finding in fit.findings)
+    squares = last.losses / last.weight**2 if possible else None
     checks = DataChecks(
         fit.problem, fit.estimate, fit.relative, contest.table, contest.use, squares
     )
