@@ -227,28 +227,36 @@ def blocks_of(log: int, block: int, rows: Rows, supports: Sequence[np.ndarray]) 
     """Return the blocks of some rows of one block of time, one a coordinate."""
     span, blocks = (float(rows.t[0]), float(rows.t[-1])), []
     by_coordinate = rows.A.transpose(1, 2, 0)  # samples are contiguous, as LAPACK wants them
-    for u, support in enumerate(supports):
-        tau, informs, moves = rows.tau[:, u], rows.informed[:, u], rows.moving[:, u]
+    informs, at_rest = rows.informed, rows.rest > 0
+    still, opened = informs & ~rows.moving & ~at_rest, ~informs
+    squares, stretches = rows.tau**2, (rows.rest**2).sum(axis=0)
+    in_motion, standing = ((squares * x).sum(axis=0) for x in (rows.moving, ~rows.moving))
+    kinds = np.stack([x.any(axis=0) for x in (still, opened, at_rest, informs)], axis=1)
+    for u, (support, has) in enumerate(zip(supports, kinds, strict=True)):
         columns = np.empty((len(support) + 1, len(rows)))
         np.take(by_coordinate[u], support, axis=0, out=columns[:-1], mode="clip")
         columns[-1] = rows.b[:, u]
-        at_rest = rows.rest[:, u] > 0
-        still, open_rows = (
-            Triangle.of_columns(columns[:, mask]) if mask.any() else Triangle.empty(len(support))
-            for mask in (informs & ~moves & ~at_rest, ~informs)
+        none = Triangle.empty(len(support))
+        standing_still, open_rows = (
+            Triangle.of_columns(columns[:, mask[:, u]]) if any_of else none
+            for mask, any_of in ((still, has[0]), (opened, has[1]))
         )
         rest_rows, resting = None, False
-        if at_rest.any():
-            resting = bool(informs[at_rest].all())  # they are weighed already
-            weight = np.ones(1) if resting else rows.rest[at_rest, u]
-            rest_rows = Triangle.of_columns(columns[:, at_rest] * weight)
-        informing_rows = Triangle.empty(len(support))
-        if informs.any():
-            informing_rows = Triangle.of_columns(columns if informs.all() else columns[:, informs])
-        torque = float(tau[moves] @ tau[moves]), float(tau[~moves] @ tau[~moves])
-        made = Block(log, block, u, informing_rows, open_rows, still, support, torque, span)
-        count = float((rows.rest[:, u] ** 2).sum())
-        blocks.append(replace(made, rest_rows=rest_rows, stretches=count, resting=resting))
+        if has[2]:
+            resting_now = at_rest[:, u]
+            resting = bool(informs[resting_now, u].all())  # they are weighed already
+            weight = np.ones(1) if resting else rows.rest[resting_now, u]
+            rest_rows = Triangle.of_columns(columns[:, resting_now] * weight)
+        informing_rows = none
+        if has[3]:
+            informing_rows = Triangle.of_columns(columns[:, informs[:, u]] if has[1] else columns)
+        blocks.append(
+            Block(
+                log, block, u, informing_rows, open_rows, standing_still, support,
+                (float(in_motion[u]), float(standing[u])), span, rest_rows, float(stretches[u]),
+                resting,
+            )
+        )  # fmt: skip
     return blocks
 
 

@@ -26,8 +26,10 @@ from ident.information.linear import Array, Index
 PERIOD = 16.0  # numerics: nodes a period of the cut-off
 SIDE = 5  # numerics: nodes on either side of a sample that its polynomial goes through
 NODES = 4096  # work: nodes at which series are made at once
-WINDOW = 24  # work: rows that are made both ways
-LONG = 3.0  # work: lengths of these rows that a run has at least; a shorter one has no need
+WINDOW = 24  # work: rows that are made both ways, of a long run
+FEWEST_ROWS = 8  # work: and of a short one
+SHARE = 8  # work: of so many rows of a short run one is made both ways
+LONG = 3.0  # work: times what these rows need that a run has at least; a shorter one has no need
 WORST = 10.0  # numerics: times the agreement asked of all rows, that the worst may lack
 SIGNIFICANT = 1e-9  # numerics: of the largest column: a smaller one has rounding alone
 LITTLE = 1e-3  # numerics: of the fastest joint, below which a motion may differ by as much more
@@ -208,8 +210,10 @@ def agreeing_step(
     """
     step = int(rate / (PERIOD * cutoff))
     longest = max(runs, key=lambda run: run.stop - run.start, default=slice(0, 0))
-    window = 2 * decimator.half + WINDOW * decimator.factor
-    if longest.stop - longest.start < LONG * window:
+    length, half = longest.stop - longest.start, decimator.half
+    window = (length - 2 * half) // (SHARE * decimator.factor)
+    window = min(max(window, FEWEST_ROWS), WINDOW)
+    if length < LONG * (2 * half + window * decimator.factor):
         return 1
     while step > 1 and (worst := _worst(decimator, step, runs, quick, tolerance)) is None:
         step //= 2
@@ -217,10 +221,9 @@ def agreeing_step(
         return 1
     # the same rows both ways, about the worst
     run, row = worst
-    half = decimator.half
     rows = np.arange(run.start + half, run.stop - half, decimator.factor)
-    first = int(np.clip(row - WINDOW // 2, 0, len(rows) - WINDOW))
-    at = rows[first : first + WINDOW]
+    first = max(min(row - window // 2, len(rows) - window), 0)
+    at = rows[first : first + window]
     inside = slice(
         max(run.start, int(at[0]) - half - 2 * SIDE * step),
         min(run.stop, int(at[-1]) + half + 2 * SIDE * step + 1),

@@ -38,6 +38,7 @@ from ident.fit.values import ParameterValues
 from ident.information.blocks import Error
 from ident.information.chance import NEGATIVE, covariance, held_out, prior_covariance
 from ident.information.estimate import Estimate
+from ident.information.left_out import LeftOut
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion import Motion
@@ -188,17 +189,21 @@ def fit_of(
     """
     findings = [*basis_bias(problem, estimate), *findings]
     free, binding, limits = estimate, None, problem.mechanism.consistency
+    blocks: LeftOut | None = None
     if consistent:
         limits |= consistent if isinstance(consistent, Consistency) else Consistency()
         nearest = nearest_possible(problem, estimate, limits, on_progress)
         problem, estimate, free, outside, binding = nearest
         findings += binding.findings
     else:
-        outside = held_out(problem.fitting, problem.information, estimate, problem.prior)
+        blocks = LeftOut.of(problem.fitting, estimate)
+        outside = held_out(
+            problem.fitting, problem.information, estimate, problem.prior, left_out=blocks
+        )
         if limits != Consistency():
             text = "bounds and total_mass of [parameters] hold in a consistent fit only"
             findings.append(Finding("limits ignored", text, "--consistent"))
-    cov = covariance(problem.fitting, free)
+    cov = covariance(problem.fitting, free, blocks)
     if likelihood is not None:
         cov = likelihood.covariance(cov, free)
     cov += prior_covariance(free, problem.plausible)

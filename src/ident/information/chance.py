@@ -69,12 +69,17 @@ SQUARES_APART = 1e-12  # numerics: of ν: a smaller step of its search is the la
 Times = Sequence[tuple[int, int]]  # (log, block)
 
 
-def covariance(information: Information, estimate: Estimate) -> Array:
-    """Return the covariance (n_ind, n_ind) of the base parameters; NaN for a single block."""
+def covariance(
+    information: Information, estimate: Estimate, blocks: LeftOut | None = None
+) -> Array:
+    """Return the covariance (n_ind, n_ind) of the base parameters; NaN for a single block.
+
+    `blocks`: of both, where they are made already.
+    """
     size, times = estimate.base.rank, information.times
     if not size or len(times) < 2:
         return np.full((size, size), np.nan)
-    blocks = LeftOut.of(information, estimate)
+    blocks = blocks or LeftOut.of(information, estimate)
     deltas, shares = blocks.deltas
     total, nu = long_run(information.neighbours, deltas, shares)
     wider = np.sqrt(nu / (nu - 2))
@@ -252,10 +257,12 @@ def held_out(
     fitted: Estimate,
     prior: Array,
     refit: Callable[[Estimate], Array] | None = None,
+    left_out: LeftOut | None = None,
 ) -> Squares | None:
     """Return errors in each stretch of the rows `scoring` of the model fitted to all other rows
     `fitting`, with the weights of `fitted`; None for one stretch. `refit`: what follows from the
-    estimate of the other stretches, (k,); by default as it is.
+    estimate of the other stretches, (k,); by default as it is. `left_out`: of `fitting` and
+    `fitted`, where it is made already.
     """
     both = fitting, scoring
     logs = {log for information in both for log in information.logs}
@@ -272,7 +279,7 @@ def held_out(
     if refit is None and fitted.base.rank:
         # (log, block) of the rows in each stretch
         groups = [part.times for part in parted.values()]
-        changes, good = LeftOut.of(fitting, fitted).without(groups)
+        changes, good = (left_out or LeftOut.of(fitting, fitted)).without(groups)
     changed = dict(zip(parted, zip(changes, good, strict=True), strict=True))
     without = _Without(fitted, prior, parted)
     sums = Squares.zero(scoring.d)
