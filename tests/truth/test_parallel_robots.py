@@ -11,12 +11,13 @@ CASES = {
     "delta": (
         "viscous", "spring:arm2_drive", {"spring.arm2_drive.k": 3.5, "spring.arm2_drive.b": 0.4},
     ),
+    "redundant_planar": ("viscous", "coulomb:drive2", {"coulomb.drive2.Fc": 0.12}),
     "quadrotor": (
         "", "body_drag:body",
         {"body_drag.body.Dx": 0.25, "body_drag.body.Dy": 0.25, "body_drag.body.Dz": 0.1},
     ),
 }  # fmt: skip
-FREEDOM = {"stewart": 6, "delta": 3, "quadrotor": 6}
+FREEDOM = {"stewart": 6, "delta": 3, "redundant_planar": 2, "quadrotor": 6}
 
 
 @pytest.fixture(scope="module", params=CASES)

@@ -165,7 +165,7 @@ def weighed(
         # without a sensor of torques nothing but the motion is noisy, and equations are far from
         # linear over a long first step
         if not problem.mechanism.measured and _moved(estimate.x, now) > SECOND_ORDER:
-            better = refined(problem, estimate, share, on_progress)
+            better = refined(problem, estimate, share, on_progress, sigma)
             return *better, better[2].findings
         likelihood = Likelihood(share, sigma, 1, False, 1.0, at.motion(runs, now.x), at)
         return replace(at.problem, runs=runs), now, likelihood, likelihood.findings
@@ -178,15 +178,24 @@ def weighed(
 
 
 def refined(
-    problem: Problem, estimate: Estimate, share: np.ndarray, on_progress: Progress = no_progress
+    problem: Problem,
+    estimate: Estimate,
+    share: np.ndarray,
+    on_progress: Progress = no_progress,
+    sigma: np.ndarray | None = None,
 ) -> Weighed:
     """Make Gauss-Newton steps from a least-squares estimate and the problem's motion, until
     parameters are at rest; what `found` holds at the prior, and how it regroups, stays. The problem
-    that is returned has rows whitened by noise of torques and motion.
+    that is returned has rows whitened by noise of torques and motion: of torques `sigma` (d,), or
+    as much as explains the residual.
     """
     progress = part(on_progress, 0.0, 1 / STEPS)
     at = Linearization.at(problem, estimate.x, problem.motion.experiments, progress)
-    sigma, runs, now = at.balanced(estimate)
+    balances = sigma is None
+    if sigma is None:
+        sigma, runs, now = at.balanced(estimate)
+    else:
+        runs, now = at.whitened(estimate, sigma)
     raised = at.raised(sigma)
     step, converged = 1, False
     while step < STEPS and not converged:
@@ -194,7 +203,7 @@ def refined(
         after = Linearization.at(problem, now.x, at.with_motion(runs, now.x), progress, at)
         if after.loss(sigma) > (1 + DESCENT_ROUNDING) * at.loss(sigma):
             break  # no step lowers the loss: friction that jumps, or rounding
-        if step == 1:  # the first motion was not yet one that the torques agree with
+        if step == 1 and balances:  # the first motion was not yet one that the torques agree with
             sigma, runs, now = after.balanced(estimate)
             raised = after.raised(sigma)
         else:
@@ -275,8 +284,12 @@ class Linearization:
         return least, np.maximum(largest, least)  # a motion that has moved leaves less than noise
 
     def raised(self, sigma: np.ndarray) -> float:
-        """Return how many times as large as that of the sensors some noise of the torques is."""
-        return float((sigma / self.noise()[0]).max())
+        """Return how many times as large as that of the sensors some noise of the torques is; of
+        passive joints there is no sensor.
+        """
+        names = self.problem.motion.independent
+        sensed = [name not in self.problem.mechanism.passive for name in names]
+        return float((sigma / self.noise()[0])[sensed].max(initial=1.0))
 
     def loss(self, sigma: np.ndarray) -> float:
         """Return the loss of all experiments."""
