@@ -92,18 +92,26 @@ def misread(
     t, inside = case.log.t, slice(ENDS, -ENDS)
     clock = 1 + by_place.get(("clock", ""), 0.0)
 
-    def read(channel: str, x: np.ndarray) -> np.ndarray:
-        late = by_place.get(("lateness", channel.replace("v.", "q.").replace("a.", "q.")), 0.0)
+    def read(x: np.ndarray, late: float) -> np.ndarray:
         return np.asarray(CubicSpline(t, x)(t - late))
+
+    def torque(name: str, late: float) -> np.ndarray:
+        """Of the machine as it was before: friction that steps is none between two samples."""
+        channel = f"tau.{name}"
+        if not late:
+            return case.log.columns[channel]
+        before = Log.from_arrays("before", t, {n: read(x, late) for n, x in motion.columns.items()})
+        return ident.simulate(true, before, values=case.values)[0].columns[channel]
 
     columns = {}
     for name in logged:
+        late = by_place.get(("lateness", f"q.{name}"), 0.0)
         for order, kind in enumerate("qva"):
-            x = read(f"{kind}.{name}", case.log.columns[f"{kind}.{name}"]) * clock**order
+            x = read(case.log.columns[f"{kind}.{name}"], late) * clock**order
             zero = by_place.get(("q", f"q.{name}"), 0.0) if kind == "q" else 0.0
             columns[f"{kind}.{name}"] = (x - zero)[inside]
     for name in mechanism.driven:
-        x = read(f"tau.{name}", case.log.columns[f"tau.{name}"])
+        x = torque(name, by_place.get(("lateness", f"tau.{name}"), 0.0))
         x = x * (1 + by_place.get(("tau", f"tau.{name}"), 0.0))
         x = x + noise * np.sqrt(np.mean(x**2)) * random.normal(size=len(x))
         columns[f"tau.{name}"] = x[inside]

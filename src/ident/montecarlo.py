@@ -18,12 +18,14 @@ from ident.fit import Fit, identify
 from ident.fit.values import BaseValue, Value
 from ident.lazy import lazy
 from ident.log import Log, read_log
+from ident.mechanism.causes import Cause, causes_of
 from ident.mechanism.mechanism import Mechanism, Multipliers
 from ident.motion import Motion, complete
 from ident.pool import Workers
 from ident.simulate.integrate import AnyLog
 from ident.simulate.inverse import CHANNELS as USUAL
 from ident.simulate.inverse import noisy, noisy_columns, random_of
+from ident.simulate.misread import misread as read_wrongly
 
 if TYPE_CHECKING:
     import polars as pl
@@ -194,6 +196,7 @@ class TrialPlan:
     truth: Truth  # compared with them
     columns: tuple[str, ...]  # of the log, that get noise
     seed: int  # of all noise
+    misread: bool = False  # whether errors of the calibration are drawn from their priors too
 
     @cached_property
     def motion(self) -> Motion:
@@ -201,8 +204,21 @@ class TrialPlan:
         return complete(self.mechanism, [self.log])
 
     def log_of(self, snr: float, run: int) -> Log:
-        """Return the noisy log of a run."""
-        return noisy(self.log, snr, self.columns, random_of(self.seed, snr, run))
+        """Return the noisy log of a run, the calibration's errors being the same at every ratio."""
+        log = read_wrongly(self.log, self.causes, self.errors_of(run)) if self.misread else self.log
+        return noisy(log, snr, self.columns, random_of(self.seed, snr, run))
+
+    @cached_property
+    def causes(self) -> tuple[Cause, ...]:
+        """What may be wrong with the sensors."""
+        logged = [n.partition(".")[2] for n in self.log.columns if n.startswith("q.")]
+        spacing = float(np.median(np.diff(self.log.t)))
+        return tuple(causes_of(self.mechanism, logged, 1 / spacing))
+
+    def errors_of(self, run: int) -> dict[str, float]:
+        """Return the errors of a run by cause, in prior scales."""
+        random = np.random.default_rng([self.seed, run])
+        return {cause.name: float(random.standard_normal()) for cause in self.causes}
 
     def rows(self, task: tuple[float, int]) -> TrialRows:
         """Apply every estimator to one draw of the noise: at an SNR [dB], of a number."""
@@ -359,6 +375,7 @@ def monte_carlo(
     reactions: AnyLog | None = None,
     channels: Sequence[str] = USUAL,
     seed: int = 0,
+    misread: bool = False,
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress | None = None,
@@ -377,6 +394,9 @@ def monte_carlo(
             as it is.
         channels: which get noise: `q`, `v`, `a`, `tau`, `wrench`.
         seed: of all noise; the same seed, the same runs, in whatever number of processes.
+        misread: whether each run's sensors have errors drawn from the priors of the mechanism's
+            calibration, with which it is identified too; lengths are exact, as another length is
+            another machine. Without it the calibration is exact: noise alone is studied.
         jobs: processes; None: one a core; 1: this one alone.
         scheduler: address of a Dask scheduler whose workers make the runs, in place of processes.
         progress: called with (what is being done, share done).
@@ -403,9 +423,10 @@ def monte_carlo(
     columns = noisy_columns(log, channels)
     if reactions is not None and not isinstance(reactions, Log):
         reactions = read_log(reactions)
-    mechanism = mechanism.with_calibration("exact")  # the noise alone is studied
-    known = truth_of(mechanism, log, truth, reactions)
-    plan = TrialPlan(mechanism, log, applied, known, columns, int(seed))
+    exact = mechanism.with_calibration("exact")
+    known = truth_of(exact, log, truth, reactions)
+    studied = mechanism.with_calibration("length=exact") if misread else exact
+    plan = TrialPlan(studied, log, applied, known, columns, int(seed), misread)
     workers = Workers(jobs, scheduler, False, progress)
     tasks = [(ratio, run) for run in range(runs) for ratio in ratios]
     names = [f"run {run} at {ratio:g} dB" for ratio, run in tasks]

@@ -9,18 +9,20 @@ divided by their noise, and P = diag(0, 1) the prior of η,
     [β; η] = (H + P)⁻¹ [A, N S]ᵀ b              β: the marginal estimate
     Cov β  = (noise)  +  C C ᵀ                  C = (H + P)⁻¹ restricted to β, η: by cause
 
-The first part is what noise of the rows makes of that estimate, by the jackknife of all standard
-errors; the columns of C are what one standard deviation of each cause makes, and their squares add
-up: the budget. Where torques and motion are weighed together, the rows are those that the motion's
-noise whitens (`fit.calibration_rows`). Sources: JCGM 100 (GUM), 2008, sect. 5; mixed estimation
-(Theil, Goldberger, Int. Econ. Rev. 2(1), 1961).
+The first part is what noise of the rows makes of that estimate. Rows are divided by a noise that
+counts how alike neighbours are, and that holds the steps of friction which jitter between samples;
+its covariance is averaged with what blocks of time scatter (`information.chance`). The columns of C
+are what one standard deviation of each cause makes, and their squares add up: the budget. Where
+torques and motion are weighed together, the rows are those that the motion's noise whitens
+(`fit.calibration_rows`). Sources: JCGM 100 (GUM), 2008, sect. 5; mixed estimation (Theil,
+Goldberger, Int. Econ. Rev. 2(1), 1961).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -126,9 +128,8 @@ def budget_of(of_fit: FitRows, fitted: Estimate) -> Budget | None:
         if not causes:
             return None
         N = np.stack([column for k in felt if (column := columns[k]) is not None], axis=-1)
-        rows = at.beside(fitted, N, N @ values)
-        information = at.reduced(rows)
-        z, total, sigma, white = _marginal(rows, information, fitted, at, len(causes))
+        rows, jitter = at.beside(fitted, N, N @ values), at.jitter(x, causes)
+        information, z, total, sigma, white = _weighed(rows, jitter, fitted, at, len(causes))
         if len(z.base.dependent):  # a log that is spoilt: which of its errors is open
             kept = np.setdiff1d(np.arange(len(causes)), z.base.dependent - n)
             if (z.base.dependent < n).any() or not len(kept):
@@ -136,8 +137,7 @@ def budget_of(of_fit: FitRows, fitted: Estimate) -> Budget | None:
             left_out += [c.name for k, c in enumerate(causes) if k not in kept]
             causes, values, N = [causes[k] for k in kept], values[kept], N[..., kept]
             rows = at.beside(fitted, N, N @ values)
-            information = at.reduced(rows)
-            z, total, sigma, white = _marginal(rows, information, fitted, at, len(causes))
+            information, z, total, sigma, white = _weighed(rows, jitter, fitted, at, len(causes))
             if len(z.base.dependent):
                 return None
         if not number and not at.same_as(of_fit):
@@ -169,6 +169,26 @@ def _propagated(information: Information, sigma: np.ndarray, n: int) -> np.ndarr
     R = information.total(sigma).R
     change: np.ndarray = linear.lstsq(R[:, :n], R[:, n:], rcond=None)[0]
     return change
+
+
+def _weighed(
+    rows: Rows, jitter: np.ndarray, fitted: Estimate, of: FitRows, c: int
+) -> tuple[Information, Estimate, Triangle, np.ndarray, np.ndarray]:
+    """Return rows whose weights hold what jitters (N, d) in them, and `_marginal` of these."""
+    if of.white or not jitter.any():
+        information = of.reduced(rows)
+        return information, *_marginal(rows, information, fitted, of, c)
+    information = of.reduced(rows)
+    result = _marginal(rows, information, fitted, of, c)
+    for _ in range(PASSES):
+        sigma = result[2]
+        w = 1 / np.sqrt(1 + jitter / sigma**2)
+        weighted = replace(rows, A=rows.A * w[:, :, None], b=rows.b * w)
+        information = of.reduced(weighted)
+        result = _marginal(weighted, information, fitted, of, c)
+        if np.abs(np.log(result[2] / sigma)).max() < NEAR:
+            break
+    return information, *result
 
 
 def _marginal(

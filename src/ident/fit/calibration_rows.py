@@ -9,6 +9,7 @@ the causes' columns N are put beside A, so that both are whitened by the same no
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -17,6 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ident.equations.filter import Decimator
 from ident.equations.motion_noise import LinearRun, rows_cutoff
 from ident.equations.problem import Problem, block_edges, stacks_information, triangles
 from ident.equations.rows import Rows, Scene
@@ -125,6 +127,12 @@ class FitRows(ABC):
         return self
 
     @abstractmethod
+    def jitter(self, x: np.ndarray, causes: Sequence[Cause]) -> np.ndarray:
+        """Return the variance (N, d) of rows by steps of friction that fall between samples: by
+        parts of one, another one in each reversal, where channels are late by parts of a sample.
+        """
+
+    @abstractmethod
     def corrected(self, x: np.ndarray, causes: Sequence[Cause], values: np.ndarray) -> FitRows:
         """Return the rows without causes of some values, at the parameters x (k,)."""
 
@@ -178,6 +186,33 @@ class ReducedRows(FitRows):
         mechanism, point = self._corrected(x, causes, values)
         table = Table.of(mechanism, Columns.of(mechanism), self.problem.motion, point)
         return ReducedRows(self.problem, table)
+
+    def jitter(self, x: np.ndarray, causes: Sequence[Cause]) -> np.ndarray:
+        """Return the filtered squares of what an effect's torque changes by from sample to sample.
+
+        A step at t is seen at the next sample, one that is late by d = k + φ samples k or k + 1
+        samples later, a share φ of all: a variance of φ (1 − φ) samples².
+        """
+        values, table = self.problem.point_at(x).values, self.table
+        point, variance = table.point.with_values(values), np.zeros(table.b.shape)
+        lateness = {c.place: c.scale for c in causes if c.kind == "lateness"}
+        for number, scene in enumerate(table.scenes):
+            e, at = scene.e, table.sample[table.experiment == number]
+            samples = replace(scene.samples.reduced(slice(None)), point=point)
+            squares = np.zeros((len(e), table.b.shape[1]))
+            for effect in table.mechanism.effects:
+                places = (f"{channel}.{name}" for name in effect.joints for channel in ("q", "tau"))
+                spread = e.rate * math.hypot(*(lateness.get(place, 0.0) for place in places))
+                if not spread or effect.corrects or effect.implicit or effect.loaded_link:
+                    continue
+                torque = np.zeros(squares.shape)
+                samples.add_effect(torque, effect, *point.of(effect))
+                squares[1:] += _of_a_share(spread) * np.diff(torque, axis=0) ** 2
+            taps = Decimator.of(self.problem.motion.band.cutoff, e.rate).taps
+            if taps is not None:
+                squares = np.stack([np.convolve(x, taps**2, "same") for x in squares.T], axis=1)
+            variance[table.experiment == number] = squares[at]
+        return variance * table.scale**2
 
     def noise(self, scatter: np.ndarray, white: np.ndarray, now: Estimate) -> np.ndarray:
         """Return the blocks' covariance."""
@@ -243,6 +278,10 @@ class WhitenedRows(FitRows):
         linear = self.linear.again(grown, x)
         return replace(self, linear=linear)
 
+    def jitter(self, x: np.ndarray, causes: Sequence[Cause]) -> np.ndarray:
+        """Return zeros: the noise of the motion holds it."""
+        return np.zeros(self.informed.shape)
+
     def noise(self, scatter: np.ndarray, white: np.ndarray, now: Estimate) -> np.ndarray:
         """Return the mean of both."""
         squares = self.linear.squares_per_row(now)
@@ -278,6 +317,13 @@ def _column(table: Table, cause: Cause, share: float) -> np.ndarray:
         spacing = max(float(s.e.t[1] - s.e.t[0]) for s in table.thin if len(s.e) > 1)
         step = spacing * np.ceil(step / spacing - ROUNDING)
     return cause.scale * table.sensitivity(effect, none, parameter.name, step)
+
+
+def _of_a_share(spread: float) -> float:
+    """Return the mean of φ (1 − φ), φ the part beyond whole samples of a normal lateness whose
+    standard deviation is `spread` samples: by E|d| − E d² where it is small, at most that of all φ.
+    """
+    return min(1 / 6, max(0.0, np.sqrt(2 / np.pi) * spread - min(spread, 0.25) ** 2))
 
 
 def _rows(table: Table) -> Rows:
