@@ -143,6 +143,54 @@ def test_commands_of_which_none_changes_are_refused(mechanism, log):
         ident.complete(mechanism, log.with_columns(**still))
 
 
+def test_a_model_of_drives_is_compared_with_torques_that_were_measured(mechanism, log, torques):
+    fit = ident.identify(mechanism, ident.complete(mechanism, log))
+    (e,) = fit.motion.experiments
+    rate = e.yd[:, mechanism.joint_index["elbow"]]
+    viscous = 0.06  # [N m s/rad] which the fit has in kd
+    torques = {**torques, "elbow": torques["elbow"] - viscous * rate}
+    cutoff = fit.motion.band.cutoff
+    alike = ident.complete(mechanism, sensed(log, torques, "elbow"), cutoff=cutoff)
+    plain, beside = (ident.compare(fit, motion=m) for m in (fit.motion, alike))
+    assert beside.findings == {}
+    ((name, residual),) = beside.residuals.items()
+    tau = residual.predictions[0].measured[:, 2]
+    assert np.allclose(tau, torques["elbow"], atol=1e-12)  # not what the drive makes of the command
+    for joint in ("yaw", "shoulder"):  # with the delay that they had in common with the elbow
+        assert beside.errors[name][joint].rms == pytest.approx(
+            next(iter(plain.errors.values()))[joint].rms, rel=0.2
+        )
+    other = {**torques, "elbow": 1.3 * torques["elbow"]}
+    differing = ident.compare(fit, motion=ident.complete(mechanism, sensed(log, other, "elbow")))
+    (finding,) = differing.findings[name]
+    assert (finding.code, finding.where) == ("two torques", ("tau.elbow",))
+    assert "which is used" not in str(plain)
+    assert "tau.elbow, which is used" in str(differing)
+
+
+def test_what_cannot_be_negative_is_held_at_zero(mechanism, log):
+    # of friction against the motion nothing shows in a log of drives that push
+    way = {joint: pl.col(f"q.{joint}").diff().fill_null(0).sign() for joint in JOINTS}
+    pushed = log.with_columns(**{
+        f"ref.{joint}": pl.col(f"ref.{joint}") - 0.02 * way[joint] for joint in JOINTS
+    })  # fmt: skip
+    fit = ident.identify(mechanism, ident.complete(mechanism, pushed))
+    (finding,) = (x for x in fit.findings if x.code == "held at zero")
+    assert {*finding.where} >= {"coulomb.yaw.Fc", "coulomb.shoulder.Fc"}
+    for effect in fit.effects:
+        for p, unknown in zip(effect.parameters, effect.effect.parameters, strict=True):
+            assert p.value >= 0 or not unknown.nonnegative or p.value > -2 * p.stderr
+
+
+def test_drives_that_seem_to_be_early_are_taken_to_follow_at_once(mechanism, log):
+    late = {f"ref.{joint}": pl.col(f"ref.{joint}").shift(4, fill_value=0.0) for joint in JOINTS}
+    motion = ident.complete(mechanism, log.with_columns(**late)[10:])  # 20 ms; they follow by 8
+    fit = ident.identify(mechanism, motion)
+    (finding,) = (x for x in fit.findings if x.code == "delay at its bound")
+    assert "before the command" in str(finding)
+    assert not any(name.startswith("command_delay") for name in fit.point.values)
+
+
 def narrow(fit):
     return [finding for finding in fit.findings if finding.code == "narrow intervals"]
 

@@ -10,23 +10,26 @@ import numpy as np
 from ident.effects import Effect, ReversalPulses
 from ident.effects.drive import RotorInertia
 from ident.effects.effect import Signals
-from ident.effects.servo import LATEST_COMMAND, CommandDelay, Drive
+from ident.effects.servo import LATEST_COMMAND, PREFIX, CommandDelay, Drive
 from ident.equations.problem import Problem
+from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.finding import Finding
 from ident.fit.shapes import NoScale
 from ident.information import linear
+from ident.information.chance import NEGATIVE
 from ident.information.estimate import Estimate
 from ident.mechanism.drives import with_common_delay
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, State
 from ident.motion.commands import ON_ABOVE, servo_cutoff
-from ident.text import listed, percent, shortlist
+from ident.text import listed, percent, shortlist, significant
 
 DIFFERS = 0.1  # level: share of the measured torque by which a drive's differs and is named
 AT_BOUND = 1e-6  # numerics: [s] from the end of its search within which a delay is at it
 DELAYS = 11  # work: delays of a command that are tried before the nearest is refined
 BELOW_LIMIT = 0.95  # numerics: of a drive's limit: a measured torque below it is not clipped …
+HELD_AT_ZERO = "held at zero"  # code of a finding
 FAR_ABOVE = 1.5  # level: a cut-off over that of servos, from which noise biases what they show
 ROUNDS = 4  # work: … at first, then one that the fitted law does not clip
 
@@ -66,6 +69,23 @@ def with_sensors_first(
     for effect in with_common_delay(drives):
         kept = kept + effect
     return kept, tuple(findings)
+
+
+def with_known_drives(mechanism: Mechanism, point: Point) -> tuple[Mechanism, Point]:
+    """Return the mechanism whose drives have the gains and delays of a point as known ones, and the
+    point without the delay that they share: so the drives of some joints can be left out.
+    """
+    drives = []
+    for drive in mechanism.drives.values():
+        values = {**drive.values, **point.of(drive)[1]}
+        if "delay" in drive.settings and isinstance(drive, Drive):
+            nothing = np.zeros(0)
+            at = Signals(nothing, nothing, nothing, nothing, nothing, {}, {}, point.values)
+            values["delay"] = drive.delay(at)
+        drives.append(replace(drive, values=values))
+    others = [e for e in mechanism.effects if not e.supplies_torque and e.kind != CommandDelay.kind]
+    values = {name: x for name, x in point.values.items() if not name.startswith(PREFIX)}
+    return replace(mechanism, effects=(*others, *drives)), replace(point, values=values)
 
 
 def _compared(mechanism: Mechanism, drive: Effect, experiments: Sequence[State]) -> Finding | None:
@@ -245,6 +265,91 @@ def narrow_intervals(problem: Problem) -> list[Finding]:
             "which biases damping, rotors and delay",
             "leave out the cut-off",
             tuple(names), cutoff / servos, FAR_ABOVE,
+        )
+    ]  # fmt: skip
+
+
+def held_at_zero(problem: Problem, estimate: Estimate) -> tuple[Estimate, list[Finding]]:
+    """Return the estimate within the signs that effects of drives' joints can have, and a finding
+    on those that it holds at zero because they came out on the other side.
+
+    A command shows inertia and friction less well than a torque does, and no simulation runs with
+    negative ones. The one that is farthest from zero in standard errors is held first, as the
+    others may follow it.
+    """
+    drives, negative = problem.mechanism.drives, dict[int, float]()
+    if not drives or problem.stacked:
+        return estimate, []
+    places = np.array([
+        place
+        for effect, columns in problem.columns.effects if {*effect.joints} & {*drives}
+        for unknown, place in zip(effect.unknowns, columns[: len(effect.unknowns)], strict=True)
+        if unknown.nonnegative and place >= 0 and problem.prior[place] == 0
+    ], dtype=int)  # fmt: skip
+    while True:
+        base, x = estimate.base, estimate.x
+        error = np.zeros(len(x))  # of those that no other column is made from
+        error[base.independent] = np.sqrt(np.diag(estimate.solution.C)) * ~base.K.any(axis=1)
+        below = places[(x[places] < 0) & (error[places] > 0) & ~estimate.fixed[places]]
+        if not len(below):
+            break
+        worst = below[np.argmin(x[below] / error[below])]
+        negative[int(worst)] = float(x[worst])
+        fixed = estimate.fixed.copy()
+        fixed[worst] = True
+        estimate = problem.estimate(sigma=estimate.sigma, fixed=fixed)
+    if not negative:
+        return estimate, []
+    names = [problem.columns.names[place] for place in negative]
+    values = [
+        f"{name} ({significant(value, 2)})"
+        for name, value in zip(names, negative.values(), strict=True)
+    ]
+    return estimate, [
+        Finding(
+            HELD_AT_ZERO,
+            f"{shortlist(values)} came out negative, which no such effect can be, and "
+            f"{'is' if len(names) == 1 else 'are'} held at zero",
+            "log a faster motion, or see what is missing (ident diagnose)",
+            tuple(names),
+        )
+    ]
+
+
+def without_negative_delay(
+    problem: Problem, estimate: Estimate
+) -> tuple[Mechanism | None, list[Finding]]:
+    """Return the mechanism whose drives follow at once, with a finding, where their delay came out
+    below zero by more than its error; None where it did not.
+    """
+    mechanism, base = problem.mechanism, estimate.base
+    errors = np.sqrt(np.diag(estimate.solution.C))
+    early = dict[str, float]()
+    for effect, places in problem.columns.effects:
+        place = int(places[-1])
+        if effect.kind == CommandDelay.kind and place in base.independent:
+            error = float(errors[list(base.independent).index(place)])
+            if estimate.x[place] < -NEGATIVE * error:
+                early |= dict.fromkeys(effect.joints, float(estimate.x[place]))
+    if not early:
+        return None, []
+    drives = [
+        replace(drive, values={**drive.values, "delay": 0.0}) if name in early else drive
+        for name, drive in mechanism.drives.items()
+    ]
+    others = [e for e in mechanism.effects if not e.supplies_torque and e.kind != CommandDelay.kind]
+    at_once = replace(mechanism, effects=tuple(others))
+    for effect in with_common_delay(drives):
+        at_once = at_once + effect
+    value = 1e3 * next(iter(early.values()))
+    return at_once, [
+        Finding(
+            "delay at its bound",
+            f"delay of the commands of {listed([*early])}: came out at {value:.2g} ms, before the "
+            "command, and is taken as zero",
+            "check that commands and positions have one clock, or see what is missing (ident "
+            "diagnose)",
+            tuple(early), 1e-3 * value, 0.0,
         )
     ]  # fmt: skip
 

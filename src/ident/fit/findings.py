@@ -7,7 +7,7 @@ Which parameters a motion hides: it is compared with one made up in which everyt
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns
 from ident.errors import MotionError
 from ident.finding import Finding, note
+from ident.fit.drives import HELD_AT_ZERO
 from ident.fit.prediction import identifiable_multipliers, multiplier_errors
 from ident.fit.shapes import initial
 from ident.fit.values import EffectValues, ParameterValues, absorbed_by
@@ -69,9 +70,11 @@ def findings_of(
     # where a joint swings freely
     terms = problem.columns.terms
     parted = np.where(terms[:, None] == np.unique(terms), estimate.x[:, None], 0.0)
+    more = [*more]
+    said = {name for finding in more if finding.code == HELD_AT_ZERO for name in finding.where}
     findings = [
         *_equations(problem, estimate),
-        *_held_unknowns(problem.columns, estimate),
+        *_held_unknowns(problem.columns, estimate, said),
         *_short_runs(problem.motion),
         *_absorbed(problem.columns, estimate),
         *_multipliers(problem, estimate),
@@ -127,7 +130,10 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
         yield Finding("excitation", text, remedy, (), condition, POOR)
 
 
-def _held_unknowns(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
+def _held_unknowns(
+    columns: Columns, estimate: Estimate, said: Collection[str]
+) -> Iterator[Finding]:
+    """Report what the data know too badly, but for the names that another finding has `said`."""
     number = np.arange(len(columns))
     rigid, shapes = number < len(columns.rigid), np.isin(number, columns.shapes)
     for kind, where in (
@@ -135,7 +141,8 @@ def _held_unknowns(columns: Columns, estimate: Estimate) -> Iterator[Finding]:
         (shapes, "left where the search ended"),
         (~rigid & ~shapes, "held at zero"),
     ):
-        if names := tuple(columns.names[i] for i in np.flatnonzero(estimate.fixed & kind)):
+        every = (columns.names[i] for i in np.flatnonzero(estimate.fixed & kind))
+        if names := tuple(name for name in every if name not in said):
             far = ", or it is far outside its range" * (kind is shapes)
             count = f"{len(names)} parameter{'s' * (len(names) > 1)}"
             text = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -21,11 +21,14 @@ from ident.finding import Finding
 from ident.fit.consistency import nearest_possible, possible_bodies
 from ident.fit.drives import (
     delays_at_bounds,
+    held_at_zero,
     held_drives,
     narrow_intervals,
+    with_known_drives,
     with_reversal_pulses,
     with_sensors_first,
     without_held_drives,
+    without_negative_delay,
 )
 from ident.fit.files import Saved
 from ident.fit.findings import basis_bias, beyond_range, findings_of, predicts_better
@@ -98,10 +101,18 @@ def identify(
         mechanism = without_held_drives(mechanism, motion, unscaled)
         compared = (*compared, *held_drives(sorted(unscaled.joints)))
         problem, estimate = _solved(mechanism, motion, start, shapes, equations)
+    estimate, at_zero = held_at_zero(problem, estimate)
+    at_once, early = without_negative_delay(problem, estimate)
+    if at_once is not None:
+        mechanism = at_once
+        problem, estimate = _solved(mechanism, motion, start, shapes, equations)
+        estimate, at_zero = held_at_zero(problem, estimate)
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, likely)
     findings = [
         *findings,
         *compared,
+        *at_zero,
+        *early,
         *delays_at_bounds(problem, estimate),
         *narrow_intervals(problem),
     ]
@@ -231,10 +242,12 @@ class Comparison(Charted, Written):
         residuals: residual of each model, by its name.
         fitted: errors of each model's own fit, by name: `train`, `held out`, and logs it was
             validated on; by joint.
+        findings: what to know of a model on this motion, by its name.
     """
 
     residuals: Mapping[str, Residual]
     fitted: Mapping[str, Mapping[str, Mapping[str, Error]]]
+    findings: Mapping[str, tuple[Finding, ...]] = field(default_factory=dict)
 
     @property
     def errors(self) -> dict[str, dict[str, Error]]:
@@ -279,11 +292,36 @@ def compare(
     motion = models[0].motion if motion is None else motion
     residuals: dict[str, Residual] = {}
     fitted: dict[str, Mapping[str, Mapping[str, Error]]] = {}
+    findings: dict[str, tuple[Finding, ...]] = {}
     for i, model in enumerate(models):
         name = f"fit {i + 1}" if isinstance(model, Fit) and len(models) > 1 else ""
-        residual = residual_of(model, motion, name=name)
+        beside, differing = beside_sensors(model, motion)
+        residual = residual_of(beside, motion, name=name)
         residuals[residual.name] = residual
         fitted[residual.name] = model.errors
+        if differing:
+            findings[residual.name] = differing
         if progress:
             progress(f"where {residual.name} fails", (i + 0.5) / len(models))
-    return Comparison(residuals, fitted)
+    return Comparison(residuals, fitted, findings)
+
+
+def beside_sensors(
+    model: Fit | Saved, motion: Motion | None
+) -> tuple[Fit | Saved, tuple[Finding, ...]]:
+    """Return the model without the drives of joints whose torque the motion's logs have, so that
+    the measured ones are compared, and a finding on each drive that makes another torque.
+
+    Raises:
+        FitError: if some logs have the torque of a driven joint, and others its command alone.
+    """
+    if motion is None or motion is model.motion or not model.mechanism.drives:
+        return model, ()
+    known, point = with_known_drives(model.mechanism, model.point)
+    mechanism, findings = with_sensors_first(known, motion)
+    if mechanism is known:
+        return model, ()
+    base_parameters = tuple(model.base_parameters)
+    return Saved(
+        model.name, mechanism, point, motion.band.cutoff, model.errors, base_parameters
+    ), findings

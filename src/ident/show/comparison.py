@@ -64,6 +64,7 @@ def comparison_sheet(c: Comparison, request: Request = PYTHON) -> Sheet:
         counted, noise = errors_that_count(c, name), residual.noise
         texts = (failure_text(x, several, counted, noise[x.joint]) for x in residual.where)
         lines += [before + text for text in texts]
+        lines += [f"note: {before}{finding}" for finding in c.findings.get(name, ())]
     return Sheet(comparison_card(c, request), tables=tables | all_parts(c.residuals), lines=lines)
 
 
@@ -231,6 +232,7 @@ def comparison_json(c: Comparison, replay: Plotted | None = None) -> dict[str, A
                 for part, values in residual.parts.items()
             },
             "where": [failure.json for failure in residual.where],
+            **({"findings": [vars(x) for x in c.findings[name]]} if name in c.findings else {}),
         }
         for name, residual in c.residuals.items()
     }  # fmt: skip
