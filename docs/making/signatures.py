@@ -57,6 +57,7 @@ SHOWN: Mapping[str, Shown] = {
     "load_friction": Shown("elbow", {"mu": 0.1}, "v"),
     "hysteresis": Shown("elbow", {"sigma": 8.0, "z0": 0.1}, "q"),
     "direction_friction": Shown("elbow", {"dFc": 0.3, "dFv": 0.2}, "v"),
+    "position_friction": Shown("elbow", {"F1": 0.2, "F2": 0.3}, "q"),
     "drag": Shown("elbow", {"Fd": 0.2}, "v"),
     "spring": Shown("elbow", {"k": 2.0, "b": -1.0}, "q"),
     "cable": Shown("elbow", {"k0": 0.5, "k1": -2.0, "k2": 0.5, "k3": 0.9}, "q"),

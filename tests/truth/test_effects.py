@@ -243,6 +243,7 @@ FORMULAS = {
     "load_friction": (lambda s: [np.abs(s.load) * sign(s)], ["1", "1"]),
     "hysteresis": (lambda s: [dahl(s)], ["N m/rad", "N/m"]),
     "direction_friction": (lambda s: [np.ones_like(s.v), np.abs(s.v)], ["N m", "N"]),
+    "position_friction": (lambda s: [s.q * sign(s), s.q**2 * sign(s)], ["N m/rad", "N/m"]),
     "drag": (lambda s: [s.v**2 * np.sign(s.v)], ["N m s²/rad²", "N s²/m²"]),
     "spring": (lambda s: [s.q, np.ones_like(s.q)], ["N m/rad", "N/m"]),
     "cable": (lambda s: [np.ones_like(s.q), s.q, s.q**2, s.q**3], ["N m", "N"]),

@@ -20,6 +20,7 @@ ARM = {
     "friction_width:elbow": {"Fw": 0.5, "w": 0.3},
     "drag:yaw": {"Fd": 0.4},
     "direction_friction:elbow": {"dFc": 0.3, "dFv": 0.1},
+    "position_friction:elbow": {"F1": 0.1, "F2": 0.2},
     "load_friction:elbow": {"mu": 0.06},
     "hysteresis:elbow": {"sigma": 60.0, "z0": 0.02},
     "temperature_friction:elbow": {"kappa": 0.01},

@@ -72,6 +72,7 @@ CASES = [
     Case("arm", "stribeck:elbow", {"Fs": 0.8, "vs": 0.3}),
     Case("five_bar", "stribeck:left", {"Fs": 0.1, "vs": 0.15}),
     Case("arm", "friction_width:elbow", {"Fw": 0.5, "w": 0.3}),
+    Case("arm", "position_friction:elbow", {"F1": 0.2, "F2": 0.3}, ("coulomb",)),
     Case("arm", "load_friction:shoulder", {"mu": 0.05}),
     Case("four_bar", "load_friction:crank", {"mu": 0.05}),
     Case("four_bar", "load_friction:closure.pin", {"mu": 0.005}, bodies=False),

@@ -193,6 +193,27 @@ class DirectionFriction(Effect):
         return np.stack([np.ones_like(s.v), np.abs(s.v)], axis=-1)
 
 
+class PositionFriction(Dry):
+    """Dry friction that changes along the joint's way: a cable, a seal, a rod that tightens."""
+
+    kind = "position_friction"
+    noun = "dry friction that changes along the way"
+    unknowns = (
+        Unknown("F1", ("N m/rad", "N/m"), "slope of dry friction over position", acts="dry"),
+        Unknown("F2", ("N m/rad²", "N/m²"), "half of its curvature", acts="dry"),
+    )
+    equation = "(F1 q + F2 q²) sign(v), beside `coulomb`"
+    signature = "the two bands of the residual against position are not parallel"
+    confused_with = ("load_friction", "coulomb")
+    separated_by: ClassVar = {
+        "load_friction": "repeat the motion with a known payload: load friction grows"
+    }
+    source = "Bittencourt, Wernholt, Sander-Tavallaey, Brogårdh, IEEE/RSJ IROS 2010"
+
+    def columns(self, s: Signals) -> np.ndarray:
+        return np.stack([s.q, s.q**2], axis=-1) * direction(s.v, s.still)[:, :, None]
+
+
 class Drag(Effect):
     """Resistance of a fluid: with the square of speed."""
 

@@ -39,10 +39,9 @@ KINDS: Mapping[str, type[Effect]] = {
     effect.kind: effect
     for effect in (
         joint.Viscous, joint.Coulomb, joint.Stribeck, joint.FrictionWidth, joint.LoadFriction,
-        joint.ReversalPulses, joint.Hysteresis, joint.DirectionFriction, joint.Drag, joint.Spring,
-        joint.Cable,
-        joint.EndStop, drive.RotorInertia, drive.Coupling, joint.Ripple, drive.TorqueOffset,
-        drive.TorqueGain,
+        joint.ReversalPulses, joint.Hysteresis, joint.DirectionFriction, joint.PositionFriction,
+        joint.Drag, joint.Spring, joint.Cable, joint.EndStop, drive.RotorInertia, drive.Coupling,
+        joint.Ripple, drive.TorqueOffset, drive.TorqueGain,
         drive.Delay, drive.EncoderOffset, drive.GravityTilt, joint.Payload, drive.Elasticity,
         drive.Backlash, drive.Geometry, drive.ClosureCompliance, joint.TemperatureFriction,
         drive.Drift, servo.CommandDelay, servo.Servo, servo.MotorCurrent, servo.MotorVoltage,
