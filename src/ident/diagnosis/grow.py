@@ -32,7 +32,7 @@ from ident.equations.unknowns import Point
 from ident.errors import FitError, check_whole
 from ident.files import json_bytes, version, write_all
 from ident.fit import Fit, identify
-from ident.fit.shapes import widened
+from ident.fit.shapes import NoScale, widened
 from ident.information.blocks import Error, Information, Key
 from ident.information.chance import ALPHA, CERTAIN, RIVAL, Chance, paired, zscore
 from ident.information.estimate import MATERIAL
@@ -448,15 +448,38 @@ def refit_set(
         least = "least-squares"
         return identify(model, fit.motion, validate=validate, start=start, estimator=least)
 
-    again = fitted(start)
-    table = search.contest.table
-    while loose := undetermined(again, [member.effect for member in new], table.bounds):
+    def dropped(loose: str) -> None:
+        """Take a new effect out of the model, the set and what is new; a drive gets back the gains
+        that were given.
+        """
+        nonlocal new, effect_set, model
         new = [member for member in new if member.label != loose]
         effect_set = effect_set.minus(
             next(member for member in effect_set.members if member.label == loose)
         )
         model = model.without(loose)
-        again = fitted(again.point)
+        for effect in fit.mechanism.effects:
+            if effect.label == loose:
+                model = model + effect
+
+    def determined(start: Point) -> Fit:
+        """Return the fit without the new gains of drives that nothing gives a scale."""
+        while True:
+            try:
+                return fitted(start)
+            except NoScale as unscaled:
+                gains = [m.label for m in new if m.effect.supplies_torque]
+                loose = [label for label in gains if label.partition(":")[2] in unscaled.joints]
+                if not loose:
+                    raise
+                for label in loose:
+                    dropped(label)
+
+    again = determined(start)
+    table = search.contest.table
+    while label := undetermined(again, [member.effect for member in new], table.bounds):
+        dropped(label)
+        again = determined(again.point)
     if not (new or removed) or not better(errors_of(fit), errors_of(again)):
         return None
     return effect_set, removed, start, again

@@ -68,7 +68,11 @@ class Search:
             columns = np.array(
                 [p for p in places if p >= 0 and not fit.estimate.fixed[p]], dtype=int
             )
-            if effect.label not in self.given and len(columns):
+            # without a drive, whose gains were known at first, there is no torque; pulses at
+            # reversals come with its friction
+            stays = effect.supplies_torque or (effect.in_rows_alone and fit.mechanism.drives)
+            removable = effect.label not in self.given and not stays
+            if removable and len(columns):
                 members.append(Member(effect, columns))
         return EffectSet(self.contest, tuple(members))
 

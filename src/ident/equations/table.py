@@ -124,7 +124,13 @@ class Table(Rows):
         d = self.b.shape[1]
         if effect.corrects:
             names = [shape_parameter.name for shape_parameter in effect.searched]
-            S = [self.sensitivity(effect, shape, name) for shape in shapes for name in names]
+            S = [
+                self.scale_sensitivity(effect, shape)
+                if name == effect.scale
+                else self.sensitivity(effect, shape, name)
+                for shape in shapes
+                for name in names
+            ]
             return np.stack(S, axis=-1), np.arange(d)  # weighed already
         own_rows = effect.local and not self.mechanism.closures
         joints = [self.mechanism.joint(name).index for name in effect.joints] if own_rows else ()
@@ -144,6 +150,23 @@ class Table(Rows):
                 pieces.append(self.filtered(number, out))
             series.append(np.concatenate(pieces, axis=2))
         return np.concatenate(series) * self.scale[:, felt, None], felt
+
+    def scale_sensitivity(self, effect: Effect, shape: Mapping[str, float]) -> np.ndarray:
+        """Return S (N, d) of the scale of a drive, from what the model predicts for it.
+
+        By the error of its command, of which the torque is made, any scale would explain what is
+        left: none leaves nothing.
+        """
+        present = {e.label: e for e in self.mechanism.effects}.get(effect.label, effect)
+        given = {s.name: present.values[s.name] for s in effect.shapes if s.name in present.values}
+        series, (name,) = [], effect.joints
+        for number, s in enumerate(self.samples):
+            signals = replace(s.signals(effect.joints), shape={**shape, **given})
+            torque = effect.scale_column(signals, s.predicted(effect.joints)[0][:, 0])
+            S = np.zeros((len(s), self.b.shape[1]))
+            s.add_torque(S, name, -torque)
+            series.append(self.filtered(number, S))
+        return np.concatenate(series) * self.scale
 
     def sensitivity(
         self, effect: Effect, shape: Mapping[str, float], name: str, step: float | None = None
