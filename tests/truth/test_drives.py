@@ -132,13 +132,25 @@ def test_check_says_what_gives_each_drive_its_scale():
     assert "given kp of elbow" in given[0].scale
 
 
-@pytest.mark.parametrize("known", ["turret", "upper_arm"])
-def test_a_scale_that_the_known_body_does_not_support_is_refused(known):
+def one_known(known):
     mechanism = ident.load(ARM)
     others = [link for link in mechanism.bodies.links if link != known]
-    unknown = replace(mechanism, unknown=mechanism.bodies.select(others, "test"))
+    return replace(mechanism, unknown=mechanism.bodies.select(others, "test"))
+
+
+def test_a_scale_that_the_known_body_does_not_support_is_refused():
+    unknown = one_known("turret")
     with pytest.raises(FitError, match="scale"):
         ident.identify(unknown, ident.complete(unknown, ARM / "run.csv"))
+
+
+def test_a_body_in_the_middle_gives_a_scale_within_its_error():
+    unknown = one_known("upper_arm")
+    fit = ident.identify(unknown, ident.complete(unknown, ARM / "run.csv"))
+    values = {p.name: p for effect in fit.effects for p in effect.parameters}
+    for joint, kp in zip(("yaw", "shoulder", "elbow"), (20.0, 25.0, 14.0), strict=True):
+        p = values[f"servo.{joint}.kp"]
+        assert abs(p.value - kp) < 2 * p.stderr < 0.5 * kp
 
 
 def test_commands_are_played_with_delay_hold_and_law(shipped):

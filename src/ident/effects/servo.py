@@ -23,8 +23,10 @@ import numpy as np
 
 from ident.effects.drive import KHALIL
 from ident.effects.effect import NOWHERE, Bounds, Correcting, Correction, Shape, Signals, Unknown
+from ident.information import linear
 
 LATEST_COMMAND = 0.05  # range: [s] by which a drive may follow its command late
+ITS_OWN = 0.1  # numerics: share of a torque that neither speed nor acceleration makes, at least
 SCALE_RANGE = 30.0  # range: times above and below its start that a drive's scale is searched
 
 
@@ -131,27 +133,36 @@ class Drive(Correcting):
         on = s.extra.get(f"on.{self.joints[0]}", np.ones(len(s.t)))
         return (on > 0.5) & (np.abs(self.torque(s)) < self.setting("limit"))
 
-    def _start(self, s: Signals) -> float:
-        """Return the scale with which the drive makes what the present model predicts.
+    def _start(self, s: Signals) -> tuple[float, float]:
+        """Return the scale with which the drive makes what the present model predicts, beside a
+        rotor and friction that it may lack, and the damping [N m s/rad | N s/m] of both.
 
         The predicted torque is the regressor: it has less noise than the command's error.
         """
         if not self._commanded(s):  # a motion that was made up
-            return 1.0
+            return 1.0, 0.0
         known = {**{shape.name: 0.0 for shape in self.shapes}, **self.values}
         with_known = Signals(s.t, s.q, s.v, s.a, s.still, s.extra, known, s.present, s.predicted)
         needed = s.torque[:, 0] - self.offset(with_known)
         error = self.gain(s) * self.error(with_known)
+        v = s.v[:, 0]
+        beside = np.stack([v, s.a[:, 0], np.sign(v), np.ones_like(v)], axis=1)
+        own = needed - beside @ linear.lstsq(beside, needed, rcond=1e-9)[0]
+        if own @ own > ITS_OWN**2 * (needed @ needed):
+            A = np.column_stack([needed, beside])
+            share, damping = linear.lstsq(A, error, rcond=1e-9)[0][:2]
+            if share > 0:
+                return float(1 / share), max(0.0, float(damping / share))
         product, size = float(error @ needed), float(error @ error)
-        return product / size if product > 0 and size > 0 else 1.0
+        return product / size if product > 0 and size > 0 else 1.0, 0.0
 
     def starts(self, s: Signals) -> list[Shape]:
-        start = {shape.name: 0.0 for shape in self.shapes}
-        return [{**start, self.scale: self._start(s)}]
+        scale, damping = self._start(s)
+        return [{**{shape.name: damping for shape in self.shapes}, self.scale: scale}]
 
     def bounds(self, s: Signals) -> Bounds:
         # another shape is a damping: as much as makes the drive's largest torque at its speed
-        start = self._start(s)
+        start, _ = self._start(s)
         now = s.shape.get(self.scale) or start
         speed = float(np.sqrt(np.mean(s.v**2))) or 1.0
         error = self.gain(s) * self.error(s) if self._commanded(s) else np.ones(1)

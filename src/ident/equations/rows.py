@@ -179,6 +179,30 @@ def _rates(e: State, dq: np.ndarray | float, cutoff: float | None) -> np.ndarray
     return np.stack([x, rate, np.gradient(rate, 1 / e.rate)])
 
 
+def drive_slopes(bare: Samples, columns: Columns) -> list[tuple[int, float, str, np.ndarray]]:
+    """Return of each unknown shape of a drive but its scale: its place in x, its value s, the joint
+    and the slope (n,) of its torque, which is all that such a shape corrects.
+    """
+    slopes = []
+    for effect, places in columns.effects:
+        if not effect.supplies_torque or not bare.e.extra.keys() >= {*effect.reads()}:
+            continue
+        shape = bare.point.of(effect)[1]
+        signals = replace(bare.signals(effect.acting), shape=shape)
+        if len(shape) < len(effect.shapes):
+            continue
+        (name,), now = effect.joints, effect.correction(signals).torque
+        for parameter, place in zip(effect.shapes, places, strict=True):
+            if place < 0 or parameter.name == effect.scale:
+                continue
+            low, high = effect.bounds(signals)[parameter.name]
+            h, value = STEP * (high - low), shape[parameter.name]
+            further = replace(signals, shape={**shape, parameter.name: value + h})
+            after = effect.correction(further).torque
+            slopes.append((int(place), value, name, (after[name] - now[name]) / h))
+    return slopes
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """One state with its corrections at the working point."""
@@ -190,6 +214,9 @@ class Scene:
     perturbed: tuple[tuple[int, float, float, Samples], ...] = ()
     # for every unknown scale of a drive: its place in x, and the drive with its shapes
     scales: tuple[tuple[int, Effect, Mapping[str, float]], ...] = ()
+    # for every other unknown shape of a drive in a tree: its place in x, its value s, the joint and
+    # the slope (n,) of its torque over s
+    slopes: tuple[tuple[int, float, str, np.ndarray], ...] = ()
 
     @classmethod
     def of(
@@ -203,12 +230,15 @@ class Scene:
         """The scene of a state; `cutoff` [Hz] is that of the rows' filter."""
         check_needs(mechanism, e.name, e.extra)
         bare = Samples(mechanism, e, slice(None), point or Point.prior(mechanism))
+        slopes = [] if mechanism.closures else drive_slopes(bare, columns)
+        sloped = {place for place, *_ in slopes}
         shifted = [
             (int(place), bare.point.of(effect)[1].get(parameter.name, 0.0),
              *perturbed(bare, effect, parameter.name, cutoff))
             for effect, places in columns.effects if effect.corrects
             for parameter, place in zip(effect.shapes, places, strict=True)
-            if place >= 0 and parameter.name != effect.scale and bare.share_of(effect)
+            if place >= 0 and parameter.name != effect.scale and place not in sloped
+            and bare.share_of(effect)
         ]  # fmt: skip
         scales = [
             (int(place), effect, bare.point.of(effect)[1])
@@ -217,7 +247,8 @@ class Scene:
             for parameter, place in zip(effect.shapes, places, strict=True)
             if place >= 0 and parameter.name == effect.scale
         ]
-        return cls(corrected(bare, cutoff), columns, tuple(shifted), tuple(scales))
+        at = corrected(bare, cutoff)
+        return cls(at, columns, tuple(shifted), tuple(scales), tuple(slopes))
 
     @property
     def mechanism(self) -> Mechanism:
@@ -247,6 +278,10 @@ class Scene:
             shifted = replace(s, mechanism=other.mechanism, e=other.e, memo=other.memo)
             S = (r - unbalanced(shifted)) / h
             terms.A[:, :, place - before] = S
+            terms.b[:] += S * value
+        for place, value, name, slope in self.slopes:
+            S = terms.A[:, :, place - before]
+            s.add_torque(S, name, -slope[s.part])
             terms.b[:] += S * value
         for place, drive, shape in self.scales:
             S, names = terms.A[:, :, place - before], drive.joints

@@ -166,16 +166,20 @@ def estimate_of(problem: Problem) -> Estimate:
         if not beyond.any():
             break
         estimate = problem.estimate(sigma=estimate.sigma, fixed=estimate.fixed | beyond)
-    # a scale that ran to the end of its search, or would go on from there, is none
+    # a scale that ran to the end of its search is none, and one that would go on from there while
+    # unknown bodies go with it
     fixed, point = estimate.fixed, problem.point.unknowns(problem.columns)
     runs = np.abs(estimate.x - point) > RUNS * np.abs(point)
+    runs &= bool(len(problem.columns.rigid))
     refuse_scales([e for e, at in unknown_scales(problem.columns) if fixed[at] or runs[at]])
     return estimate
 
 
 def scales_within_error(fit: Fit) -> list[Effect]:
-    """Return the drives whose scale is zero as far as its standard error tells."""
-    if not unknown_scales(fit.columns):
+    """Return the drives whose scale is zero as far as its standard error tells, where bodies that
+    are unknown could be larger with it.
+    """
+    if not unknown_scales(fit.columns) or not len(fit.columns.rigid):
         return []
     values = ParameterValues(fit.columns, fit.estimate, fit.scatter).effects(fit.problem.point)
     return [
