@@ -83,7 +83,10 @@ def test_a_loop_supplies_what_a_force_in_it_takes(name):
     mechanism = ident.load(ROBOTS / name)
     link = mechanism.bodies.links[-1]
     mechanism = planted(mechanism, {f"body_drag:{link}": {"Dx": 2.0, "Dy": 1.0, "Dz": 3.0}})
-    run = integrated(mechanism, ROBOTS / name / "run.csv")
+    log = ident.read_log(ROBOTS / name / "run.csv")
+    few = log.t < log.t[0] + DURATION
+    columns = {name: x[few] for name, x in log.columns.items()}
+    run = integrated(mechanism, ident.Log.from_arrays("start", log.t[few], columns))
     assert judged(mechanism, run) < 1e-7
 
 
