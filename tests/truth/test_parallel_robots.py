@@ -44,6 +44,20 @@ def test_with_it_values_are_the_truth(fit):
         assert abs(found[name].value - x) < max(3 * found[name].stderr, 0.02 * x), name
 
 
+@pytest.mark.parametrize("name", ["stewart", "delta"])
+def test_grow_adds_what_acts_in_the_loops(name):
+    mechanism = ident.load(ROBOTS / name)
+    history = ident.grow(mechanism, ident.complete(mechanism, ROBOTS / name / "run.csv"))
+    grown = history.steps[-1].fit
+    common, label, truth = CASES[name]
+    kinds = {effect.kind for effect in grown.mechanism.effects}
+    assert {label} == {e.label for e in grown.mechanism.effects if e.kind != common}
+    assert common in kinds
+    for full, x in truth.items():
+        assert abs(grown[full].value - x) < max(3 * grown[full].stderr, 0.02 * x), full
+    assert max(error.relative for error in grown.train.values()) < 0.006
+
+
 def test_thrust_factors_are_known_with_a_known_mass():
     mechanism = ident.load(ROBOTS / "quadrotor").with_effect("body_drag:body")
     motion = ident.complete(mechanism, ROBOTS / "quadrotor" / "run.csv")
