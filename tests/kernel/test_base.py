@@ -126,3 +126,10 @@ def test_a_column_that_only_the_last_weights_make_independent_is_held_too():
     assert fit.base.independent.tolist() == [0, 2]
     assert fit.fixed.tolist() == [False, True, False]
     assert abs(fit.x[1]) < 10.0
+    weights, none_held = np.array([30.0, 0.1]), np.zeros(3, dtype=bool)
+    before = np.array([0, 2])
+    for known, held in ((None, False), (before, True), (np.arange(3), False)):
+        fit = estimate(
+            [slow, fast], np.zeros(3), np.ones(2), plausible, weights, none_held, known=known
+        )
+        assert fit.fixed.tolist() == [False, held, False]

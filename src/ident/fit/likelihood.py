@@ -336,4 +336,7 @@ class Linearization:
         problem, one = self.problem, np.ones(1)
         runs = tuple(part.eliminated(sigma) for part in self.parts)
         information = problem.with_rest_rows(stacks_information(runs, problem.motion))
-        return runs, estimate(information.totals, problem.prior, one, sigma=one, fixed=first.fixed)
+        return runs, estimate(
+            information.totals, problem.prior, one, problem.plausible, one, first.fixed,
+            known=first.base.independent,
+        )  # fmt: skip

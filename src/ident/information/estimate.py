@@ -164,6 +164,7 @@ def estimate(
     sigma: Array | None = None,
     fixed: np.ndarray | None = None,
     weights: Array | None = None,
+    known: Index | None = None,
 ) -> Estimate:
     """Solve weighted least squares over coordinates.
 
@@ -181,6 +182,8 @@ def estimate(
         sigma: (d,) fixed weights; else they are iterated.
         fixed: (k,) unknowns to be held at their prior from the start.
         weights: (d,) as `sigma`, where what the data know too badly is still to be held.
+        known: with `sigma`, the independent columns of an estimate before; of others what the data
+            know worse than is plausible is held. None: nothing more is held.
 
     Raises:
         FitError: if there are no rows.
@@ -190,8 +193,9 @@ def estimate(
     start = np.zeros(len(prior), dtype=bool) if fixed is None else fixed
     if sigma is not None:
         total = weighted_total(totals, sigma)
-        base, solution = _solve(total, prior, start)
-        return Estimate(solution, base, sigma, total, start)
+        if known is None:
+            plausible, known = None, np.zeros(0, dtype=int)
+        return _held_anew(total, sigma, prior, start, plausible, 1.0, known)
     largest = float(torque.max(initial=0.0)) or 1.0
     given, floor = weights, np.zeros(len(totals))
     weights = np.full(len(totals), largest) if given is None else given
@@ -224,22 +228,36 @@ def estimate(
             break
         weights = new
     total = weighted_total(totals, weights)
+    return _held_anew(total, weights, prior, fixed, plausible, noise, trial.independent)
+
+
+def _held_anew(
+    total: Triangle,
+    sigma: Array,
+    prior: Array,
+    fixed: np.ndarray,
+    plausible: Array | None,
+    noise: float,
+    known: Index,
+) -> Estimate:
+    """Return the estimate of weighted rows, whose base is sought anew: a column of rounding may be
+    independent in it that was not among those `known` before; it is held as others are.
+    """
     base, solution = _solve(total, prior, fixed)
     while plausible is not None and base.rank:
-        # a search anew may take a column of rounding for independent that the first one did not
         spread = noise * np.sqrt(solution.C.diagonal())
         again = Trial(
             base.independent, base.dependent, base.K, fixed, solution.beta, spread,
             base.distance[base.independent], solution.x, total.R,
         )  # fmt: skip
-        new_columns = np.flatnonzero(~np.isin(base.independent, trial.independent))
+        new_columns = np.flatnonzero(~np.isin(base.independent, known))
         newest = _doubtful(again, spread, prior, plausible, new_columns)
         if newest is None:
             break
         fixed = fixed.copy()
         fixed[newest] = True
         base, solution = _solve(total, prior, fixed)
-    return Estimate(solution, base, weights, total, fixed)
+    return Estimate(solution, base, sigma, total, fixed)
 
 
 @dataclass(frozen=True, eq=False)
