@@ -8,7 +8,7 @@ J and J̇v are CasADi's derivatives of Φ; nothing is derived by hand.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from ident.information import linear
 from ident.lazy import lazy
-from ident.mechanism.closures import Closure, Constraint, OwnJoint, placements, rates
+from ident.mechanism.closures import Closure, Constraint, OwnJoint, Placement, placements, rates
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -66,6 +66,26 @@ class Mapped:
         return [x.copy().transpose(0, 2, 1) for x in self._outputs]
 
 
+class TreeSymbols:
+    """Symbols q and v of one model, and the placements of its joints, each made once."""
+
+    def __init__(self) -> None:
+        self._symbols: tuple[ca.SX, ca.SX] | None = None
+        self._placements: list[Placement] = []
+
+    def symbols(self, model: pin.Model) -> tuple[ca.SX, ca.SX]:
+        """Return q (nq,) and v (nv,)."""
+        if self._symbols is None:
+            self._symbols = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
+        return self._symbols
+
+    def placements(self, model: pin.Model) -> list[Placement]:
+        """Return world placements of all joints' frames at q, the world first."""
+        if not self._placements:
+            self._placements = placements(model, self.symbols(model)[0])
+        return self._placements
+
+
 @dataclass(frozen=True, eq=False)
 class Kinematics:
     """The closures of one model as compiled functions."""
@@ -73,21 +93,27 @@ class Kinematics:
     model: pin.Model
     closures: tuple[Closure, ...]  # in the order of the multipliers
     coordinates: Mapping[str, int]  # index into q of every joint of the tree, by name
+    # of one model and its coordinates, for kinematics with other closures too
+    tree: TreeSymbols = field(default_factory=lambda: TreeSymbols(), repr=False)
 
     @cached_property
     def _mapped(self) -> Callable[[ca.Function, int], Mapped]:
         return lru_cache(MAPS)(Mapped)  # a motion is evaluated many times
 
-    @cached_property
+    def with_closures(self, closures: tuple[Closure, ...]) -> Kinematics:
+        """Return the kinematics of the same tree with other closures."""
+        return replace(self, closures=closures)
+
+    @property
     def _symbols(self) -> tuple[ca.SX, ca.SX]:
-        return ca.SX.sym("q", self.model.nq), ca.SX.sym("v", self.model.nv)
+        return self.tree.symbols(self.model)
 
     @cached_property
     def _constraints(self) -> tuple[Constraint, ...]:
         if not self.closures:
             return ()
         q, _ = self._symbols
-        placed = placements(self.model, q)
+        placed = self.tree.placements(self.model)
         joints = {name: q[index] for name, index in self.coordinates.items()}
         constraints: dict[str, Constraint] = {}
         for between_frames in (True, False):  # the others may count closures' own joints

@@ -607,7 +607,11 @@ class Mechanism(Displayed):
             moved = (bare.placed(x) if isinstance(x, FrameForce) else x for x in self.effects)
             return replace(bare, effects=tuple(moved))
         closures = [c.displaced(place, by) if place in c.places else c for c in self.closures]
-        return replace(self, closures=tuple(closures))
+        other = replace(self, closures=tuple(closures))
+        other.__dict__["kinematics"] = self.kinematics.with_closures(other.closures)
+        if "rank" in self.__dict__:  # its freedoms stay, whatever its lengths are
+            other.__dict__["rank"] = self.rank
+        return other
 
     def freed(self, names: Collection[str]) -> Mechanism:
         """The mechanism in which the parameters `names`, in full, are unknown: of the bodies' no
