@@ -1,6 +1,7 @@
 """Parquet, NumPy archives, writing, and files that cannot be opened."""
 
 import hashlib
+import json
 import os
 import zipfile
 from collections.abc import Callable
@@ -129,6 +130,24 @@ def test_stamps_keep_their_resolution(tmp_path: Path, unit: str) -> None:
     pl.DataFrame({"stamp": stamps}).write_parquet(tmp_path / "run.parquet")
     log = read_log(tmp_path / "run.parquet", {"t": Column("stamp")})
     np.testing.assert_array_equal(log.t, np.arange(12) / {"ms": 1e3, "us": 1e6, "ns": 1e9}[unit])
+
+
+def test_time_series_of_mujocos_identification(tmp_path: Path) -> None:
+    t = 0.01 * np.arange(12)
+    data = np.arange(60.0).reshape(12, 5)
+    signals = {
+        "elbow_qpos": [2, [0]], "elbow_qvel": [3, [1]], "servo_ctrl": [5, [2]],
+        "force": [0, [3, 4]],
+    }  # fmt: skip
+    path = tmp_path / "series.npz"
+    np.savez(path, times=t, data=data, signal_mapping=np.asarray(json.dumps(signals)))
+    log = read_log(path, {"ref.elbow": Column("servo_ctrl")})
+    assert np.array_equal(log.t, t)
+    for name, place in {"q.elbow": 0, "v.elbow": 1, "ref.elbow": 2}.items():
+        assert np.array_equal(log.columns[name], data[:, place])
+    np.savez(path, times=t, data=data, signal_mapping=np.asarray('{"q": [2, [7]]}'))
+    with pytest.raises(LogError, match=r"signal 'q' is at .7., and 'data' has 5 columns"):
+        read_log(path)
 
 
 def test_npz_types(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ from ident.information.estimate import Estimate, estimate
 from ident.text import percent, shortlist
 
 SAME = 1e-6  # numerics: of the largest fall of squared error, within which two are the same
+TOLD_APART = 1e7  # numerics: condition number of the columns that one log tells apart
 UNKNOWN = 1e-12  # numerics: of H's largest eigenvalue, below which nothing is determined
 BELIEVED = 0.5  # tuned: of ν: far out in the tail it counts that ν itself is estimated
 LEAST_NOISE = 0.01, 1e-3  # numerics: of σ² of a log's rows, of the joint residual
@@ -87,8 +88,10 @@ class OwnFits:
         total = Squares.zero(self.problem.information.d)
         for log_information in self.by_log.values():
             fitted, base = self.joint, self.joint.base.independent
-            norms = np.max([t.column_norms()[base] for t in log_information.totals], axis=0)
-            if not norms.all():  # what other logs have of their own is not in this one
+            columns = np.concatenate([t.stack()[:, base] for t in log_information.totals])
+            norms = np.linalg.norm(columns, axis=0)
+            # what other logs have of their own, or alone tell apart, is not in this one
+            if not norms.all() or np.linalg.cond(columns / norms) > TOLD_APART:
                 fitted = self._estimate(log_information, self.joint.sigma)
             squares = held_out(log_information, log_information, fitted, self.problem.prior)
             if squares is None:

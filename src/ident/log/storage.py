@@ -7,6 +7,7 @@ cells; it fills short rows up in silence and counts no lines, so these are count
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 import re
 import warnings
@@ -229,6 +230,9 @@ def parquet_errors(path: Path) -> Iterator[None]:
         raise LogError(f"{path}: not a Parquet file, or a damaged one; write it again") from error
 
 
+STATES = {"qpos": "q", "qvel": "v"}  # of joints, in MuJoCo's time series
+
+
 def read_npz(path: Path) -> RawTable:
     """Read the arrays of a NumPy archive, each a column; pickles are never loaded."""
     with path.open("rb") as stream:
@@ -242,7 +246,43 @@ def read_npz(path: Path) -> RawTable:
             raise LogError(
                 f"{path}: not a NumPy archive, or a damaged one; write it with np.savez"
             ) from e
-    return table_of_arrays(str(path), arrays)
+    return table_of_arrays(str(path), series_of_sysid(path, arrays))
+
+
+def series_of_sysid(path: Path, arrays: Mapping[str, Array]) -> Mapping[str, Array]:
+    """Return the columns of a time series that MuJoCo's system identification has saved; other
+    arrays as they are.
+
+    `times` (n,), `data` (n, m) and, as JSON, by signal its type and its places in `data`. States of
+    joints get their names here; sensors and controls keep theirs. Format: mujoco.sysid 4.0,
+    TimeSeries.save_to_disk.
+    """
+    if not {"times", "data"} <= arrays.keys() <= {"times", "data", "signal_mapping"}:
+        return arrays
+    times, data = arrays["times"], arrays["data"]
+    if data.ndim != 2 or times.shape != data.shape[:1]:
+        return arrays
+    try:
+        text = str(arrays["signal_mapping"]) if "signal_mapping" in arrays else "{}"
+        mapping = json.loads(text).items()
+        signals = {str(name): [int(i) for i in places] for name, (_, places) in mapping}
+    except (ValueError, TypeError, AttributeError) as error:
+        raise LogError(
+            f"{path}: 'signal_mapping' is no JSON of types and places of signals by name; save it "
+            "again with TimeSeries.save_to_disk"
+        ) from error
+    signals = signals or {f"data.{i}": [i] for i in range(data.shape[1])}
+    columns = {"t": times}
+    for name, places in signals.items():
+        if any(not 0 <= place < data.shape[1] for place in places):
+            raise LogError(
+                f"{path}: signal '{name}' is at {places}, and 'data' has {data.shape[1]} columns"
+            )
+        joint, _, kind = name.rpartition("_")
+        named = f"{STATES[kind]}.{joint}" if joint and kind in STATES else name
+        for k, place in enumerate(places):
+            columns[named if len(places) == 1 else f"{named}.{k}"] = data[:, place]
+    return columns
 
 
 def check_claims(archive: np.lib.npyio.NpzFile, path: Path) -> dict[str, tuple[int, ...]]:
