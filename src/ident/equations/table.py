@@ -56,7 +56,8 @@ class Table(Rows):
         parts, number, scales = [], [], []
         for i, scene in enumerate(scenes):
             for piece in rows(scene, cutoff):
-                piece = piece[::every]
+                if every > 1:  # copies: a view would keep all rows
+                    piece = piece[np.arange(0, len(piece), every)]
                 scales.append(piece.scale_of(scene.e.rest, every))
                 parts.append(piece.resting(scene.e.rest, every))
                 number.append(np.full(len(parts[-1]), i))

@@ -52,7 +52,11 @@ class TorqueParts:
     @cached_property
     def predicted(self) -> np.ndarray:
         """Σ parts (n, d)."""
-        return sum(self.parts.values(), np.zeros_like(self.measured))
+        total = np.zeros_like(self.measured)
+        for force in self.parts.values():
+            acts = np.flatnonzero(force.any(axis=0))
+            total[:, acts] += force[:, acts]
+        return total
 
     @property
     def residual(self) -> np.ndarray:
@@ -187,7 +191,11 @@ def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Predicti
             s, u = scene.samples.generalised(part), scene.samples.reduced(part)
             forces = s.parts()
             for name, force in forces.items():
-                parts.setdefault(name, np.empty((n, d)))[part] = u.reduce(force)
+                if name not in parts:  # by column: those of an effect on one joint take no memory
+                    parts[name] = np.zeros((d, n)).T
+                reduced = u.reduce(force)
+                acts = np.flatnonzero(reduced.any(axis=0))
+                parts[name][part, acts] = reduced[:, acts]
             measured[part], moving[part] = u.measured(mechanism.driven), in_motion(u, farthest)
             if e.loop is not None:
                 f = sum(forces.values()) - s.measured(others)
