@@ -68,8 +68,8 @@ class LeftOut:
             for u, blocks in information.by_coordinate.items()
         }
         if not pieces or not n:
-            zero = np.zeros((len(times), n, n))
-            return cls(times, T, zero, zero[:, :, 0], np.zeros((n, n)))
+            by_block = np.zeros((len(times), n, n)), np.zeros((len(times), n))
+            return cls(times, T, *by_block, np.zeros((n, n)))
         Q = np.concatenate([piece[2] for piece in pieces])
         # what rounding leaves of QᵀQ − I goes
         is_whole = n and not with_prior
