@@ -386,6 +386,15 @@ def test_loops_that_do_not_close_are_said(make):
     assert "do not close" in str(mechanism)  # it prints itself all the same
 
 
+def test_a_loop_that_cannot_close_by_itself_is_told_from_the_others(make):
+    """A point that would meet another 100 m away, beside two joints that a ratio ties."""
+    urdf = tree_urdf([J("a"), J("b", parent="a")], seed=1)
+    far = PIN.replace("tool_link", "b_link").replace("[1.0, 0.0, 0.0]", "[100.0, 0.0, 0.0]")
+    tie = '[[closure]]\nname = "tie"\nkind = "linear"\njoints = ["a", "b"]\nratios = [1.0, 1.0]\n'
+    with pytest.raises(MechanismError, match=r"\('pin' does not close alone: frames or"):
+        make(far + "\n" + tie, urdf).assembled  # noqa: B018
+
+
 JOINT = (
     '<joint name="j" type="{type}"><parent link="{parent}"/><child link="{child}"/>{more}</joint>'
 )

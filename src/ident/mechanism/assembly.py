@@ -13,7 +13,7 @@ Deray, D. Atchuthan, A micro Lie theory, 2018.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -28,6 +28,7 @@ LARGEST_STEP = 0.5  # numerics: [rad | m]
 DAMPING = (1e-2, 1e-12, 1e6)  # numerics: μ at first, at least, and where no step helps
 SPREADS = (0.0, 0.2, 0.5, 1.0, 1.5)  # work: [rad] of the first starts at random
 SEARCH = 5.0  # work: [s] of processor for all starts
+ALONE = 0.3  # work: [s] of processor for each closure by itself, where not all close
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,7 @@ class Assembly:
     q: np.ndarray  # (nq,)
     gaps: dict[str, float]  # [rad | m], by closure
     starts: int  # that were tried beyond Newton's steps from the mechanism's own start
+    alone: tuple[str, ...] = ()  # closures that stay open whatever the others do
 
     @property
     def closed(self) -> bool:
@@ -56,8 +58,28 @@ def assemble(kinematics: Kinematics, start: np.ndarray, turning: np.ndarray) -> 
     direct = Assembly(q, _gaps(kinematics, q), 0)
     if error < CLOSED and direct.closed:
         return direct
-    random, end, best = np.random.default_rng(0), time.process_time() + SEARCH, direct
-    angles, count = turning.astype(float), 0
+    best = _searched(kinematics, start, turning, direct, SEARCH)
+    if not best.closed and len(kinematics.closures) > 1:
+        alone = []
+        for closure in kinematics.closures:
+            if isinstance(closure, FrameClosure) and best.gaps[closure.name] >= CLOSED:
+                one = kinematics.with_closures((closure,))
+                begin = Assembly(start, _gaps(one, start), 0)
+                if not _searched(one, start, turning, begin, ALONE).closed:
+                    alone.append(closure.name)
+        best = replace(best, alone=tuple(alone))
+    if best.closed:  # its equations to rounding, as Newton leaves them
+        q, _ = kinematics.assemble(best.q)
+        best = Assembly(q, _gaps(kinematics, q), best.starts)
+    return best
+
+
+def _searched(
+    kinematics: Kinematics, start: np.ndarray, turning: np.ndarray, best: Assembly, seconds: float
+) -> Assembly:
+    """Return an assembly found from starts at random about the given one, or the least open one."""
+    random, end, count = np.random.default_rng(0), time.process_time() + seconds, 0
+    angles = turning.astype(float)
     while not best.closed and time.process_time() < end:
         spread = SPREADS[count] if count < len(SPREADS) else random.uniform(SPREADS[1], SPREADS[-1])
         step = spread * angles * random.normal(size=len(angles))
@@ -66,9 +88,6 @@ def assemble(kinematics: Kinematics, start: np.ndarray, turning: np.ndarray) -> 
         trial = Assembly(q, _gaps(kinematics, q), count)
         if max(trial.gaps.values()) < max(best.gaps.values()):
             best = trial
-    if best.closed:  # its equations to rounding, as Newton leaves them
-        q, _ = kinematics.assemble(best.q)
-        best = Assembly(q, _gaps(kinematics, q), best.starts)
     return best
 
 

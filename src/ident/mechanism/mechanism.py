@@ -256,6 +256,10 @@ class Mechanism(Displayed):
             f"'{name}' by {gap:.3g} {self._open_unit(name)}" for name, gap in gaps if gap >= CLOSED
         ]
         more = f" and {len(still_open) - SHOWN} more" if len(still_open) > SHOWN else ""
+        if by_themselves := self.assembly.alone:
+            verb = "does" if len(by_themselves) == 1 else "do"
+            names = ", ".join(f"'{name}'" for name in by_themselves)
+            more += f" ({names} {verb} not close alone: frames or joint types there are wrong)"
         locks = ", ".join(f"{joint} at {value:.4g}" for joint, value in self.locked.items())
         raise MechanismError(
             f"{self.name}: the loops do not close from [joints] start, nor from starts at random: "
