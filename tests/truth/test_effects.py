@@ -301,10 +301,11 @@ CORRECTIONS = {  # what s = 0.01 corrects
     "delay": lambda s, c: c.delay == {"a": 0.01},
     "encoder_offset": lambda s, c: c.dq == {"a": 0.01},
     "gravity_tilt": lambda s, c: c.tilt == (0.01, 0.01),
-    "elasticity": lambda s, c: np.allclose(c.dq["a"], -0.01 * s.load[:, 0]),
-    "backlash": lambda s, c: np.allclose(
-        c.dq["a"], -0.005 * np.tanh(s.load[:, 0] / (0.05 * np.sqrt(np.mean(s.load**2))))
+    "elasticity": lambda s, c: np.allclose(
+        np.array([100.0, 0.01, 1.0]) @ -c.twist["a"],
+        s.load[:, 0],  # K δ + D δ̇ + M δ̈, M = 1
     ),
+    "backlash": lambda s, c: np.abs(c.twist["a"]).max() == 0.005,
     "geometry": lambda s, c: c.displaced == {"a.x": 0.01},
     "closure_compliance": lambda s, c: c.gap == {"pin": 0.01},
     "command_delay": lambda s, c: c == Correction(),  # drives read it

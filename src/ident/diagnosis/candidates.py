@@ -96,7 +96,9 @@ def possible(mechanism: Mechanism, motion: Motion) -> list[Effect]:
         for effect in mechanism.candidates(logged, columns_of(motion))
         if not effect.joints or not {*effect.joints} <= dead
     ]
-    return candidates + [effect.freed for effect in mechanism.effects if effect.known]
+    drives = [effect.rescaled for effect in mechanism.drives.values() if not effect.known]
+    known = [effect.freed for effect in mechanism.effects if effect.known]
+    return [*candidates, *known, *(drive for drive in drives if drive is not None)]
 
 
 def columns_of(motion: Motion) -> set[str]:

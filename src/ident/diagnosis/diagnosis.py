@@ -18,15 +18,7 @@ from ident.diagnosis.found_curves import found_curves
 from ident.diagnosis.halves import determined_by_motion
 from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import with_noise
-from ident.diagnosis.result import (
-    Diagnosis,
-    Explanation,
-    Law,
-    announced,
-    announced_with,
-    errors_of,
-    known_of,
-)
+from ident.diagnosis.result import Diagnosis, Explanation, Law, announced, announced_with, errors_of
 from ident.diagnosis.search import Selection, select
 from ident.diagnosis.selection import (
     MAIN_CAUSE,
@@ -490,7 +482,8 @@ def start_point(fit: Fit, evidence: Collection[Evidence]) -> Point:
     shapes: dict[str, float] = {}
     for candidate in evidence:
         effect = candidate.effect
-        before = known_of(fit, effect) if effect.corrects else {}
+        present = any(e.label == effect.label for e in fit.mechanism.effects)
+        before = fit.point.values if effect.corrects and present else {}
         names = effect.names[len(effect.unknowns) :]
         shapes |= {
             full: candidate.shape[shape.name] + before.get(full, 0.0)

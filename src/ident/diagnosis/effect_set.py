@@ -30,6 +30,7 @@ from ident.diagnosis.selection import (
     rivals,
     same_part,
     sensible,
+    shape_before,
     simplest,
 )
 from ident.effects import Effect
@@ -167,8 +168,11 @@ class EffectSet:
             t = theta[at]
             rise = float(t @ linear.pinv(inverse[np.ix_(at, at)], hermitian=True) @ t)
             stderr = np.sqrt(np.maximum(np.diag(inverse)[at], 0.0))
+            start = member.evidence.start if member.evidence is not None else {}
             possible = member.evidence is None or (
-                sensible(self.contest, member.effect, t, stderr)
+                sensible(
+                    self.contest, member.effect, t + shape_before(member.effect, start), stderr
+                )
                 and self.contest.possible(member.effect, member.evidence.shape)
             )
             rises[member.label] = rise / self.loss if possible else -1.0
@@ -193,7 +197,7 @@ def on_rows_in_motion(
     for member in members:
         assert member.evidence is not None
         shape = member.evidence.shape
-        if member.effect.corrects:
+        if member.effect.corrects and not member.effect.extent:
             shape = {p.name: member.effect.values.get(p.name, 0.0) for p in member.effect.shapes}
         columns[member.effect.label] = store.add(member.effect, [shape])
     rows = contest.regression.without(contest.pulses)

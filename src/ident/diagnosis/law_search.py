@@ -36,6 +36,10 @@ from ident.text import significant
 
 STEPS = 8  # work: of Gauss-Newton
 LONGEST_STEP = 0.3  # numerics: of a shape's range, the longest step
+EXTENTS, WIDER = (
+    5,
+    2.0,
+)  # work: rounds of a correction's extent, and the most that it changes in one
 RISE = 1e-3  # numerics: of the error, that a further step must bring
 NEW_DIRECTION = 1e-6  # numerics: of a unit column's square: less of it is new
 SLOPE = 1e-4  # numerics: of a shape's range, for its slope
@@ -84,6 +88,34 @@ def refined(contest: Contest, effect: Effect, shape: Shape) -> tuple[Shape, list
         if (low <= end).all() and (end <= high).all():  # else the slopes are no change of shape
             return shape, both, refit
     return shape, columns.C, regression.refit_with(columns.C)
+
+
+def refined_extent(
+    contest: Contest, effect: Effect, start: Shape
+) -> tuple[Shape, list[Array], Refit]:
+    """Refine a correction that is not linear in its extent: its columns, of all the way from 0 to
+    some extent, are made once more at the one that they ask for, while they explain more.
+
+    Returns:
+        The shape of the columns; columns (m, u) in each part; everything refitted with them.
+    """
+    bounds, shape, ends = contest.table.bounds(effect), dict(start), []
+    for _ in range(EXTENTS):
+        C = contest.columns(effect, shape)
+        refit = contest.regression.refit_with(C)
+        ends.append((dict(shape), C, refit))
+        gains = [contest.regression.gain(end[2]) for end in ends]
+        if gains[-1] < max(gains):
+            break
+        for parameter, value in zip(effect.searched, refit.theta, strict=True):
+            name, before = parameter.name, shape[parameter.name]
+            low, high = bounds[name]
+            if name == effect.extent:
+                low, high = max(low, before / WIDER), min(high, before * WIDER)
+            else:
+                value = before + value
+            shape[name] = float(np.clip(value, low, high))
+    return max(ends, key=lambda end: contest.regression.gain(end[2]))
 
 
 def _steps(

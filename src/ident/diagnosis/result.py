@@ -470,7 +470,7 @@ def known_of(fit: Fit, effect: Effect) -> dict[str, float]:
     known = next((e for e in fit.mechanism.effects if e.label == effect.label), None)
     if known is None:
         return {}
-    return {full: known.values[name] for name, full in known.full.items()}
+    return {full: known.values[name] for name, full in known.full.items() if name in known.values}
 
 
 def errors_of(fit: Fit) -> dict[str, Error]:

@@ -17,13 +17,13 @@ difference and by more than chance.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from ident.diagnosis.candidates import STANDS_FOR, SURROGATES, CandidateColumns, Contest, Shape
-from ident.diagnosis.law_search import refined
+from ident.diagnosis.law_search import refined, refined_extent
 from ident.diagnosis.null import judging, null_by_coordinate, null_shares
 from ident.effects import Effect
 from ident.fit.shapes import widened
@@ -37,6 +37,7 @@ SAME_PART = 0.7
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 STARTS = 4  # work: of a searched shape, from which it is refined
+EXTENTS = 2  # work: the same of a correction that is not linear
 SHARE_ROUNDING = 1e-12  # numerics: of a share, from one
 BODY = 10  # range: parameters of a body
 REACH = 2.0  # range: times the lengths from joint to joint, within which a load's centre is
@@ -61,6 +62,7 @@ class Evidence:
     size: float  # rms of its torque as a share of its joint's, the largest
     sensible: bool  # whether such an effect can have its values and its shape
     credible: bool  # all of it
+    start: Shape = field(default_factory=dict)  # of its search, at which its columns were made
 
     @property
     def numbers(self) -> int:
@@ -314,12 +316,20 @@ def weigh(
     effect, shape = candidate.effect, dict(candidate.shapes[starts[0]])
     passed = gain > limit
     columns, C = candidate.groups[starts[0]], list[Array]()
+    start: Shape = shape
     if effect.corrects:
+        if passed and shape.get(effect.extent):
+            ends = [refined_extent(contest, effect, candidate.shapes[i]) for i in starts[:EXTENTS]]
+            start, C, refit = max(ends, key=lambda end: regression.gain(end[2]))
+            columns = columns[:0]
         bounds = contest.table.bounds(effect)
-        for parameter, value in zip(effect.searched, refit.theta, strict=True):
-            shape[parameter.name] = float(
-                np.clip(shape[parameter.name] + value, *bounds[parameter.name])
-            )
+        # of a drive beyond the values of the model
+        ends_of = {} if effect.supplies_torque else bounds
+        values = refit.theta + shape_before(effect, start)
+        shape = {
+            parameter.name: float(np.clip(value, *ends_of.get(parameter.name, (-np.inf, np.inf))))
+            for parameter, value in zip(effect.searched, values, strict=True)
+        } | {name: x for name, x in start.items() if name in effect.values}
     elif passed and any(not parameter.discrete for parameter in effect.searched):
         ends = [refined(contest, effect, candidate.shapes[i]) for i in starts]
         refined_shape, C, refit = max(ends, key=lambda end: regression.gain(end[2]))
@@ -331,7 +341,7 @@ def weigh(
     remaining = refit.loss.sum() / max(regression.loss.sum(), 1e-300)
     stderr = refit.stderr * np.sqrt(remaining)
     plausible = contest.possible(effect, shape)
-    plausible &= sensible(contest, effect, refit.theta, stderr)
+    plausible &= sensible(contest, effect, refit.theta + shape_before(effect, start), stderr)
     massive = not effect.loaded_link or has_mass(
         contest.fit.mechanism, refit.theta[:BODY], stderr[:BODY]
     )
@@ -344,15 +354,27 @@ def weigh(
     for u, share in enumerate(ranking.by_coordinate.get(effect.label, ())):
         p = float(np.fmin(p, ranking.chance.p(float(share), place + 1 + u)))
     return Evidence(
-        effect, shape, columns, tuple(C), refit, own_gain, limit, p, size, plausible, credible
-    )
+        effect, shape, columns, tuple(C), refit, own_gain, limit, p, size, plausible, credible,
+        start,
+    )  # fmt: skip
+
+
+def shape_before(effect: Effect, start: Shape) -> Array:
+    """Return what is added to the coefficients (u,) of a candidate to have its values: the start of
+    shapes whose columns are slopes there, 0 else.
+    """
+    if not effect.corrects:
+        return np.zeros(1)
+    names = [parameter.name for parameter in effect.searched]
+    return np.array([0.0 if name == effect.extent else start[name] for name in names])
 
 
 def sensible(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> bool:
     """Return whether an effect can have its values (u,), with those known already added."""
     names = effect.unknowns or effect.searched
-    known = next((e.values for e in contest.fit.mechanism.effects if e.label == effect.label), {})
-    values = theta[: len(names)] + [known.get(parameter.name, 0.0) for parameter in names]
+    present = any(e.label == effect.label for e in contest.fit.mechanism.effects)
+    known = contest.fit.point.values if present else {}
+    values = theta[: len(names)] + [known.get(effect.full[p.name], 0.0) for p in names]
     if effect.corrects:
         bounds = contest.table.bounds(effect)
         ends = (widened(*bounds[parameter.name]) for parameter in names)

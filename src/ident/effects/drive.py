@@ -217,60 +217,6 @@ class GravityTilt(Correcting):
         return Correction(tilt=(s.shape["x"], s.shape["y"]))
 
 
-class Elasticity(Correcting):
-    """A drive that twists under load: the joint lags behind the motor's encoder."""
-
-    kind = "elasticity"
-    watched = "request"
-    asks = ("load",)
-    rare = True
-    sits = "driven"
-    shapes = (Unknown("compliance", ("rad/(N m)", "m/N"), "1/K, twist a unit of torque", True),)
-    equation = "q = q_logged − load/K; load: torque of all bodies, friction is before it"
-    signature = "the residual follows the second derivative of the load"
-    confused_with = ("delay", "rotor_inertia")
-    source = "Spong, ASME J. Dyn. Syst. Meas. Control 109(4), 1987"
-    implicit = True
-
-    def correction(self, s: Signals) -> Correction:
-        return Correction(dq={self.joints[0]: -s.shape["compliance"] * s.load[:, 0]})
-
-    def bounds(self, s: Signals) -> Bounds:
-        # a twist of up to a tenth of a radian, or of the travel, at the rms load
-        low, high = s.travel[0]
-        most = 0.1 if self.rotational else 0.1 * (high - low)
-        return {"compliance": (0.0, most / max(float(np.sqrt(np.mean(s.load**2))), 1e-9))}
-
-
-class Backlash(Correcting):
-    """Play between motor and joint."""
-
-    kind = "backlash"
-    watched = "request"
-    slow = True
-    at_reversals = True
-    whole_log = True  # the rms of its load
-    asks = ("load",)
-    rare = True
-    sits = "driven"
-    shapes = (Unknown("width", ("rad", "m"), "of the play", nonnegative=True),)
-    equation = "q = q_logged − width/2 · sign(load)"
-    signature = "the residual jumps or spikes where the torque changes its sign"
-    confused_with = ("coulomb", "delay", "elasticity")
-    source = "Nordin, Gutman, Automatica 38(10), 2002"
-    implicit = True
-
-    def correction(self, s: Signals) -> Correction:
-        load = s.load[:, 0]
-        side = np.tanh(load / max(0.05 * float(np.sqrt(np.mean(load**2))), 1e-12))
-        return Correction(dq={self.joints[0]: -0.5 * s.shape["width"] * side})
-
-    def bounds(self, s: Signals) -> Bounds:
-        # up to a tenth of the travel
-        low, high = s.travel[0]
-        return {"width": (0.0, max(0.1 * (high - low), 1e-6))}
-
-
 class Geometry(Correcting):
     """A length that differs from the URDF's."""
 

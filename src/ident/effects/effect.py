@@ -100,6 +100,17 @@ class Signals:
     # for each joint, and the part of it that the links need, without effects at that joint. In a
     # closure's own joint both are the size of the closure's force
     predicted: Callable[[], tuple[np.ndarray, np.ndarray]] | None = None
+    # gives (3, n, joints) the slopes of each joint's load along its q, v and a
+    slopes: Callable[[], np.ndarray] | None = None
+
+    @property
+    def load_slopes(self) -> np.ndarray:
+        """Slopes (3, n, joints) of the load along a joint's q, v, a: stiffness, damping, inertia of
+        what it carries; 0, 0, 1 without a model.
+        """
+        if self.slopes:
+            return self.slopes()
+        return np.stack([np.zeros_like(self.q), np.zeros_like(self.q), np.ones_like(self.q)])
 
     @property
     def torque(self) -> np.ndarray:
@@ -145,6 +156,7 @@ class Sites:
     driven: tuple[str, ...] = ()  # joints with a drive
     geared: tuple[tuple[str, str], ...] = ()  # pairs whose motors may have a common shaft
     sensed: tuple[str, ...] = ()  # joints whose torque a sensor measures
+    commanded: tuple[str, ...] = ()  # joints whose drive follows a command
     loaded: tuple[str, ...] = ()  # whose load the model predicts, closures' own among them
     logged: tuple[str, ...] = ()  # joints whose position is logged
     link: tuple[str, ...] = ()  # moving links
@@ -162,6 +174,8 @@ class Correction:
 
     # by joint, true − logged: a number, (n,), or (3, n) with its first and second rate
     dq: Mapping[str, np.ndarray | float] = field(default_factory=dict)
+    # the same of a joint's link, where the joint's own effects act on the motor, which is logged
+    twist: Mapping[str, np.ndarray] = field(default_factory=dict)
     delay: Mapping[str, float] = field(default_factory=dict)  # by joint, of its torque [s]
     tilt: tuple[float, float] = (0.0, 0.0)  # rotation of the base about x and y [rad]
     displaced: Mapping[str, float] = field(default_factory=dict)  # by place, displacement [m]
@@ -169,6 +183,7 @@ class Correction:
     torque: Mapping[str, np.ndarray] = field(default_factory=dict)  # by joint, of its drive (n,)
     late: Mapping[str, float] = field(default_factory=dict)  # by joint, of its torque as predicted
     clock: float = 0.0  # true time over logged time, less 1
+    since: float = 0.0  # [s] from the log's first sample, before which it is not known
 
 
 PER_LOG = "log"  # of an effect that each log has with values of its own
@@ -228,6 +243,10 @@ class Effect(ABC):
     corrects: ClassVar[bool] = False  # it has a correction instead of columns
     supplies_torque: ClassVar[bool] = False  # it is a drive: the log has no torque of its joint
     scale: ClassVar[str] = ""  # the shape that multiplies the torque which it supplies
+    # of a correction that is not linear in its shapes: the one that is 0 where there is none; its
+    # column at a start is that of all the way from 0 to there
+    extent: ClassVar[str] = ""
+    through_drives: ClassVar[bool] = False  # it corrects by the torques that drives supply
     margin: ClassVar[float] = 0.0  # [s] at both ends of a log that its correction cannot use
     whole_log: ClassVar[bool] = False  # its correction depends on statistics of the whole log
     asks: ClassVar[tuple[str, ...]] = ()  # of `a`, `torque`, `load`: predictions in its columns
@@ -427,6 +446,13 @@ class Effect(ABC):
         """The effect with its unknowns open, or the shapes of a correction, which has none."""
         open_ = {unknown.name for unknown in self.unknowns or self.shapes}
         return replace(self, values={n: x for n, x in self.values.items() if n not in open_})
+
+    @property
+    def rescaled(self) -> Effect | None:
+        """A drive with its scale open, where that is given; None of another effect."""
+        if self.scale not in self.values:
+            return None
+        return replace(self, values={n: x for n, x in self.values.items() if n != self.scale})
 
     @property
     def linear(self) -> bool:

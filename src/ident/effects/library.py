@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ident.effects import drive, frame, joint, servo
+from ident.effects import drive, frame, joint, servo, transmission
 from ident.effects.curve import Curve, OnFirst
 from ident.effects.effect import PER_LOG, Effect, Shape, Signals, Unknown
 from ident.effects.user_function import Shapes, compiled_columns, members_of, split_unit
@@ -42,8 +42,9 @@ KINDS: Mapping[str, type[Effect]] = {
         joint.ReversalPulses, joint.Hysteresis, joint.DirectionFriction, joint.PositionFriction,
         joint.Drag, joint.Spring, joint.Cable, joint.EndStop, drive.RotorInertia, drive.Coupling,
         joint.Ripple, drive.TorqueOffset, drive.TorqueGain,
-        drive.Delay, drive.EncoderOffset, drive.GravityTilt, joint.Payload, drive.Elasticity,
-        drive.Backlash, drive.Geometry, drive.ClosureCompliance, joint.TemperatureFriction,
+        drive.Delay, drive.EncoderOffset, drive.GravityTilt, joint.Payload,
+        transmission.Elasticity, transmission.Backlash, drive.Geometry,
+        drive.ClosureCompliance, joint.TemperatureFriction,
         drive.Drift, servo.CommandDelay, servo.Servo, servo.MotorCurrent, servo.MotorVoltage,
         servo.MotorDuty, Curve,
         frame.Thrust, frame.BodyDrag, frame.Tyre, frame.TyreSaturation, frame.TyreSlip,

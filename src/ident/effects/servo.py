@@ -42,7 +42,8 @@ class CommandDelay(Correcting):
     noun = "late command"
     shared = True
     sits = "driven"
-    candidate_sites = NOWHERE
+    candidate_sites = "commanded"
+    through_drives = True
     margin = LATEST_COMMAND
     shapes = (
         Unknown(

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.effects import Effect
+from ident.effects import Correction, Effect
 from ident.equations.filter import CHUNK, STANDING, STICKING, Decimator, filtered_windows
 from ident.equations.nearby import beside
 from ident.equations.terms import (
@@ -54,6 +54,7 @@ WIDER = 3.0  # numerics: times the rows' cut-off: passes all that the rows' filt
 OF_NOISE = 1e-3  # numerics: share of the torques' noise by which thinned rows may differ
 EXACT = 1e-9  # numerics: share of a column by which they may differ where there is no noise
 LOOSEST = 1e-6  # numerics: and the most, however large the noise is
+PASSES = 2  # work: of links that swing, over the load of their own motion
 STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smooth in their shapes
 EARLIER = "state before"  # in the memory of samples
 
@@ -62,8 +63,10 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     """A whole state as correcting effects (or `only` one) make it at the point of `base`."""
     mechanism, e = base.mechanism, base.e
     corrections, every = [], mechanism.effects
-    if only:  # the last one as a rule
-        every = tuple(x for x in every[::-1] if x.kind == only.kind and x.label == only.label)[:1]
+    twisting = list[tuple[Effect, dict[str, float]]]()
+    if only:  # the last one as a rule, and drives that it is in
+        alone = tuple(x for x in every[::-1] if x.kind == only.kind and x.label == only.label)[:1]
+        every = tuple(x for x in every if x in alone or in_drive(only, x))
     for effect in every:
         if not effect.corrects:
             continue
@@ -79,6 +82,8 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         shape = {name: share * value for name, value in shape.items()}
         what = effect.correction(replace(base.signals(effect.acting), shape=shape))
         corrections.append((effect.margin, what))
+        swings = any(x.ndim == 2 and name in e.logged for name, x in what.twist.items())
+        twisting += [(effect, shape)] if swings else []
         mechanism = mechanism.corrected(what)
     known = e.known(mechanism)
     for margin, what in corrections:
@@ -94,10 +99,20 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         for name, dq in what.dq.items():
             if name in e.logged:  # the closures place the others
                 known[:, :, e.logged.index(name)] += _rates(e, dq, cutoff)
+        if what.since:
+            e = replace(e, usable=e.usable & (e.poses | (e.t >= e.t[0] + what.since)))
+        for name, twist in what.twist.items():
+            if name in e.logged:
+                known[:, :, e.logged.index(name)] += _rates(e, twist, cutoff)
     if any(
-        what.dq or what.displaced for _, what in corrections
+        what.dq or what.twist or what.displaced for _, what in corrections
     ):  # once: all are of the data as logged
-        e = e.at(mechanism, known)
+        motors = e
+        e = _with_motors(mechanism, e.at(mechanism, known), motors, corrections)
+        for _ in range(PASSES if twisting else 0):  # loads of the links, where they are by now
+            for effect, at in twisting:
+                known += _twisted_further(base, mechanism, e, motors, effect, at)
+            e = _with_motors(mechanism, e.at(mechanism, known), motors, corrections)
     for _, what in corrections:
         for name, d in what.late.items() if len(e) > 1 else ():
             now = Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
@@ -115,7 +130,8 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             step = np.einsum("nij,nj->ni", e.pinv[:, :, forces], gap)
             transmits = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
             q = integrate(mechanism.model, e.q, transmits[0])
-            e = e.at(mechanism, motion=(q, e.v + transmits[1], e.a + transmits[2]))
+            moved = e.at(mechanism, motion=(q, e.v + transmits[1], e.a + transmits[2]))
+            e = _with_motors(mechanism, moved, e, corrections)
     if e is base.e and mechanism is base.mechanism:
         return base
     return Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
@@ -134,6 +150,53 @@ def _earlier(now: Samples, base: Samples, d: float) -> Samples:
         stored[d] = beside(earlier, base)
     made: Samples = stored[d]  # corrections of torques change no force of the model
     return replace(now, e=made.e, memo=made.memo)
+
+
+def in_drive(only: Effect, effect: Effect) -> bool:
+    """Return whether a drive supplies a torque that another effect corrects."""
+    return only.through_drives and effect.supplies_torque and effect.joints[0] in only.joints
+
+
+def _with_motors(
+    mechanism: Mechanism, e: State, before: State, corrections: Sequence[tuple[float, Correction]]
+) -> State:
+    """Return a state in which joints whose links twist are where their motors are: friction and
+    rotor are those of the motor, and bodies, whose coordinates are q, move with the link.
+    """
+    names = {name for _, what in corrections for name in what.twist if name in e.logged}
+    if not names:
+        return e
+    at = [mechanism.joint_index[name] for name in names]
+    motors = [y.copy() for y in (e.y, e.yd, e.ydd)]
+    for mine, y in zip(motors, (before.y, before.yd, before.ydd), strict=True):
+        mine[:, at] = y[:, at]
+    return replace(e, y=motors[0], yd=motors[1], ydd=motors[2])
+
+
+def _twisted_further(
+    base: Samples,
+    mechanism: Mechanism,
+    e: State,
+    motors: State,
+    effect: Effect,
+    shape: Mapping[str, float],
+) -> np.ndarray:
+    """Return by what the coordinates, rates, accelerations (3, n, d) of the logged joints change
+    where a link, which swings behind its motor, has the load L of its own motion: in a step of
+    Newton's method that is L + G δ + C δ̇ + M δ̈, with the twist δ so far.
+    """
+    (name,) = effect.joints
+    at, place = mechanism.joint(name).index, mechanism.joint_index[name]
+    links = (e.q, e.v, e.a) if e.loop is None else e.known(mechanism, (name,))
+    now = np.stack([x[:, at] if e.loop is None else x[:, 0] for x in links])
+    twist = np.stack([y[:, place] for y in (motors.y, motors.yd, motors.ydd)]) - now
+    signals = base.signals(effect.acting)
+    here = Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
+    load = here.predicted((name,))[1] + (signals.load_slopes[:, :, 0] * twist).sum(axis=0)[:, None]
+    again = replace(signals, shape=shape, predicted=lambda: (load, load))
+    change = np.zeros((3, len(e), len(e.logged)))
+    change[:, :, e.logged.index(name)] = effect.correction(again).twist[name] + twist
+    return change
 
 
 def _memo(base: Samples, mechanism: Mechanism, e: State) -> dict[object, Any]:

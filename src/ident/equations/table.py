@@ -124,14 +124,7 @@ class Table(Rows):
         """Return columns (N, c, numbers · shapes) of an effect at shapes, and the c coordinates."""
         d = self.b.shape[1]
         if effect.corrects:
-            names = [shape_parameter.name for shape_parameter in effect.searched]
-            S = [
-                self.scale_sensitivity(effect, shape)
-                if name == effect.scale
-                else self.sensitivity(effect, shape, name)
-                for shape in shapes
-                for name in names
-            ]
+            S = [column for shape in shapes for column in self._of_correction(effect, shape)]
             return np.stack(S, axis=-1), np.arange(d)  # weighed already
         own_rows = effect.local and not self.mechanism.closures
         joints = [self.mechanism.joint(name).index for name in effect.joints] if own_rows else ()
@@ -152,22 +145,63 @@ class Table(Rows):
             series.append(np.concatenate(pieces, axis=2))
         return np.concatenate(series) * self.scale[:, felt, None], felt
 
-    def scale_sensitivity(self, effect: Effect, shape: Mapping[str, float]) -> np.ndarray:
+    def scale_sensitivity(self, effect: Effect) -> np.ndarray:
         """Return S (N, d) of the scale of a drive, from what the model predicts for it.
 
         By the error of its command, of which the torque is made, any scale would explain what is
         left: none leaves nothing.
         """
-        present = {e.label: e for e in self.mechanism.effects}.get(effect.label, effect)
-        given = {s.name: present.values[s.name] for s in effect.shapes if s.name in present.values}
         series, (name,) = [], effect.joints
         for number, s in enumerate(self.samples):
-            signals = replace(s.signals(effect.joints), shape={**shape, **given})
+            signals = replace(s.signals(effect.joints), shape=s.point.of(effect)[1])
             torque = effect.scale_column(signals, s.predicted(effect.joints)[0][:, 0])
             S = np.zeros((len(s), self.b.shape[1]))
             s.add_torque(S, name, -torque)
             series.append(self.filtered(number, S))
         return np.concatenate(series) * self.scale
+
+    def _of_correction(self, effect: Effect, shape: Mapping[str, float]) -> list[np.ndarray]:
+        """Return columns (N, d) of the searched shapes of a correcting effect, at a shape: slopes,
+        and of one that is not linear in its extent all of what it corrects, by its extent.
+        """
+        names, extent = [parameter.name for parameter in effect.searched], shape.get(effect.extent)
+        if not extent or effect.extent not in names:
+            return [
+                self.scale_sensitivity(effect)
+                if name == effect.scale
+                else self.sensitivity(effect, shape, name)
+                for name in names
+            ]
+        series: list[list[np.ndarray]] = [[] for _ in names]
+        cutoff = self.motion.band.cutoff
+        values = dict(zip(effect.names, (shape[p.name] for p in effect.shapes), strict=True))
+        for number, scene in enumerate(self.scenes):
+            grown, point = scene.mechanism + effect, self.point.with_values(values)
+            bare = replace(self.thin[number], mechanism=grown, point=point)
+            here = residual(corrected(bare, cutoff, effect))
+            for name, columns in zip(names, series, strict=True):
+                if name == effect.extent:
+                    S = (self._uncorrected[number] - here) / extent
+                else:
+                    h, shifted = perturbed(bare, effect, name, cutoff, effect)
+                    S = (here - residual(shifted)) / h
+                columns.append(self._in_rows(number, S))
+        return [np.concatenate(columns) * self.scale for columns in series]
+
+    def _in_rows(self, number: int, S: np.ndarray) -> np.ndarray:
+        """Return a smooth series of an experiment's `thin` samples, in its rows (N_e, d)."""
+        bare, t = self.thin[number], self.scenes[number].e.t
+        if len(S) != len(t) and self.every == 1 and len(S) >= FEWEST:
+            terms = np.stack(coefficients(bare.e.t, S))
+            return multiplied_splines(self._splines[number], terms)
+        if len(S) != len(t):
+            S = cubic(bare.e.t, S, t)
+        return self.filtered(number, S[self.samples[number].part])
+
+    @cached_property
+    def _uncorrected(self) -> list[np.ndarray]:
+        """Return r = b − A x (n, d) of the `thin` samples of each experiment."""
+        return [residual(samples) for samples in self.thin]
 
     def sensitivity(
         self, effect: Effect, shape: Mapping[str, float], name: str, step: float | None = None
@@ -183,12 +217,16 @@ class Table(Rows):
         }
         series = []
         cutoff = self.motion.band.cutoff
+        if effect.supplies_torque:  # its shapes are beyond those of the model
+            others = {f: x + self.point.values.get(f, 0.0) for f, x in others.items()}
+        by_drives = effect.supplies_torque or effect.through_drives
         for number, scene in enumerate(self.scenes):
             grown, point = scene.mechanism + effect, self.point.with_values(others)
             bare = replace(self.thin[number], mechanism=grown, point=point)
             if step is None:
                 h, shifted = perturbed(bare, effect, name, cutoff, effect)
-                still = not effect.unknowns and not any(shape.values())  # it corrects nothing yet
+                # it corrects nothing yet
+                still = not by_drives and not effect.unknowns and not any(shape.values())
                 at = self.thin[number] if still else corrected(bare, cutoff, effect)
             else:
                 h, values = step, (shape[name] - step / 2, shape[name] + step / 2)
@@ -199,16 +237,9 @@ class Table(Rows):
                     )
                     for value in values
                 )  # fmt: skip
-            base, t = self.thin[number], scene.e.t
+            base = self.thin[number]
             S = (residual(beside(at, base)) - residual(beside(shifted, base))) / h
-            if len(S) == len(t):
-                series.append(self.filtered(number, S[self.samples[number].part]))
-            elif self.every > 1 or len(S) < FEWEST:
-                S = cubic(bare.e.t, S, t)
-                series.append(self.filtered(number, S[self.samples[number].part]))
-            else:
-                terms = np.stack(coefficients(bare.e.t, S))
-                series.append(multiplied_splines(self._splines[number], terms))
+            series.append(self._in_rows(number, S))
         return np.concatenate(series) * self.scale
 
     @cached_property
@@ -246,6 +277,8 @@ class Table(Rows):
 
     def starts(self, effect: Effect) -> list[Mapping[str, float]]:
         """Return the shapes at which a search starts, known ones at their values."""
+        if effect.supplies_torque:
+            return [{parameter.name: 0.0 for parameter in effect.shapes}]
         signals = self.pooled(effect)
         known = {s.name: effect.values[s.name] for s in effect.shapes if s.name in effect.values}
         starts = ({**start, **known} for start in effect.starts(signals))
@@ -272,6 +305,7 @@ class Table(Rows):
             extra={name: np.concatenate([s.extra[name] for s in signals]) for name in everywhere},
             still=np.min([s.still for s in signals], axis=0),
             predicted=lambda: (concatenated("torque"), concatenated("load")),
+            slopes=lambda: np.concatenate([s.load_slopes for s in signals], axis=1),
             q=concatenated("q"),
             v=concatenated("v"),
             a=concatenated("a"),

@@ -28,9 +28,11 @@ from ident.effects import Effect, Signals
 from ident.equations.unknowns import Columns, Point
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import regressor, rigid_forces
+from ident.motion.closures import integrate
 from ident.motion.state import State
 
 STEP = 1e-3  # numerics: of the range of a shape parameter, for differences
+SLIGHTLY = 1e-5  # numerics: [rad | m | per second] step along a coordinate, for differences
 # work: bytes of Γ at all samples of a state, up to which it is kept unfiltered
 GAMMA_BYTES = 48_000_000
 CHUNK = 4096  # work: samples whose regressor is in memory at once
@@ -135,6 +137,7 @@ class Samples:
                 extra={name: x[part] for name, x in e.extra.items()},
                 present=self.point.values,
                 predicted=cache(lambda: bare.predicted(joints)),
+                slopes=cache(lambda: bare.load_slopes(joints)),
             )
         return self._signals[joints]
 
@@ -304,6 +307,40 @@ class Samples:
         e, pinv = self.e, None if self.e.loop is None else self.e.pinv[self.part]
         both = *self.forces(), self.surplus()
         return joint_loads(self.mechanism, joints, e.independent, pinv, *both, e.tau[self.part])
+
+    def load_slopes(self, joints: tuple[str, ...]) -> np.ndarray:
+        """(3, n, joints) slopes of the torque of the bodies along q, v and a of each joint alone,
+        where it is independent or of a tree; 0, 0, 1 elsewhere.
+        """
+        key = "load slopes", joints
+        if key not in self.memo:
+            self.memo[key] = self._load_slopes(joints)
+        return np.asarray(self.memo[key][:, self.part])
+
+    def _load_slopes(self, joints: tuple[str, ...]) -> np.ndarray:
+        """The same of the whole state."""
+        e, pi, model = self.e, self.point.pi.copy(), self.mechanism.model
+        for effect in (effect for effect in self.mechanism.effects if effect.loaded_link):
+            link = self.mechanism.bodies.columns(str(effect.loaded_link))
+            pi[link] += self.share_of(effect) * self.point.of(effect)[0]
+        now, slopes = rigid_forces(model, e.q, e.v, e.a, pi), np.zeros((3, len(e), len(joints)))
+        slopes[2] = 1.0
+        for i, name in enumerate(joints):
+            if e.loop is None:
+                Z = np.zeros_like(e.v)
+                Z[:, self.mechanism.joint(name).index] = 1.0
+            elif name in e.independent:
+                Z = np.ascontiguousarray(
+                    e.pinv[:, :, e.independent.index(name) - len(e.independent)]
+                )
+            else:
+                continue
+            turned, faster = integrate(model, e.q, SLIGHTLY * Z), e.v + SLIGHTLY * Z
+            moved = (turned, e.v, e.a), (e.q, faster, e.a), (e.q, e.v, e.a + Z)
+            for k, state in enumerate(moved):
+                rise = rigid_forces(model, *state, pi) - now
+                slopes[k, :, i] = np.einsum("ni,ni->n", Z, rise) / (1.0 if k == 2 else SLIGHTLY)
+        return slopes
 
 
 def joint_loads(

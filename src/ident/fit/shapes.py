@@ -11,7 +11,7 @@ meanwhile. A start for every shape comes from its own coarse search, everything 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +31,8 @@ from ident.motion import Motion
 from ident.text import listed
 
 STEPS = 15  # work
+STARTS_TRIED = 5  # work: of a correction that is not linear, with everything refitted
+SWINGING_STEPS = 45  # work: where a link swings with a load that is fitted meanwhile
 HALVES = 5  # work
 PASSES = 2  # work: over what depends on the model's own prediction
 LONGEST = 0.3  # numerics: of a shape's range, the longest step
@@ -91,9 +93,9 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     _, shape = point.of(effect)
     if len(shape) == len(effect.shapes):
         return point
-    u = len(effect.unknowns)
+    u = len(effect.unknowns) or len(effect.searched)
     full = effect.full
-    if effect.corrects:
+    if effect.corrects and not effect.extent:
         samples = Samples(mechanism, motion.experiments[0], slice(None), point)
         start = {**effect.starts(samples.signals(effect.acting))[0], **shape}
         return point.with_values({full[s.name]: start[s.name] for s in effect.shapes})
@@ -118,8 +120,44 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
         float(r @ columns @ linear.lstsq(columns, r, rcond=1e-9)[0])
         for columns in np.split(C, len(starts), axis=1)
     ]
+    if effect.extent in starts[0] and effect.extent not in effect.values:
+        order = np.argsort(falls)[::-1][:STARTS_TRIED]
+        return _least(mechanism, motion, point, effect, [starts[i] for i in order])
     best = starts[int(np.argmax(falls))]
     return point.with_values({full[name]: float(value) for name, value in best.items()})
+
+
+def _least(
+    mechanism: Mechanism,
+    motion: Motion,
+    point: Point,
+    effect: Effect,
+    starts: Sequence[Mapping[str, float]],
+) -> Point:
+    """Return the point with that of some starts of an effect, or none of it, with the least error
+    when all else is refitted: far from the solution its columns are no more than a hint.
+    """
+    others = tuple(
+        e for e in mechanism.effects
+        if e.label == effect.label or len(point.of(e)[1]) == len(e.shapes)
+    )  # fmt: skip
+    model = replace(mechanism, effects=others)
+    columns = Columns.of(model)
+    ((_, places),) = (both for both in columns.effects if both[0].label == effect.label)
+    given = np.isin(np.arange(len(columns)), places)
+    none = {parameter.name: 0.0 for parameter in effect.searched}
+    points = [
+        point.with_values({effect.full[name]: float(x) for name, x in start.items()})
+        for start in ({**starts[0], **none}, *starts)
+    ]
+    first = Problem.reduced(model, motion, points[0], columns).estimate()
+    errors = []
+    for at in points:
+        estimate = Problem.reduced(model, motion, at, columns).estimate(
+            sigma=first.sigma, fixed=first.fixed | given
+        )
+        errors.append(estimate.triangle.residual_norm(estimate.x) ** 2)
+    return points[int(np.argmin(errors))]
 
 
 def variable_projection(
@@ -152,8 +190,9 @@ def variable_projection(
     check_scales(columns, first)
     same = SAME * float(np.sum((first.triangle.column_norms() * first.x) ** 2))
     loss = np.inf
-    for number in range(STEPS):
-        on_progress("searching shapes", number / STEPS)
+    steps = SWINGING_STEPS if any(effect.extent for effect in mechanism.effects) else STEPS
+    for number in range(steps):
+        on_progress("searching shapes", number / steps)
         now, before = solved(point, first, first.fixed), point.unknowns(columns)
         if shapes.any():
             loss = trial(point, first)[1] if np.isinf(loss) else loss

@@ -294,6 +294,7 @@ class Mechanism(Displayed):
         closure_joints = tuple(joint.name for joint in self.joints if not joint.in_tree)
         return Sites(
             joint=names, driven=self.driven, sensed=self.measured, geared=self._geared,
+            commanded=tuple(name for name, x in self.drives.items() if "delay" in x.settings),
             loaded=(*self.driven, *closure_joints), logged=names,
             link=self.bodies.links, place=tuple(self.lengths),
             closure=tuple(closure.name for closure in self.closures),
@@ -500,7 +501,7 @@ class Mechanism(Displayed):
         if effect.label not in labels:
             return replace(self, effects=(*self.effects, new))
         at = labels.index(effect.label)
-        if effect.known or not self.effects[at].known:
+        if effect.known or not {*effect.values} < {*self.effects[at].values}:
             raise MechanismError(f"{self.name}: has the effect '{effect.label}' already")
         # its known values become unknown
         return replace(self, effects=(*self.effects[:at], new, *self.effects[at + 1 :]))

@@ -21,7 +21,6 @@ from scipy.interpolate import CubicSpline, interp1d
 
 from ident.display import Displayed, Progress
 from ident.equations.rows import Scene, check_needs
-from ident.equations.terms import Samples
 from ident.equations.unknowns import NOTHING, Point
 from ident.errors import MotionError, one_of
 from ident.information import linear
@@ -39,12 +38,12 @@ from ident.simulate.inverse import (
     Noise,
     check_channels,
     columns_of,
-    joint_columns,
     one_run,
     point_of,
     with_noise,
 )
 from ident.simulate.plant import InstantTerms, Plant, constant_correction
+from ident.simulate.twisting import twisting
 
 BANDWIDTH = 2 * np.pi * 5.0  # range: [rad/s] of a controller whose gains are not given
 Gains = tuple[float, float] | Mapping[str, tuple[float, float]]
@@ -239,6 +238,8 @@ def integrate(
         for effect in mechanism.effects:
             model = model.corrected(constant_correction(effect, point))
         check_needs(model, model.name, ())
+        logging = model
+        model, point, _ = twisting(model, point, None)
         q, v = model.assembled, np.zeros(model.model.nv)
         t = _times(0.0, DURATION if duration is None else duration, RATE if rate is None else rate)
     else:
@@ -246,7 +247,10 @@ def integrate(
         given = drive.log if isinstance(drive, Torques) else drive.reference
         motion = complete(mechanism, given, torques=played)
         scene = Scene.of(mechanism, NOTHING, motion.experiments[0], point, motion.band.cutoff)
-        model, e = scene.mechanism, one_run(replace(motion, experiments=(scene.e,)))
+        e = one_run(replace(motion, experiments=(scene.e,)))
+        logging = scene.mechanism
+        model, point, e = twisting(logging, point, e)
+        assert e is not None
         q, v, t, span = e.q[0], e.v[0], e.t, float(e.t[-1] - e.t[0])
         if duration is not None and duration > span * (1 + 1e-9):
             raise MotionError(
@@ -276,7 +280,8 @@ def integrate(
         np.array(values).reshape(len(t), -1) for values in zip(*series, strict=True)
     )
     y, yd, ydd = joint_coordinates(model, q, v, a, {})
-    logged = _columns(model, point, t, (y, yd, ydd), tau, columns, joints)
+    encoders = [x[:, : len(logging.joints)] for x in (y, yd, ydd)]  # of motors, not of links
+    logged = _columns(logging, point, t, encoders, tau, columns, joints)
     logged = with_noise(logged, noise, seed) | {key: x(t) for key, x in extra.items()}
     return Run(
         model, Log.from_arrays(name, t, logged), t, q, v, a, y, yd, ydd, tau, forces,
@@ -367,18 +372,7 @@ def _columns(
         tree = tuple(joint.name for joint in mechanism.joints if joint.in_tree)
         names = tree or tuple(joint.name for joint in mechanism.joints)
     for effect in mechanism.effects:
-        if effect.supplies_torque:
-            continue
-        if effect.corrects and effect.implicit:  # it depends on the load, over the whole run
-            columns = joint_columns(mechanism, dict(zip("qva", true, strict=True)), names)
-            columns |= {f"tau.{name}": x for name, x in tau.items()}
-            motion = complete(mechanism, Log.from_arrays("run", t, columns), cutoff=None)
-            samples = Samples(mechanism, motion.experiments[0], slice(None), point)
-            signals = samples.signals(effect.acting)
-            shifts = effect.correction(replace(signals, shape=point.of(effect)[1])).dq
-        else:
-            shifts = constant_correction(effect, point).dq
-        for name, dq in shifts.items():
+        for name, dq in constant_correction(effect, point).dq.items():
             i = mechanism.joint_index[name]
             dq = np.broadcast_to(np.asarray(dq, dtype=float), t.shape)
             dv = np.gradient(dq, t)

@@ -29,6 +29,7 @@ from ident.simulate.dynamics import Dynamics
 from ident.simulate.events import Integration
 from ident.simulate.integrate import STEPS, interpolated, rough_times, torque_series
 from ident.simulate.plant import Plant
+from ident.simulate.twisting import twisting
 
 WINDOW = 0.5  # range: [s]
 # numerics: of a step: 1e-8 moves the windows of a clean log by 4e-8 rad, errors by 1e-6 of them
@@ -156,12 +157,13 @@ def _replayed(
     on_progress: Progress | None,
 ) -> ReplayedLog:  # fmt: skip
     scene = Scene.of(model.mechanism, NOTHING, bare, model.point, motion.band.cutoff)
-    mechanism, e = scene.mechanism, scene.e
+    mechanism, point, divided = twisting(scene.mechanism, model.point, scene.e)
+    e = scene.e if divided is None else divided
     logged = tuple(mechanism.joint_index[name] for name in e.logged)
-    plant = Plant(mechanism, model.point, logged)
-    laws = command_laws(mechanism, model.point, e)
+    plant = Plant(mechanism, point, logged)
+    laws = command_laws(mechanism, point, e)
     torques, extra = commanded(laws, torque_series(e)), interpolated(e)
-    s = Samples(mechanism, e, slice(None), model.point)
+    s = Samples(mechanism, e, slice(None), point)
     states = [s.columns(law.effect, law.shape)[:, 0, 0] for law in plant.laws.states]
     z = np.stack(states, axis=1) if states else np.zeros((len(e), 0))
     measured = len(laws) < len(mechanism.driven)  # some torques are those of a log

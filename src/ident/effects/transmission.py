@@ -1,0 +1,126 @@
+"""Joints that are not rigid: a spring, or play, between a motor and its link.
+
+The encoder is on the motor, and the link moves on its own, with the load L that the logged motion
+would need of it (torque of all bodies) for its force, and M, what it carries, for its inertia:
+
+    link = motor − δ,        M δ̈ + D δ̇ + K δ = L,       or  M δ̈ = L between two stops
+
+to first order in δ, with which L changes too: its slopes along q and v join K and D.
+
+Friction and rotor of the joint are those of its motor, the bodies move with the link.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.effects.effect import Bounds, Correcting, Correction, Shape, Signals, Unknown
+from ident.information.oscillator import sprung, with_play
+
+WIDTHS = 10  # work: from which a search of a play starts
+SLIGHT = 0.05  # range: damping ratio from which a search starts, and 1 to which it goes
+LONGEST_TWIST = 0.1  # range: [rad], or of a sliding joint's travel, at the rms load
+RATIO = 1.15  # work: of the resonances from which a search starts
+MOST_STARTS = 24  # work
+ABOVE = 6.0  # range: times the frequency of the acceleration, up to which resonances are searched
+SETTLED, LONGEST_SETTLED = 0.05, 1.0  # range: share of a log, and [s], until it swings as it is
+# driven, whatever it did before the log
+SOFTEST_SWING = 0.3  # range: [Hz] below which a joint swings that nobody calls stiff
+
+
+def _step(s: Signals) -> float:
+    return float(s.t[1] - s.t[0]) if len(s.t) > 1 else 1.0
+
+
+def _inertia(s: Signals) -> np.ndarray:
+    """Inertia (n,) of the link, nowhere below a hundredth of its median."""
+    M = np.abs(s.load_slopes[2, :, 0])
+    return np.asarray(np.maximum(M, max(1e-2 * float(np.median(M)), 1e-12)))
+
+
+class Elasticity(Correcting):
+    """A spring between motor and link, with damping: the link swings behind the motor's encoder."""
+
+    kind = "elasticity"
+    watched = "request"
+    asks = ("load",)
+    rare = True
+    sits = "driven"
+    extent = "compliance"
+    shapes = (
+        Unknown("compliance", ("rad/(N m)", "m/N"), "1/K, twist a unit of torque", True),
+        Unknown("damping", ("N m s/rad", "N s/m"), "D, between motor and link", True),
+    )
+    equation = "q = q_logged − δ, M δ̈ + D δ̇ + δ/compliance = load; friction is before it"
+    signature = "the residual is large near one frequency, with the load's second derivative below"
+    confused_with = ("delay", "rotor_inertia")
+    remedy = "log a motion that reaches to the frequency at which {joint} swings on its spring"
+    source = "Spong, ASME J. Dyn. Syst. Meas. Control 109(4), 1987"
+    implicit = True
+
+    def correction(self, s: Signals) -> Correction:
+        compliance, damping = s.shape["compliance"], s.shape["damping"]
+        stiffness, damps, _ = s.load_slopes[:, :, 0]
+        carried = _inertia(s), damps, stiffness
+        twist = sprung(_step(s), s.load[:, 0], carried, compliance, max(damping, 0.0))
+        since = min(SETTLED * float(s.t[-1] - s.t[0]), LONGEST_SETTLED)
+        return Correction(twist={self.joints[0]: -twist}, since=since)
+
+    def bounds(self, s: Signals) -> Bounds:
+        softest = self._softest(s)
+        compliance = abs(s.shape.get("compliance", 0.0)) or softest
+        most = 2 * np.sqrt(float(np.median(_inertia(s))) / compliance)  # no overshoot
+        return {"compliance": (0.0, softest), "damping": (0.0, float(most))}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        # rigid, and resonances in equal ratios from the softest spring to above the motion
+        M, softest = float(np.median(_inertia(s))), self._softest(s)
+        jerk, a = np.gradient(s.a[:, 0], _step(s)) if len(s.t) > 1 else s.a[:, 0], s.a[:, 0]
+        rms = [float(np.sqrt(np.mean(x**2))) for x in (jerk, a)]
+        top = min(ABOVE * rms[0] / max(rms[1], 1e-12), np.pi / (2 * _step(s)))  # [rad/s]
+        low = max(1 / np.sqrt(softest * M), 2 * np.pi * SOFTEST_SWING)
+        count = int(np.clip(np.log(max(top / low, 1.0)) / np.log(RATIO), 2, MOST_STARTS))
+        swings = np.geomspace(low, max(top, 1.5 * low), count)
+        every = [(float(1 / (M * w**2)), float(2 * SLIGHT * M * w)) for w in swings]
+        return [{"compliance": c, "damping": D} for c, D in every]
+
+    def _softest(self, s: Signals) -> float:
+        """Compliance that twists by so much at the rms load."""
+        low, high = s.travel[0]
+        most = LONGEST_TWIST * (1.0 if self.rotational else float(high - low))
+        return most / max(float(np.sqrt(np.mean(s.load**2))), 1e-9)
+
+
+class Backlash(Correcting):
+    """Play between motor and link: the link flies from one side to the other."""
+
+    kind = "backlash"
+    noun = "play"
+    watched = "request"
+    slow = True
+    at_reversals = True
+    whole_log = True
+    asks = ("load",)
+    rare = True
+    sits = "driven"
+    extent = "width"
+    shapes = (Unknown("width", ("rad", "m"), "of the play", nonnegative=True),)
+    equation = "q = q_logged − δ, |δ| ≤ width/2, and M δ̈ = load between the two sides"
+    signature = "the residual jumps or spikes where the torque changes its sign"
+    confused_with = ("coulomb", "delay", "elasticity")
+    source = "Nordin, Gutman, Automatica 38(10), 2002"
+    implicit = True
+
+    def correction(self, s: Signals) -> Correction:
+        twist = with_play(_step(s), s.load[:, 0], _inertia(s), max(s.shape["width"], 0.0))
+        return Correction(twist={self.joints[0]: -twist})
+
+    def bounds(self, s: Signals) -> Bounds:
+        # up to a tenth of the travel
+        low, high = s.travel[0]
+        return {"width": (0.0, max(0.1 * (high - low), 1e-6))}
+
+    def starts(self, s: Signals) -> list[Shape]:
+        # from a two-thousandth of the travel to a fifteenth, in equal ratios
+        most = self.bounds(s)["width"][1]
+        return [{"width": float(width)} for width in np.geomspace(0.005, 0.7, WIDTHS) * most]

@@ -1,0 +1,152 @@
+"""Two masses with a spring or with play between them, where the motion of one is given.
+
+M δ̈ + D δ̇ + δ/c = L        δ: first less second, M of the second, L: what the second would
+                            need to move as the first does, c compliance, D damping
+M δ̈ = L, |δ| ≤ w/2         with play w between stops in which δ̇ is lost
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.information.lapack import lapack
+
+# of central differences of the sixth order: coefficients of f(t + h) ∓ f(t − h), …, and of f(t)
+FIRST = np.array([45.0, -9.0, 1.0]) / 60
+SECOND, CENTRE = np.array([270.0, -27.0, 2.0]) / 180, -490.0 / 180
+MOST_TURNS = 300.0  # numerics: of an exponent, beyond which what has decayed is 0
+SHORT = 1e-3  # numerics: of a step, a flight at least
+AT_ONCE = 64  # work: samples among which the end of a flight is looked for first
+
+
+def rates(x: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return ẋ and ẍ (n,) of a series x (n,) with a step of time [s]; at its ends x goes straight
+    on.
+    """
+    k, n = len(FIRST), len(x)
+    ahead = np.arange(1, k + 1)
+    slopes = (x[1] - x[0], x[-1] - x[-2]) if n > 1 else (0.0, 0.0)
+    before, after = x[0] - ahead[::-1] * slopes[0], x[-1] + ahead * slopes[1]
+    padded = np.concatenate([before, x, after])
+    first, second = np.zeros(n), CENTRE * x
+    for i, (a, b) in enumerate(zip(FIRST, SECOND, strict=True), 1):
+        ahead_of, behind = padded[k + i : k + i + n], padded[k - i : k - i + n]
+        first, second = first + a * (ahead_of - behind), second + b * (ahead_of + behind)
+    return first / step, second / step**2
+
+
+def sprung(
+    step: float,
+    load: np.ndarray,
+    carried: tuple[np.ndarray, np.ndarray, np.ndarray],
+    compliance: float,
+    damping: float,
+) -> np.ndarray:
+    """Return δ, δ̇, δ̈ (3, n) of a spring, from rest beside it; see above.
+
+    δ = c L + ε, where ε has the rest of the equation for its force and vanishes with c², so that
+    slopes at c = 0 are exact. Within a step M stays and the force is straight: the solution is that
+    of an oscillator, however short its period.
+
+    Args:
+        step: of time [s]; load: L [N m | N] (n,).
+        carried: M [kg m² | kg] (n,), and what the second mass adds by itself to D and to 1/c (n,).
+        compliance, damping: c [rad/(N m) | m/N], D [N m s/rad | N s/m].
+    """
+    n, (inertia, damps, stiffness) = len(load), carried
+    if compliance <= 0 or n < 2:
+        first, second = rates(load, step) if n > 1 else (np.zeros(n), np.zeros(n))
+        return compliance * np.stack([load, first, second])
+    first, second = rates(load, step)
+    D, K = damping + damps, 1 / compliance + stiffness
+    a, b = (0.5 * (x[1:] + x[:-1]) for x in (0.5 * D / inertia, K / inertia))
+    # ε̈ + 2 a ε̇ + b ε = g
+    g = -compliance * (second + (D * first + stiffness * load) / inertia)
+    g = g - np.convolve(np.pad(g, 1, mode="edge"), (1 / 12, -1 / 6, 1 / 12), mode="valid")
+    g0, slope = g[:-1], np.diff(g) / step  # a straight force is as large as g itself in the mean
+    root = np.sqrt((b - a**2).astype(complex))
+    root = np.where(np.abs(root) * step < 1e-6, 1e-6 / step, root)  # near critical damping
+    decay = np.exp(-np.clip(a * step, -MOST_TURNS, MOST_TURNS))
+    z = 1j * root * step
+    z = np.clip(z.real, -MOST_TURNS, MOST_TURNS) + 1j * z.imag
+    cosine = decay * (0.5 * (np.exp(z) + np.exp(-z))).real
+    sine = decay * (0.5 * (np.exp(z) - np.exp(-z)) / (1j * root)).real
+    # ε = p0 + p1 s + homogeneous, from its values at the beginning of a step
+    p1 = slope / b
+    p0 = g0 / b - 2 * a * slope / b**2
+    F = np.array([[cosine + a * sine, sine], [-b * sine, cosine - a * sine]])
+    end = np.stack([p0 + p1 * step, p1])
+    start = np.stack([p0, p1])
+    moved = end - np.einsum("ijn,jn->in", F, start)
+    # x_{k+1} = F_k x_k + moved_k: one lower triangle with three diagonals below
+    band, right = np.zeros((4, 2 * n)), np.zeros(2 * n)
+    band[0] = 1.0
+    band[1, 1 : 2 * (n - 1) : 2] = -F[0, 1]
+    band[2, 0 : 2 * (n - 1) : 2], band[2, 1 : 2 * (n - 1) : 2] = -F[0, 0], -F[1, 1]
+    band[3, 0 : 2 * (n - 1) : 2] = -F[1, 0]
+    right[2:] = moved.T.ravel()
+    x, _ = lapack.dtbtrs(band, right, uplo="L")
+    e, rate = x.reshape(n, 2).T
+    delta, speed = compliance * load + e, compliance * first + rate
+    acceleration = -(D * speed + e / compliance + stiffness * delta) / inertia
+    return np.stack([delta, speed, acceleration])
+
+
+def with_play(step: float, load: np.ndarray, inertia: np.ndarray, width: float) -> np.ndarray:
+    """Return δ (n,) between stops that are `width` apart; see above.
+
+    The second mass leans on a stop while its load presses it there, flies where the load changes
+    sign, and stays at the stop where it lands.
+
+    Args:
+        step: of time [s]; load, inertia: L [N m | N], M [kg m² | kg] (n,).
+        width: w [rad | m], 0 or more.
+    """
+    n, half = len(load), 0.5 * width
+    g = load / inertia
+    if n < 2 or half <= 0:
+        return half * np.sign(g)
+    slope = np.diff(g) / step
+    speed = np.concatenate([[0.0], np.cumsum(0.5 * step * (g[1:] + g[:-1]))])
+    way = np.cumsum(speed[:-1] * step + g[:-1] * step**2 / 2 + slope * step**3 / 6)
+    way = np.concatenate([[0.0], way])  # ∫∫ g
+
+    def at(t: float) -> tuple[float, float]:
+        """∫ g and ∫∫ g at a time."""
+        k = min(int(t / step), n - 2)
+        s = t - k * step
+        return (
+            speed[k] + g[k] * s + slope[k] * s**2 / 2,
+            way[k] + speed[k] * s + g[k] * s**2 / 2 + slope[k] * s**3 / 6,
+        )
+
+    delta = np.empty(n)
+    turns = np.flatnonzero(g[:-1] * g[1:] < 0)  # between these samples and the next
+    times = (turns + g[turns] / (g[turns] - g[turns + 1])) * step
+    now, side, done = 0.0, 1.0 if g[0] >= 0 else -1.0, 0  # samples that are done
+    while done < n:
+        k = min(int(now / step), n - 2)
+        if side * (g[k] + slope[k] * (now - k * step)) >= 0:  # it leans on until the load turns
+            following = np.searchsorted(times, now, side="right")
+            now = float(times[following]) if following < len(times) else n * step
+            end = min(int(now / step) + 1, n)
+            delta[done:end], done = side * half, end
+        fast, far = at(now)
+        place, at_place, size = now, side * half, AT_ONCE  # the end of the flight so far
+        while done < n:
+            samples = np.arange(done, min(done + size, n))
+            path = side * half + way[samples] - far - fast * (samples * step - now)
+            beyond = np.flatnonzero(np.abs(path) > half)
+            out = int(beyond[0]) if len(beyond) else len(path)
+            delta[samples[:out]], done = path[:out], done + out
+            if out:
+                place, at_place = samples[out - 1] * step, path[out - 1]
+            if len(beyond):  # it lands between this sample and the one before
+                side = float(np.sign(path[out]))
+                share = np.clip((side * half - at_place) / (path[out] - at_place), 0.0, 1.0)
+                now = max(place + float(share) * (samples[out] * step - place), now + SHORT * step)
+                if done * step <= now:
+                    delta[done], done = side * half, done + 1
+                break
+            size *= 2
+    return delta

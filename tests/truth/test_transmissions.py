@@ -1,0 +1,83 @@
+"""Springs and plays between motors and links, against MuJoCo's, with a second hinge for a link."""
+
+import numpy as np
+import pytest
+
+import ident
+from helpers import ROBOTS
+from ident.errors import MechanismError
+
+pytest.importorskip("mujoco")
+pl = pytest.importorskip("polars")
+
+from servo_logs import Servos, servo_log  # noqa: E402
+
+JOINTS = ("yaw", "shoulder", "elbow")
+ARM = ROBOTS / "servo_arm"
+SPRING = Servos(springs={"elbow": (12.0, 0.05)})
+PLAY = Servos(plays={"elbow": 0.01})
+
+
+def frame(truth, seed=3, **options):
+    return pl.DataFrame(servo_log(truth, seed, top=8.0, **options))
+
+
+def fitted(text, truth, **options):
+    mechanism = ident.load(ARM).with_calibration("exact").with_effect(text)
+    log = frame(truth, **options)
+    return ident.identify(mechanism, ident.complete(mechanism, log))
+
+
+def values(fit):
+    return {p.name: p for effect in fit.effects for p in effect.parameters}
+
+
+def test_a_spring_whose_resonance_is_in_the_band():
+    of = values(fit := fitted("elasticity:elbow", SPRING))
+    c, D = of["elasticity.elbow.compliance"], of["elasticity.elbow.damping"]
+    assert c.value == pytest.approx(1 / 12, rel=0.02)
+    assert D.value == pytest.approx(0.05, rel=0.2)
+    assert of["servo.elbow.kp"].value == pytest.approx(14.0, rel=0.01)
+    assert of["rotor_inertia.elbow.Ia"].value == pytest.approx(0.008, rel=0.03)
+    assert fit.relative["elbow"] < 0.025  # 0.16 without
+
+
+def test_a_play():
+    of = values(fit := fitted("backlash:elbow", PLAY))
+    # smoothing the motor's motion at the blows makes it look wider
+    assert 0.01 < of["backlash.elbow.width"].value < 0.012
+    assert of["servo.elbow.kp"].value == pytest.approx(14.0, rel=0.01)
+    assert fit.relative["elbow"] < 0.03  # 0.08 without
+
+
+def planted_values(truth):
+    of = {"command_delay.yaw,shoulder,elbow.d": truth.delay}
+    for i, joint in enumerate(JOINTS):
+        of |= {f"servo.{joint}.kp": truth.kp[i], f"servo.{joint}.kd": truth.kd[i]}
+        of |= {f"coulomb.{joint}.Fc": truth.Fc[i], f"viscous.{joint}.Fv": truth.Fv[i]}
+        of[f"rotor_inertia.{joint}.Ia"] = truth.Ia[i]
+    return of
+
+
+def test_a_link_flies_in_its_play_in_the_simulation_as_in_mujoco(tmp_path):
+    log = frame(PLAY, seconds=2.0, twisted=True)
+    log.drop("twist.elbow").write_csv(tmp_path / "log.csv")
+    mechanism = ident.load(ARM).with_effect("viscous").with_effect("backlash:elbow")
+    given = planted_values(PLAY) | {"backlash.elbow.width": 0.01}
+    run = ident.integrate(
+        mechanism, ident.Torques(str(tmp_path / "log.csv")), values=given, duration=0.8,
+        tolerance=1e-6,
+    )  # fmt: skip
+    at = run.mechanism.joint_index["elbow.twist"]
+    twist, q = (np.interp(run.t, log["t"], log[f"{c}.elbow"]) for c in ("twist", "q"))
+    assert np.std(run.y[:, at] - twist) < 2e-4
+    assert np.std(run.log.columns["q.elbow"] - q) < 5e-4
+    assert not any("twist" in name for name in run.log.columns)
+
+
+def test_a_motor_without_inertia_is_no_mass_beside_its_link():
+    arm = ident.load(ROBOTS / "arm").with_effect("elasticity:elbow")
+    with pytest.raises(MechanismError, match="rotor_inertia:elbow"):
+        ident.integrate(
+            arm, values={"elasticity.elbow.compliance": 1e-3, "elasticity.elbow.damping": 1.0}
+        )
