@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from ident.assess.errors import NOISY, share_range, times_noise, too_large
+from ident.faults.data_checks import FAULTS
 from ident.finding import Finding
 from ident.information.blocks import Error
 from ident.information.chance import EXPLAINED_BELOW
@@ -91,7 +92,7 @@ def good_enough(
         logs: that were held back; none where the errors are those of the log that was fitted.
         doubts: on the data.
     """
-    least = MATERIAL if acceptable is None else acceptable
+    least, doubts = MATERIAL if acceptable is None else acceptable, [*doubts]
     known = {
         joint: error
         for joint, error in errors.items()
@@ -112,8 +113,9 @@ def good_enough(
 
     if large := too_large(known, floor, least):
         worst = share_range(known[joint] for joint in large)
+        spoilt = any(finding.code in FAULTS for finding in doubts)
         describes = acceptable is None and worst is not None and worst[1] < DESCRIBES
-        answer = Answer.NOT_TESTED if describes and not logs else Answer.NO
+        answer = Answer.NOT_TESTED if describes and not (logs or spoilt) else Answer.NO
         beyond = [
             joint
             for joint in large
@@ -127,7 +129,6 @@ def good_enough(
     hiding = max(share, key=lambda joint: share[joint])  # a cause could hide there
     if share[hiding] > max(EXPLAINED_BELOW, least):
         return result(Answer.NOT_TESTED, Reason.HIDDEN, [hiding])
-    doubts = [*doubts]
     if any(finding.code == "computed" for finding in doubts):
         return result(Answer.NO, Reason.COMPUTED)
     if scale_doubts(doubts):
