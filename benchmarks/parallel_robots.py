@@ -4,15 +4,20 @@
 
 FOLDER is a checkout of Gepetto/example-parallel-robots (git clone, 52e64b3), whose folders have a
 URDF and a robot.yaml (Extended URDF). Nothing of a robot's files is changed. The log of each is
-independent of ident's equations: the motors move by sums of sines (`AMPLITUDE`, halved where a loop
-leaves its singularity-free range), all other joints follow, and torques and multipliers come from
-Pinocchio's RNEA and Jacobians of the closures' frames, by least squares of [−Jᵀ S]. The motors'
-positions (noise 1e-6 rad) and torques (0.1 % of rms) are logged, nothing else.
+independent of ident's equations: the motors move by sums of sines (`AMPLITUDE`, reduced where a
+loop leaves its singularity-free range), all other joints follow, and torques and multipliers come
+from Pinocchio's RNEA and Jacobians of the closures' frames, by least squares of [−Jᵀ S]. The
+motors' positions (noise 1e-6 rad) and torques (0.1 % of rms) are logged, nothing else; only of a
+machine with more freedoms than motors (a foot that hangs) the position of the passive joint, too.
 
-`rank` is beside that of a singular value decomposition of ZᵀΓ, Z from Pinocchio's Jacobians, with
-columns of length 1 and `RANK` as the tolerance. `torque` is ‖W (p − p₀)‖ / ‖W p₀‖ with W the
-independent rows, `multipliers` the largest error of those that are determined, as a share of the
-norm of all. Time is processor time of `identify` a sample, memory the most of the process.
+`rank` is how many parameters the log determines: columns of which more than `TOLERANCE` is new, of
+unknowns whose plausible change moves torques by more than `NOTHING` of what the largest moves.
+`SVD` is the number of singular values above `RANK` of ZᵀΓ by Pinocchio, its columns of length 1,
+null ones (`NOTHING`) left out. `held` of these the noise leaves worse known than a prior is.
+`torque` is ‖W (p − p₀)‖ / ‖W p₀‖ with W the rows of the SVD. `multipliers` is the largest error of
+those that are determined: by the loops, and by the log within `DETERMINED`, standard error by the
+fit's own account; `any` of all that the loops determine; both as a share of the norm of all.
+Time is processor time of `identify` a sample, memory the most of the process.
 """
 
 from __future__ import annotations
@@ -31,18 +36,26 @@ import pinocchio as pin
 
 import ident
 from ident.errors import IdentError
+from ident.information.estimate import rank_revealing
+from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
+from ident.motion.closures import best_conditioned
 from ident.motion.motion import prescribed
 
 RATE, DURATION = 200.0, 5.0  # Hz, s
-AMPLITUDE = 0.3  # rad | m
+AMPLITUDE, REDUCED = 0.4, 0.7  # rad; factor where a loop cannot follow
+SLIDES = 0.1  # m/rad: of slides beside angles
+HARMONICS = (2, 3, 5, 8, 13)  # of 1 / DURATION
 NOISE_Q, NOISE_TAU = 1e-6, 1e-3  # rad | m; share of the rms
 EDGE = 0.5  # s at both ends of the log whose multipliers are not compared
-RANK = 1e-7  # of the largest singular value
+RANK = 1e-6  # of the largest singular value
+TOLERANCE = 1e-6  # share of a column that is new
+NOTHING = 1e-6  # of the largest column times its unknown's plausible change
+DETERMINED = 0.01  # standard error of a multiplier, of the norm of all
 LIMIT = 600  # s for each robot
 COLUMNS = (
     "robot", "joints", "equations", "rank J", "dof", "motors", "idle", "assembles", "rank", "SVD",
-    "torque", "multipliers", "µs a sample", "GB",
+    "held", "torque", "multipliers", "of", "any", "µs a sample", "GB",
 )  # fmt: skip
 
 
@@ -77,6 +90,12 @@ def jacobian(mechanism: Mechanism, data: pin.Data, q: np.ndarray) -> np.ndarray:
     return np.concatenate(rows)
 
 
+def logged(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the joints whose positions are logged: motors and what they leave free."""
+    free = best_conditioned(mechanism, mechanism.general[None])
+    return tuple(dict.fromkeys((*mechanism.driven, *free)))
+
+
 def motors_motion(mechanism: Mechanism, seed: int) -> tuple[np.ndarray, Any]:
     """Return times and the state of a motion of the motors, with the largest amplitude that goes.
 
@@ -84,12 +103,13 @@ def motors_motion(mechanism: Mechanism, seed: int) -> tuple[np.ndarray, Any]:
         IdentError: if the loops cannot follow even a tenth of a degree.
     """
     random, t = np.random.default_rng(seed), np.arange(int(RATE * DURATION)) / RATE
-    names = mechanism.driven
+    names = logged(mechanism)
     places = [mechanism.joint(name).index for name in names]
-    waves = 2 * np.pi * np.array([1, 2, 3, 5]) / DURATION
+    waves = 2 * np.pi * np.array(HARMONICS) / DURATION
     phases = random.uniform(0, 2 * np.pi, (len(names), len(waves)))
-    shares = random.uniform(0.3, 1, phases.shape)
+    shares = random.uniform(0.3, 1, phases.shape) / np.sqrt(HARMONICS)
     shares /= shares.sum(axis=1, keepdims=True)
+    shares[[not mechanism.joint(name).rotational for name in names]] *= SLIDES
     amplitude = AMPLITUDE
     while True:
         known = np.zeros((3, len(t), len(names)))
@@ -102,7 +122,7 @@ def motors_motion(mechanism: Mechanism, seed: int) -> tuple[np.ndarray, Any]:
         try:
             return t, prescribed(mechanism, "run", t, names, known).experiments[0]
         except IdentError:
-            amplitude /= 2
+            amplitude *= REDUCED
             if amplitude < 2e-3:
                 raise
 
@@ -113,7 +133,7 @@ def measure(path: Path) -> dict[str, Any]:
     if path.parent.parent.name != "robots":
         row["robot"] = f"{path.parent.parent.name}/{path.parent.name}"
     try:
-        mechanism = ident.load(path)
+        mechanism = ident.load(path).with_calibration("exact")  # noise is all that is wrong
     except IdentError as error:
         return row | {"error": str(error)}
     row |= {
@@ -138,7 +158,6 @@ def identified(mechanism: Mechanism, t: np.ndarray, e: Any) -> dict[str, Any]:
     random, n, m = np.random.default_rng(1), len(t), len(mechanism.kinematics.multipliers)
     places = [mechanism.joint(name).index for name in mechanism.driven]
     S = np.eye(model.nv)[:, places]
-    unknown = [mechanism.bodies.names.index(name) for name in mechanism.unknown]
     torques, lam, W = np.zeros((n, len(places))), np.zeros((n, m)), []
     jacobians = mechanism.kinematics.closure_rows(e.q).rate
     for k in range(n):
@@ -159,15 +178,20 @@ def identified(mechanism: Mechanism, t: np.ndarray, e: Any) -> dict[str, Any]:
         columns[f"q.{name}"] = e.q[:, places[i]] + NOISE_Q * random.normal(size=n)
         rms = np.sqrt(np.mean(torques[:, i] ** 2))
         columns[f"tau.{name}"] = torques[:, i] + NOISE_TAU * rms * random.normal(size=n)
+    for name in logged(mechanism):
+        noise = NOISE_Q * random.normal(size=n)
+        columns.setdefault(f"q.{name}", e.q[:, mechanism.joint(name).index] + noise)
     rows = np.concatenate(W)
-    all_columns = rows[:, unknown]
-    lengths = np.linalg.norm(all_columns, axis=0)
-    scaled = all_columns[:, lengths > 1e-12] / lengths[lengths > 1e-12]
-    singular = np.linalg.svd(scaled, compute_uv=False)
     motion = ident.complete(mechanism, ident.Log.from_arrays("run", t, columns))
     begin = time.process_time()
     fit = ident.identify(mechanism, motion)
     spent = time.process_time() - begin
+    unknown = fit.problem.columns.rigid
+    plausible = fit.problem.plausible[: len(unknown)]
+    scaled = significant(rows[:, unknown], plausible)
+    singular = np.linalg.svd(scaled, compute_uv=False)
+    seen = significant(fit.estimate.triangle.R[:, : len(unknown)], plausible)
+    rank = rank_revealing(Triangle.of(seen, np.zeros(len(seen))), TOLERANCE).rank
     difference = fit.point.pi - mechanism.prior
     own = motion.experiments[0]
     at = np.round((own.t - t[0]) * RATE).astype(int)
@@ -175,13 +199,23 @@ def identified(mechanism: Mechanism, t: np.ndarray, e: Any) -> dict[str, Any]:
     errors = (fit.multipliers[0][1] - lam[at])[inside]
     size = np.sqrt(np.mean((lam[at][inside] ** 2).sum(axis=1)))
     determined &= np.isfinite(errors).all(axis=0)
-    worst = np.sqrt(np.mean(errors**2, axis=0))[determined].max(initial=0.0) / size
-    row = {"multipliers": float(worst)}
-    return row | {
-        "rank": int(fit.rank), "SVD": int((singular > RANK * singular[0]).sum()),
+    errors = np.sqrt(np.mean(errors**2, axis=0)) / size
+    certain = determined & (fit.multiplier_errors.by_values < DETERMINED * size)
+    return {
+        "rank": rank, "SVD": int((singular > RANK * singular[0]).sum()),
+        "held": rank - int(fit.rank), "any": float(errors[determined].max(initial=0.0)),
+        "multipliers": float(errors[certain].max(initial=0.0)),
+        "of": f"{certain.sum()} of {determined.sum()}",
         "torque": float(np.linalg.norm(rows @ difference) / np.linalg.norm(rows @ mechanism.prior)),
         "µs a sample": 1e6 * spent / n,
     }  # fmt: skip
+
+
+def significant(rows: np.ndarray, plausible: np.ndarray) -> np.ndarray:
+    """Return the columns whose unknowns move torques, each of length 1; others as zeros."""
+    lengths = np.linalg.norm(rows, axis=0)
+    moves = lengths * plausible > NOTHING * (lengths * plausible).max()
+    return np.where(moves, rows / np.where(moves, lengths, 1.0), 0.0)
 
 
 def main() -> None:
