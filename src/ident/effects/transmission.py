@@ -23,6 +23,7 @@ LONGEST_TWIST = 0.1  # range: [rad], or of a sliding joint's travel, at the rms 
 RATIO = 1.15  # work: of the resonances from which a search starts
 MOST_STARTS = 24  # work
 ABOVE = 6.0  # range: times the frequency of the acceleration, up to which resonances are searched
+WIDE = 8.0  # range: times the lowest resonance, up to which they are searched at least
 SETTLED, LONGEST_SETTLED = 0.05, 1.0  # range: share of a log, and [s], until it swings as it is
 # driven, whatever it did before the log
 SOFTEST_SWING = 0.3  # range: [Hz] below which a joint swings that nobody calls stiff
@@ -77,8 +78,9 @@ class Elasticity(Correcting):
         M, softest = float(np.median(_inertia(s))), self._softest(s)
         jerk, a = np.gradient(s.a[:, 0], _step(s)) if len(s.t) > 1 else s.a[:, 0], s.a[:, 0]
         rms = [float(np.sqrt(np.mean(x**2))) for x in (jerk, a)]
-        top = min(ABOVE * rms[0] / max(rms[1], 1e-12), np.pi / (2 * _step(s)))  # [rad/s]
-        low = max(1 / np.sqrt(softest * M), 2 * np.pi * SOFTEST_SWING)
+        low = max(1 / np.sqrt(softest * M), 2 * np.pi * SOFTEST_SWING)  # [rad/s]
+        top = max(ABOVE * rms[0] / max(rms[1], 1e-12), WIDE * low)
+        top = min(top, np.pi / (2 * _step(s)))
         count = int(np.clip(np.log(max(top / low, 1.0)) / np.log(RATIO), 2, MOST_STARTS))
         swings = np.geomspace(low, max(top, 1.5 * low), count)
         every = [(float(1 / (M * w**2)), float(2 * SLIGHT * M * w)) for w in swings]
