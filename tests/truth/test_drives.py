@@ -185,3 +185,12 @@ def test_a_delay_at_its_bound_is_said():
     mechanism = ident.load(ARM).with_calibration("exact")
     fit = ident.identify(mechanism, ident.complete(mechanism, pl.DataFrame(columns)))
     assert [f.threshold for f in fit.findings if f.code == "delay at its bound"] == [0.05]
+
+
+@pytest.mark.parametrize("text", ["elbow:kp=14", "elbow:limit=3", "elbow:delay=0.01", "kp=10"])
+def test_an_option_takes_the_place_of_a_drive_of_the_file(text):
+    mechanism = ident.load(ARM).with_drives(text)
+    of, key = text.rpartition(":")[2], text.rpartition(":")[2].partition("=")[0]
+    assert mechanism.drives["elbow"].kind == "servo"
+    assert mechanism.drives["elbow"].values == {key: float(of.partition("=")[2])}
+    assert mechanism.drives["yaw"].values == ({} if text.startswith("elbow") else {"kp": 10.0})

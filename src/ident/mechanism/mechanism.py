@@ -22,7 +22,7 @@ from ident.mechanism.assembly import CLOSED, Assembly, assemble
 from ident.mechanism.calibration import Calibration
 from ident.mechanism.chains import Chain
 from ident.mechanism.closures import Closure, shifted
-from ident.mechanism.drives import parse_drives
+from ident.mechanism.drives import parse_drives, with_common_delay
 from ident.mechanism.frames import moving_frames, path_to
 from ident.mechanism.kinematics import Kinematics, rank_of
 from ident.mechanism.motors import Motor, parallel_joints
@@ -449,7 +449,14 @@ class Mechanism(Displayed):
         Raises:
             MechanismError: for a joint that is not driven, an unknown key or an impossible value.
         """
-        return reduce(add, parse_drives(texts, self.driven), self)
+        new = parse_drives(texts, self.driven)
+        given = {drive.joints[0] for drive in new if drive.supplies_torque}
+        if not given & {*self.drives}:
+            return reduce(add, new, self)
+        drives = [drive for joint, drive in self.drives.items() if joint not in given]
+        drives += [drive for drive in new if drive.supplies_torque]
+        others = [e for e in self.effects if not e.supplies_torque and not e.through_drives]
+        return reduce(add, with_common_delay(drives), replace(self, effects=tuple(others)))
 
     def check_required(self) -> None:
         """Refuse an effect without the other effect that it changes.
