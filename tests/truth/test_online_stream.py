@@ -249,7 +249,7 @@ def test_effects_of_the_present_sample():
     assert_same(found, batch(mechanism, motion, columns, point), 1e-9)
 
 
-@pytest.mark.parametrize("effect", ["delay:elbow", "elasticity:elbow", "closure_compliance:tip"])
+@pytest.mark.parametrize("effect", ["delay:elbow", "closure_compliance:tip"])
 def test_effects_that_look_around_have_margins(effect):
     name = "five_bar" if "closure" in effect else "arm"
     mechanism = robot(name).with_effect(effect)
@@ -266,7 +266,9 @@ def test_effects_that_look_around_have_margins(effect):
         np.testing.assert_allclose(x, y, atol=1e-5 * np.abs(y).max())
 
 
-@pytest.mark.parametrize("effect", ["hysteresis:elbow", "drift:elbow", "backlash:elbow"])
+@pytest.mark.parametrize(
+    "effect", ["hysteresis:elbow", "drift:elbow", "backlash:elbow", "elasticity:elbow"]
+)
 def test_what_cannot_be_had_sample_by_sample_is_refused(effect):
     mechanism = robot("arm").with_effect(effect)
     motion = ident.complete(mechanism, made("arm").log, cutoff=None)

@@ -48,6 +48,7 @@ class Elasticity(Correcting):
     rare = True
     sits = "driven"
     extent = "compliance"
+    whole_log = True  # the link swings on
     shapes = (
         Unknown("compliance", ("rad/(N m)", "m/N"), "1/K, twist a unit of torque", True),
         Unknown("damping", ("N m s/rad", "N s/m"), "D, between motor and link", True),
