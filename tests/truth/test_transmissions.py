@@ -10,6 +10,7 @@ from ident.errors import MechanismError
 pytest.importorskip("mujoco")
 pl = pytest.importorskip("polars")
 
+from servo_hidden import hidden  # noqa: E402
 from servo_logs import Servos, servo_log  # noqa: E402
 
 JOINTS = ("yaw", "shoulder", "elbow")
