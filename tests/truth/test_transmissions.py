@@ -1,11 +1,14 @@
 """Springs and plays between motors and links, against MuJoCo's, with a second hinge for a link."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import ident
 from helpers import ROBOTS
 from ident.errors import MechanismError
+from ident.simulate.inverse import point_of
+from ident.simulate.twisting import twisting
 
 pytest.importorskip("mujoco")
 pl = pytest.importorskip("polars")
@@ -74,6 +77,36 @@ def test_a_link_flies_in_its_play_in_the_simulation_as_in_mujoco(tmp_path):
     assert np.std(run.y[:, at] - twist) < 2e-4
     assert np.std(run.log.columns["q.elbow"] - q) < 5e-4
     assert not any("twist" in name for name in run.log.columns)
+
+
+def test_poses_twist_a_spring_by_their_load_alone():
+    random, compliance = np.random.default_rng(1), 2e-3
+    mechanism = ident.load(ROBOTS / "arm").with_calibration("exact")
+    model, at = mechanism.model, mechanism.joint("elbow").index
+    data, still = model.createData(), np.zeros(model.nv)
+    q = random.uniform(-1, 1, (60, model.nv))
+    load = np.array([pin.rnea(model, data, x, still, still) for x in q])
+    q[:, at] += compliance * load[:, at]
+    tau = load + 1e-3 * random.normal(size=load.shape)
+    series = {"q": q, "tau": tau}
+    poses = pl.DataFrame(
+        {f"{k}.{j.name}": x[:, j.index] for k, x in series.items() for j in mechanism.joints}
+    )
+    soft = mechanism.with_effect("elasticity:elbow")
+    fit = ident.identify(soft, ident.complete(soft, poses, poses=True))
+    of = values(fit)["elasticity.elbow.compliance"]
+    assert abs(of.value - compliance) < 3 * of.stderr < compliance
+    assert fit.relative["shoulder"] < 1e-3
+
+
+def test_forces_at_places_move_a_link_behind_its_motor_too():
+    arm = ident.load(ARM).with_effect("elasticity:elbow").with_effect("body_drag:forearm")
+    spring = {"elasticity.elbow.compliance": 0.05, "elasticity.elbow.damping": 0.1}
+    names = [name for effect in arm.effects for name in effect.names]
+    point = point_of(arm, dict.fromkeys(names, 0.1) | spring, None)
+    divided, _, _ = twisting(arm, point, None)
+    drag = next(effect for effect in divided.effects if effect.kind == "body_drag")
+    assert drag.acting == ("yaw", "shoulder", "elbow", "elbow.twist")
 
 
 def test_a_motor_without_inertia_is_no_mass_beside_its_link():

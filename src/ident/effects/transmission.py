@@ -33,6 +33,11 @@ def _step(s: Signals) -> float:
     return float(s.t[1] - s.t[0]) if len(s.t) > 1 else 1.0
 
 
+def _at_rest(s: Signals) -> bool:
+    """Return whether nothing moves, as in a table of poses: their order is no time."""
+    return not (s.v.any() or s.a.any())
+
+
 def _inertia(s: Signals) -> np.ndarray:
     """Inertia (n,) of the link, nowhere below a hundredth of its median."""
     M = np.abs(s.load_slopes[2, :, 0])
@@ -63,6 +68,10 @@ class Elasticity(Correcting):
     def correction(self, s: Signals) -> Correction:
         compliance, damping = s.shape["compliance"], s.shape["damping"]
         stiffness, damps, _ = s.load_slopes[:, :, 0]
+        if _at_rest(s):
+            load = s.load[:, 0]
+            twist = compliance * load / (1 + compliance * stiffness)
+            return Correction(twist={self.joints[0]: -np.stack([twist, *np.zeros((2, len(s.t)))])})
         carried = _inertia(s), damps, stiffness
         twist = sprung(_step(s), s.load[:, 0], carried, compliance, max(damping, 0.0))
         since = min(SETTLED * float(s.t[-1] - s.t[0]), LONGEST_SETTLED)
@@ -115,7 +124,11 @@ class Backlash(Correcting):
     implicit = True
 
     def correction(self, s: Signals) -> Correction:
-        twist = with_play(_step(s), s.load[:, 0], _inertia(s), max(s.shape["width"], 0.0))
+        width = max(s.shape["width"], 0.0)
+        if _at_rest(s):
+            twist = 0.5 * width * np.sign(s.load[:, 0])
+        else:
+            twist = with_play(_step(s), s.load[:, 0], _inertia(s), width)
         return Correction(twist={self.joints[0]: -twist})
 
     def bounds(self, s: Signals) -> Bounds:

@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from ident.effects import Effect, Signals, Unknown
 from ident.effects.drive import RotorInertia
+from ident.effects.frame import FrameForce
 from ident.effects.joint import Spring, Viscous
 from ident.effects.transmission import Backlash, Elasticity
 from ident.equations.unknowns import Point
@@ -95,6 +96,9 @@ def twisting(
         passive=(*mechanism.passive, *names), unknown=(), plausible=None, covariance=None,
         effects=(*kept, *springs),
     )  # fmt: skip
+    # forces at places act on the links' own coordinates too
+    placed = [divided.placed(x) if isinstance(x, FrameForce) else x for x in divided.effects]
+    divided = replace(divided, effects=tuple(placed))
     return divided, Point(pi, values), None if e is None else _extended(divided, mechanism, e, soft)
 
 
