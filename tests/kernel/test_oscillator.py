@@ -78,3 +78,12 @@ def test_a_play_that_no_load_crosses_is_one_side():
     heavy = 1.0 + 0.0 * T
     assert (with_play(STEP, heavy, heavy, 0.01) == 0.005).all()
     assert (with_play(STEP, -heavy, heavy, 0.01) == -0.005).all()
+
+
+@pytest.mark.parametrize("still", [1, 20])
+def test_a_play_without_load_for_a_while_changes_its_side(still):
+    ends = np.ones(30)
+    turning = np.concatenate([ends, np.zeros(still), -ends])
+    delta = with_play(STEP, turning, np.ones(len(turning)), 1e-4)
+    assert (delta[: 30 + still] == 5e-5).all()
+    assert (delta[35 + still :] == -5e-5).all()

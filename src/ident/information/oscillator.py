@@ -121,7 +121,10 @@ def with_play(step: float, load: np.ndarray, inertia: np.ndarray, width: float) 
         )
 
     delta = np.empty(n)
-    turns = np.flatnonzero(g[:-1] * g[1:] < 0)  # between these samples and the next
+    # where its sign changes: between these samples and the next, or at the last one without load
+    last_loaded = np.maximum.accumulate(np.where(g != 0, np.arange(n), 0))
+    positive = g[last_loaded] >= 0
+    turns = np.flatnonzero(positive[:-1] != positive[1:])
     times = (turns + g[turns] / (g[turns] - g[turns + 1])) * step
     now, side, done = 0.0, 1.0 if g[0] >= 0 else -1.0, 0  # samples that are done
     while done < n:
