@@ -9,6 +9,7 @@ from ident.errors import MotionError
 from ident.log import Log, read_log
 from ident.mechanism.load import load
 from ident.motion import complete
+from ident.motion.body_rates import check_angular, check_linear
 
 QUATERNION = ("base.qx", "base.qy", "base.qz", "base.qw")
 
@@ -118,3 +119,10 @@ def test_unknown_thrusts_tell_the_order_too(robots):
     complete(load(folder), log)
     with pytest.raises(MotionError, match="order w x y z"):
         complete(load(folder), Log.from_arrays("f", log.t, scalar_first(dict(log.columns), {})))
+
+
+def test_rates_of_a_log_that_is_shorter_than_the_steps_of_its_pose_are_not_judged():
+    t = 1e-3 * np.arange(60)
+    p, R = np.outer(t, [1.0, 2.0, 3.0]), np.tile(np.eye(3), (60, 1, 1))
+    check_linear("log", t, p, R, np.zeros((60, 3)))
+    check_angular("log", t, R, np.ones((60, 3)))

@@ -31,6 +31,8 @@ def rotations(quaternion: np.ndarray) -> np.ndarray:
 
 def check_linear(where: str, t: np.ndarray, p: np.ndarray, R: np.ndarray, v: np.ndarray) -> None:
     """Refuse velocities v (n, 3) [m/s] in the world's axes where those of the body are asked."""
+    if not 0 < _lag(t) < len(t) // 2:
+        return
     steps = _increments(t, p)
     _refuse_world_axes(where, "v", steps, *(_lagged(t, x) for x in (turned(R, v), v)))
 
