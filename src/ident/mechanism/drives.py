@@ -68,8 +68,8 @@ def drive_of(joint: str, table: TomlTable) -> Effect:
             raise table.error(f"source = '{word}'; {one_of(word, SOURCES)}")
         kind = SOURCES[word]
     else:
-        own = {kind: {*keys[:2]} - {"limit"} for kind, keys in KEYS.items()}
-        kind = next((kind for kind, keys in own.items() if keys & {*data}), "servo")
+        gains = {kind: {*keys[:2]} - {"limit"} for kind, keys in KEYS.items()}
+        kind = next((kind for kind, keys in gains.items() if keys & {*data}), "servo")
     table.check("source", *KEYS[kind])
     values = {key: table.number(key) for key in data if key not in ("source", "follows")}
     for key, value in values.items():
