@@ -99,6 +99,19 @@ def test_poses_twist_a_spring_by_their_load_alone():
     assert fit.relative["shoulder"] < 1e-3
 
 
+def test_a_spring_without_damping_does_not_run_away_in_a_loop():
+    robot = ROBOTS / "five_bar"
+    soft = ident.load(robot).with_effect("elasticity:right")
+    torques = [
+        ident.simulate(
+            soft, ident.read_log(robot / "run.csv"),
+            values={"elasticity.right.compliance": c, "elasticity.right.damping": 0.0},
+        )[0].columns["tau.right"]
+        for c in (0.0, 2e-3)
+    ]  # fmt: skip
+    assert np.std(torques[1]) == pytest.approx(np.std(torques[0]), rel=0.05)
+
+
 def test_forces_at_places_move_a_link_behind_its_motor_too():
     arm = ident.load(ARM).with_effect("elasticity:elbow").with_effect("body_drag:forearm")
     spring = {"elasticity.elbow.compliance": 0.05, "elasticity.elbow.damping": 0.1}

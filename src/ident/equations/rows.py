@@ -109,7 +109,9 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     ):  # once: all are of the data as logged
         motors = e
         e = _with_motors(mechanism, e.at(mechanism, known), motors, corrections)
-        for _ in range(PASSES if twisting else 0):  # loads of the links, where they are by now
+        # loads of the links, where they are by now; in a loop the slopes of a load are without what
+        # its directions change by, and a swing that is hardly damped would grow by each pass
+        for _ in range(PASSES if twisting and e.loop is None else 0):
             for effect, at in twisting:
                 known += _twisted_further(base, mechanism, e, motors, effect, at)
             e = _with_motors(mechanism, e.at(mechanism, known), motors, corrections)
