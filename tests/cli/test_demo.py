@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import ident as api
-from ident.cli.demo import SECRETS, make_puzzle
+from helpers import ROBOTS
+from ident.cli.demo import make_puzzle, make_servo_puzzle
+from ident.cli.puzzles import SECRETS, SERVO_SECRETS
 
 
 def test_the_story_comes_out_right_and_keeps_its_files(done, tmp_path):
@@ -56,9 +58,46 @@ def test_a_seed_is_one_machine(tmp_path):
     assert one.truth == again.truth
 
 
+def test_servos_are_found_from_commands_and_positions(done, tmp_path):
+    folder = tmp_path / "servos"
+    said = done("demo", "--servo", "--seed", 4, "--out", folder).out
+    commands = [line.strip()[2:].split() for line in said.splitlines() if "   $ ident" in line]
+    assert [words[1] for words in commands] == [
+        "check", "identify", "compare", "diagnose", "grow", "compare", "compare",
+    ]  # fmt: skip
+    assert (folder / "run.csv").read_text().startswith("t,ref.yaw,q.yaw,ref.shoulder")
+    assert "ripple:elbow" in (folder / "answer.txt").read_text()
+    assert "The diagnosis named ripple:elbow." in " ".join(said.split())
+    fit = json.loads((folder / "grown" / "fit.json").read_text())
+    values = {p["name"]: p for effect in fit["effects"] for p in effect["parameters"]}
+    table = [line.split() for line in said.partition("planted")[2].splitlines() if "±" in line]
+    planted = {words[0]: float(words[1]) for words in table}
+    assert len(planted) == 16  # of the drives and the ripple
+    for name, value in planted.items():
+        assert abs(values[name]["value"] - value) < 3 * values[name]["stderr"]
+        if ".kp" in name:
+            assert values[name]["value"] == pytest.approx(value, rel=0.01)
+    before, after = (part.splitlines() for part in said.split("error by joint")[1:])
+    rms = [float(line.split()[1]) for part in (before, after) for line in part if "rad" in line][:6]
+    assert rms[5] < 2e-4 < 1e-3 < rms[2]  # [rad], of the elbow
+
+
+def test_a_puzzle_of_servos_begins_with_commands_that_run(done, tmp_path):
+    folder = tmp_path / "servos"
+    said = done("demo", "--servo", "--puzzle", "--seed", 1, "--out", folder).out
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "answer.txt", "mechanism.toml", "other.csv", "run.csv", "servo_arm.urdf",
+    ]  # fmt: skip
+    check = next(line.split()[2:] for line in said.splitlines() if "$ ident check" in line)
+    assert "by known bodies: forearm" in done(*check).out
+    for name in ("servo_arm.urdf", "mechanism.toml"):
+        assert (folder / name).read_bytes() == (ROBOTS / "servo_arm" / name).read_bytes()
+
+
 def test_secrets_are_effects_that_the_machine_can_have(tmp_path):
-    mechanism = make_puzzle(tmp_path / "machine", seed=0).mechanism
-    for label, sizes in SECRETS:
+    machines = make_puzzle(tmp_path / "picker", seed=0).mechanism, api.load(ROBOTS / "servo_arm")
+    kinds = zip(machines, (SECRETS, SERVO_SECRETS), strict=True)
+    for mechanism, (label, sizes) in ((m, secret) for m, all_of in kinds for secret in all_of):
         effect = mechanism.with_effect(label).effects[-1]
         assert [each.name for each in effect.parameters] == list(sizes)
 
@@ -84,3 +123,13 @@ def test_the_right_name_or_honest_rivals(seed, tmp_path):
     for name, value in puzzle.truth.items():
         if after[name].stderr:
             assert np.isclose(after[name].value, value, rtol=0.05, atol=5 * after[name].stderr)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12))
+def test_what_is_hidden_in_servos_is_named(seed, tmp_path):
+    puzzle = make_servo_puzzle(tmp_path / "machine", seed=seed)
+    motion = api.complete(puzzle.mechanism, api.read_log(puzzle.log))
+    diagnosis = api.diagnose(api.identify(puzzle.mechanism, motion))
+    assert diagnosis.best is not None
+    assert diagnosis.best.label == puzzle.answer.label
