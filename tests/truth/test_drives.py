@@ -194,3 +194,18 @@ def test_an_option_takes_the_place_of_a_drive_of_the_file(text):
     assert mechanism.drives["elbow"].kind == "servo"
     assert mechanism.drives["elbow"].values == {key: float(of.partition("=")[2])}
     assert mechanism.drives["yaw"].values == ({} if text.startswith("elbow") else {"kp": 10.0})
+
+
+def test_an_option_for_one_drive_keeps_the_known_delay_of_the_others():
+    mechanism = ident.load(ARM)
+    known = [
+        replace(effect, values={"d": 0.008}) if effect.through_drives else effect
+        for effect in mechanism.effects
+    ]
+    changed = replace(mechanism, effects=tuple(known)).with_drives("elbow:kp=14")
+    assert {joint: drive.values for joint, drive in changed.drives.items()} == {
+        "yaw": {"delay": 0.008}, "shoulder": {"delay": 0.008}, "elbow": {"kp": 14.0}
+    }  # fmt: skip
+    (late,) = (effect for effect in changed.effects if effect.through_drives)
+    assert late.joints == ("elbow",)
+    assert not late.values

@@ -453,7 +453,20 @@ class Mechanism(Displayed):
         given = {drive.joints[0] for drive in new if drive.supplies_torque}
         if not given & {*self.drives}:
             return reduce(add, new, self)
-        drives = [drive for joint, drive in self.drives.items() if joint not in given]
+        known_delays = {
+            joint: effect.values["d"]
+            for effect in self.effects
+            if effect.through_drives and effect.known
+            for joint in effect.joints
+        }
+        drives = []
+        for joint, drive in self.drives.items():
+            if joint in given:
+                continue
+            if "delay" in drive.settings and joint in known_delays:
+                delay = drive.values.get("delay", 0.0) + known_delays[joint]
+                drive = replace(drive, values={**drive.values, "delay": delay})
+            drives.append(drive)
         drives += [drive for drive in new if drive.supplies_torque]
         others = [e for e in self.effects if not e.supplies_torque and not e.through_drives]
         return reduce(add, with_common_delay(drives), replace(self, effects=tuple(others)))
