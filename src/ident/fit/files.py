@@ -404,7 +404,9 @@ def _model(path: Path, data: dict[str, Any], mechanism: Mechanism, allow_code: b
         ):  # the fit's values count, which may be others
             settings = {name: effect_here.setting(name) for name in effect_here.settings}
             finite = {name: x for name, x in settings.items() if np.isfinite(x)}  # else not stated
-            grown = grown + replace(effect_here, values=finite)
+            freed = grown.placed(replace(effect_here, values=finite))
+            effects_here = (freed if known.label == label else known for known in grown.effects)
+            grown = replace(grown, effects=tuple(effects_here))
         if effect_here is None and kind in KINDS:
             settings = {k: x for k, x in (effect.get("settings") or {}).items() if x is not None}
             grown = grown + create_effect(kind, joint, settings, signal=signal, **of_log)
