@@ -62,7 +62,7 @@ SERVO_SECRETS: tuple[tuple[str, dict[str, tuple[float, float]]], ...] = (
     ("position_friction:yaw", {"F1": (0.05, 0.1), "F2": (0.1, 0.2)}),
     ("ripple:shoulder", {"A": (0.05, 0.1), "B": (-0.05, 0.05), "N": (12.0, 20.0)}),
     ("ripple:elbow", {"A": (0.03, 0.06), "B": (-0.05, 0.05), "N": (12.0, 20.0)}),
-    ("end_stop:elbow", {"k": (4.0, 8.0), "q1": (1.3, 1.4), "side": (1.0, 1.0)}),
+    ("end_stop:elbow", {"k": (4.0, 8.0), "q1": (1.08, 1.16), "side": (1.0, 1.0)}),
 )
 
 

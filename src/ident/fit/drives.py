@@ -180,14 +180,23 @@ def without_held_drives(mechanism: Mechanism, motion: Motion, unscaled: NoScale)
     joint still in all logs, and without the equations of these joints.
 
     Raises:
-        NoScale: `unscaled`, if there are other drives among them, if they are all there are, or if
-            the mechanism has closures, which pass their torques on to all equations.
+        NoScale: for drives that are off in all logs, with what to do; `unscaled`, if there are
+            other drives among them, if they are all there are, or if the mechanism has closures,
+            which pass their torques on to all equations.
     """
     names = {
         name
         for name, drive in mechanism.drives.items()
         if all(np.ptp(e.extra[drive.reads()[0]]) == 0 for e in motion.experiments)
     } & {*unscaled.joints}
+    if off := [name for name in unscaled.joints if _off_throughout(name, motion)]:
+        key = mechanism.drives[off[0]].scale
+        raise NoScale(
+            f"{mechanism.drives[off[0]].kind}: off in all samples (on. is 0) in {listed(off)}, so "
+            "nothing shows its gain; log with the drive on, too, or give any gain, which then acts "
+            f"nowhere: --drive {off[0]}:{key}=1",
+            off,
+        ) from unscaled
     if mechanism.closures or names != {*unscaled.joints} or names == {*mechanism.driven}:
         raise unscaled
     delays = [e for e in mechanism.effects if e.kind == CommandDelay.kind]
@@ -199,6 +208,12 @@ def without_held_drives(mechanism: Mechanism, motion: Motion, unscaled: NoScale)
     for effect in with_common_delay(drives):
         kept = kept + effect
     return kept
+
+
+def _off_throughout(name: str, motion: Motion) -> bool:
+    """Whether the drive of a joint is off in all samples of all logs."""
+    on = [e.extra.get(f"on.{name}") for e in motion.experiments]
+    return all(x is not None and not (x > ON_ABOVE).any() for x in on)
 
 
 def held_drives(names: Sequence[str]) -> list[Finding]:

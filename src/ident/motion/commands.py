@@ -55,6 +55,8 @@ def check_commands(
                     f"{log}: there is {listed(others[:3])}, and no '{gain}.{name}'; log it for "
                     "every drive, or leave the column out for all"
                 )
+            if gain != "on" and f"{gain}.{name}" in columns:
+                _check_gain(log, name, gain, columns)
     still = _standing(mechanism, columns)
     for drive in drives.values():
         late = drive.values.get("delay", 0.0)
@@ -73,6 +75,23 @@ def check_commands(
         "carries alone"
         for name, column in still.items()
     ]
+
+
+def _check_gain(log: str, name: str, gain: str, columns: Mapping[str, np.ndarray]) -> None:
+    column, x = f"{gain}.{name}", columns[f"{gain}.{name}"]
+    known = x[np.isfinite(x)]
+    least = known.min(initial=0.0)
+    if least < 0:
+        raise MotionError(
+            f"{log}: {column} reaches {least:.4g}; a gain is 0 or more: check which column it is, "
+            f'or write [log] "{column}" = {{ column = "…", scale = -1 }}'
+        )
+    others = (columns.get(f"{other}.{name}") for other in ("kd", "feedforward"))
+    if gain == "kp" and not known.any() and not any(x is not None and x.any() for x in others):
+        raise MotionError(
+            f"{log}: {column} is 0 in all samples, so its drive has no torque; log the gain that "
+            f"was set, leave out the columns kp., or write on.{name} = 0 where the drive is off"
+        )
 
 
 def _standing(mechanism: Mechanism, columns: Mapping[str, np.ndarray]) -> dict[str, str]:
