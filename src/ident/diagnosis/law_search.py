@@ -36,10 +36,8 @@ from ident.text import significant
 
 STEPS = 8  # work: of Gauss-Newton
 LONGEST_STEP = 0.3  # numerics: of a shape's range, the longest step
-EXTENTS, WIDER = (
-    5,
-    2.0,
-)  # work: rounds of a correction's extent, and the most that it changes in one
+EXTENTS = 5  # work: rounds of a correction's extent
+WIDER = 2.0  # work: times as large, or as small, as it becomes in one
 RISE = 1e-3  # numerics: of the error, that a further step must bring
 NEW_DIRECTION = 1e-6  # numerics: of a unit column's square: less of it is new
 SLOPE = 1e-4  # numerics: of a shape's range, for its slope

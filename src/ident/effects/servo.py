@@ -147,10 +147,10 @@ class Drive(Correcting):
         needed = s.torque[:, 0] - self.offset(with_known)
         error = self.gain(s) * self.error(with_known)
         v = s.v[:, 0]
-        beside = np.stack([v, s.a[:, 0], np.sign(v), np.ones_like(v)], axis=1)
-        own = needed - beside @ linear.lstsq(beside, needed, rcond=1e-9)[0]
-        if own @ own > ITS_OWN**2 * (needed @ needed):
-            A = np.column_stack([needed, beside])
+        passive = np.stack([v, s.a[:, 0], np.sign(v), np.ones_like(v)], axis=1)
+        active = needed - passive @ linear.lstsq(passive, needed, rcond=1e-9)[0]
+        if active @ active > ITS_OWN**2 * (needed @ needed):
+            A = np.column_stack([needed, passive])
             share, damping = linear.lstsq(A, error, rcond=1e-9)[0][:2]
             if share > 0:
                 return float(1 / share), max(0.0, float(damping / share))

@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.equations.filter import STANDING, Decimator, filtered_windows
-from ident.equations.nearby import beside
+from ident.equations.nearby import linearized
 from ident.equations.rows import (
     Rows,
     Scene,
@@ -84,7 +84,7 @@ def gain(
                 shifted = known.copy()
                 shifted[order][:, given.index(name)] += step
                 shifted_state = e.at(mechanism, shifted, given)
-            G[:, :, i, order] = (residual(beside(at(shifted_state), now)) - base) / step
+            G[:, :, i, order] = (residual(linearized(at(shifted_state), now)) - base) / step
     samples = Samples(mechanism, e, slice(None), point).reduced(slice(None))
     G[~informing(samples, largest_transmission(e))] = 0.0
     return G

@@ -52,8 +52,8 @@ class Nearby:
 
     def keeps(self, effect: Effect) -> bool:
         """Return whether an effect's forces are those of the other state."""
-        own = effect.local and not effect.implicit
-        return own and self.base.e.loop is None and self.unmoved.issuperset(effect.joints)
+        explicit = effect.local and not effect.implicit
+        return explicit and self.base.e.loop is None and self.unmoved.issuperset(effect.joints)
 
     def force(
         self, part: slice, effect: Effect, c: np.ndarray, shape: Mapping[str, float]
@@ -66,7 +66,7 @@ class Nearby:
         return made
 
 
-def beside(s: Samples, base: Samples) -> Samples:
+def linearized(s: Samples, base: Samples) -> Samples:
     """Return samples of a whole state whose forces are made from those of one nearby, where that is
     possible and pays.
     """
@@ -77,7 +77,7 @@ def beside(s: Samples, base: Samples) -> Samples:
     if e.q is near.q and e.v is near.v and e.a is near.a:
         return s  # forces of rigid bodies are shared already
     steps = np.stack([e.q - near.q, e.v - near.v, e.a - near.a])
-    moved = (e.y != near.y) | (e.yd != near.yd) | (e.ydd != near.ydd)
-    still = ~moved.any(axis=0) & (e.still == near.still)
+    changed = (e.y != near.y) | (e.yd != near.yd) | (e.ydd != near.ydd)
+    still = ~changed.any(axis=0) & (e.still == near.still)
     joints = frozenset(joint.name for joint, x in zip(s.mechanism.joints, still, strict=True) if x)
     return replace(s, memo={NEARBY: Nearby(base, steps, joints)})

@@ -27,7 +27,7 @@ import numpy as np
 
 from ident.effects import Correction, Effect
 from ident.equations.filter import CHUNK, STANDING, STICKING, Decimator, filtered_windows
-from ident.equations.nearby import beside
+from ident.equations.nearby import linearized
 from ident.equations.terms import (
     RIGID,
     Samples,
@@ -65,8 +65,8 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     corrections, every = [], mechanism.effects
     twisting = list[tuple[Effect, dict[str, float]]]()
     if only:  # the last one as a rule, and drives that it is in
-        alone = tuple(x for x in every[::-1] if x.kind == only.kind and x.label == only.label)[:1]
-        every = tuple(x for x in every if x in alone or in_drive(only, x))
+        same = tuple(x for x in every[::-1] if x.kind == only.kind and x.label == only.label)[:1]
+        every = tuple(x for x in every if x in same or in_drive(only, x))
     for effect in every:
         if not effect.corrects:
             continue
@@ -132,8 +132,8 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             step = np.einsum("nij,nj->ni", e.pinv[:, :, forces], gap)
             transmits = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
             q = integrate(mechanism.model, e.q, transmits[0])
-            moved = e.at(mechanism, motion=(q, e.v + transmits[1], e.a + transmits[2]))
-            e = _with_motors(mechanism, moved, e, corrections)
+            closed = e.at(mechanism, motion=(q, e.v + transmits[1], e.a + transmits[2]))
+            e = _with_motors(mechanism, closed, e, corrections)
     if e is base.e and mechanism is base.mechanism:
         return base
     return Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
@@ -149,7 +149,7 @@ def _earlier(now: Samples, base: Samples, d: float) -> Samples:
         known = e.known(now.mechanism).transpose(1, 0, 2)  # by sample
         shifted = late(e.t, known.reshape(len(e), -1), d).reshape(known.shape)
         earlier = replace(now, e=e.at(now.mechanism, shifted.transpose(1, 0, 2)), memo={})
-        stored[d] = beside(earlier, base)
+        stored[d] = linearized(earlier, base)
     made: Samples = stored[d]  # corrections of torques change no force of the model
     return replace(now, e=made.e, memo=made.memo)
 
@@ -170,8 +170,8 @@ def _with_motors(
         return e
     at = [mechanism.joint_index[name] for name in names]
     motors = [y.copy() for y in (e.y, e.yd, e.ydd)]
-    for mine, y in zip(motors, (before.y, before.yd, before.ydd), strict=True):
-        mine[:, at] = y[:, at]
+    for of_motor, y in zip(motors, (before.y, before.yd, before.ydd), strict=True):
+        of_motor[:, at] = y[:, at]
     return replace(e, y=motors[0], yd=motors[1], ydd=motors[2])
 
 
@@ -193,8 +193,9 @@ def _twisted_further(
     now = np.stack([x[:, at] if e.loop is None else x[:, 0] for x in links])
     twist = np.stack([y[:, place] for y in (motors.y, motors.yd, motors.ydd)]) - now
     signals = base.signals(effect.acting)
-    here = Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
-    load = here.predicted((name,))[1] + (signals.load_slopes[:, :, 0] * twist).sum(axis=0)[:, None]
+    of_links = Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
+    by_twist = (signals.load_slopes[:, :, 0] * twist).sum(axis=0)
+    load = of_links.predicted((name,))[1] + by_twist[:, None]
     again = replace(signals, shape=shape, predicted=lambda: (load, load))
     change = np.zeros((3, len(e), len(e.logged)))
     change[:, :, e.logged.index(name)] = effect.correction(again).twist[name] + twist

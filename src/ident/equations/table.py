@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.effects import Effect, Signals
 from ident.equations.filter import Decimator, Product, multiplied, products
-from ident.equations.nearby import beside
+from ident.equations.nearby import linearized
 from ident.equations.rows import Rows, Scene, corrected, perturbed, residual, rows
 from ident.equations.terms import Samples
 from ident.equations.thinning import SplineProduct, multiplied_splines, spline_products
@@ -178,13 +178,13 @@ class Table(Rows):
         for number, scene in enumerate(self.scenes):
             grown, point = scene.mechanism + effect, self.point.with_values(values)
             bare = replace(self.thin[number], mechanism=grown, point=point)
-            here = residual(corrected(bare, cutoff, effect))
+            at_shape = residual(corrected(bare, cutoff, effect))
             for name, columns in zip(names, series, strict=True):
                 if name == effect.extent:
-                    S = (self._uncorrected[number] - here) / extent
+                    S = (self._uncorrected[number] - at_shape) / extent
                 else:
                     h, shifted = perturbed(bare, effect, name, cutoff, effect)
-                    S = (here - residual(shifted)) / h
+                    S = (at_shape - residual(shifted)) / h
                 columns.append(self._in_rows(number, S))
         return [np.concatenate(columns) * self.scale for columns in series]
 
@@ -238,7 +238,7 @@ class Table(Rows):
                     for value in values
                 )  # fmt: skip
             base = self.thin[number]
-            S = (residual(beside(at, base)) - residual(beside(shifted, base))) / h
+            S = (residual(linearized(at, base)) - residual(linearized(shifted, base))) / h
             series.append(self._in_rows(number, S))
         return np.concatenate(series) * self.scale
 

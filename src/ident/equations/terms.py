@@ -336,8 +336,8 @@ class Samples:
             else:
                 continue
             turned, faster = integrate(model, e.q, SLIGHTLY * Z), e.v + SLIGHTLY * Z
-            moved = (turned, e.v, e.a), (e.q, faster, e.a), (e.q, e.v, e.a + Z)
-            for k, state in enumerate(moved):
+            shifted = (turned, e.v, e.a), (e.q, faster, e.a), (e.q, e.v, e.a + Z)
+            for k, state in enumerate(shifted):
                 rise = rigid_forces(model, *state, pi) - now
                 slopes[k, :, i] = np.einsum("ni,ni->n", Z, rise) / (1.0 if k == 2 else SLIGHTLY)
         return slopes

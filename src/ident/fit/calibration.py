@@ -128,7 +128,7 @@ def budget_of(of_fit: FitRows, fitted: Estimate) -> Budget | None:
         if not causes:
             return None
         N = np.stack([column for k in felt if (column := columns[k]) is not None], axis=-1)
-        rows, jitter = at.beside(fitted, N, N @ values), at.jitter(x, causes)
+        rows, jitter = at.with_causes(fitted, N, N @ values), at.jitter(x, causes)
         information, z, total, sigma, white = _weighed(rows, jitter, fitted, at, len(causes))
         if len(z.base.dependent):  # a log that is spoilt: which of its errors is open
             kept = np.setdiff1d(np.arange(len(causes)), z.base.dependent - n)
@@ -136,7 +136,7 @@ def budget_of(of_fit: FitRows, fitted: Estimate) -> Budget | None:
                 return None
             left_out += [c.name for k, c in enumerate(causes) if k not in kept]
             causes, values, N = [causes[k] for k in kept], values[kept], N[..., kept]
-            rows = at.beside(fitted, N, N @ values)
+            rows = at.with_causes(fitted, N, N @ values)
             information, z, total, sigma, white = _weighed(rows, jitter, fitted, at, len(causes))
             if len(z.base.dependent):
                 return None

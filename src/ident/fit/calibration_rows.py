@@ -88,7 +88,7 @@ class FitRows(ABC):
                     return np.concatenate(parts)
         return None
 
-    def beside(self, fitted: Estimate, columns: np.ndarray, known: np.ndarray) -> Rows:
+    def with_causes(self, fitted: Estimate, columns: np.ndarray, known: np.ndarray) -> Rows:
         """Return the rows of [A_I, N S], `columns` (N, d, c) of causes behind those of the model,
         with what is corrected in the tables already (N, d) given back; unknowns that are held stay
         at their prior.

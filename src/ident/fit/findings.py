@@ -71,10 +71,10 @@ def findings_of(
     terms = problem.columns.terms
     parted = np.where(terms[:, None] == np.unique(terms), estimate.x[:, None], 0.0)
     more = [*more]
-    said = {name for finding in more if finding.code == HELD_AT_ZERO for name in finding.where}
+    reported = {name for finding in more if finding.code == HELD_AT_ZERO for name in finding.where}
     findings = [
         *_equations(problem, estimate),
-        *_held_unknowns(problem.columns, estimate, said),
+        *_held_unknowns(problem.columns, estimate, reported),
         *_short_runs(problem.motion),
         *_absorbed(problem.columns, estimate),
         *_multipliers(problem, estimate),
@@ -131,9 +131,9 @@ def _equations(problem: Problem, estimate: Estimate) -> Iterator[Finding]:
 
 
 def _held_unknowns(
-    columns: Columns, estimate: Estimate, said: Collection[str]
+    columns: Columns, estimate: Estimate, reported: Collection[str]
 ) -> Iterator[Finding]:
-    """Report what the data know too badly, but for the names that another finding has `said`."""
+    """Report what the data know too badly, but for the names that others have `reported`."""
     number = np.arange(len(columns))
     rigid, shapes = number < len(columns.rigid), np.isin(number, columns.shapes)
     for kind, where in (
@@ -142,7 +142,7 @@ def _held_unknowns(
         (~rigid & ~shapes, "held at zero"),
     ):
         every = (columns.names[i] for i in np.flatnonzero(estimate.fixed & kind))
-        if names := tuple(name for name in every if name not in said):
+        if names := tuple(name for name in every if name not in reported):
             far = ", or it is far outside its range" * (kind is shapes)
             count = f"{len(names)} parameter{'s' * (len(names) > 1)}"
             text = (

@@ -299,8 +299,8 @@ def compare(
     findings: dict[str, tuple[Finding, ...]] = {}
     for i, model in enumerate(models):
         name = f"fit {i + 1}" if isinstance(model, Fit) and len(models) > 1 else ""
-        beside, differing = beside_sensors(model, motion)
-        residual = residual_of(beside, motion, name=name)
+        compared, differing = beside_sensors(model, motion)
+        residual = residual_of(compared, motion, name=name)
         residuals[residual.name] = residual
         fitted[residual.name] = model.errors
         if differing:

@@ -77,14 +77,14 @@ def sprung(
     F = np.array([[cosine + a * sine, sine], [-b * sine, cosine - a * sine]])
     end = np.stack([p0 + p1 * step, p1])
     start = np.stack([p0, p1])
-    moved = end - np.einsum("ijn,jn->in", F, start)
-    # x_{k+1} = F_k x_k + moved_k: one lower triangle with three diagonals below
+    forced = end - np.einsum("ijn,jn->in", F, start)
+    # x_{k+1} = F_k x_k + forced_k: one lower triangle with three diagonals below
     band, right = np.zeros((4, 2 * n)), np.zeros(2 * n)
     band[0] = 1.0
     band[1, 1 : 2 * (n - 1) : 2] = -F[0, 1]
     band[2, 0 : 2 * (n - 1) : 2], band[2, 1 : 2 * (n - 1) : 2] = -F[0, 0], -F[1, 1]
     band[3, 0 : 2 * (n - 1) : 2] = -F[1, 0]
-    right[2:] = moved.T.ravel()
+    right[2:] = forced.T.ravel()
     x, _ = lapack.dtbtrs(band, right, uplo="L")
     e, rate = x.reshape(n, 2).T
     delta, speed = compliance * load + e, compliance * first + rate

@@ -149,9 +149,9 @@ class LoopSolver:
         gap = np.abs(np.concatenate([values, self._off(q, target)], axis=1)).max(axis=1, initial=0)
         open_samples = ~(last < CLOSED)
         if open_samples.any():
-            some = np.flatnonzero(open_samples)
+            at = np.flatnonzero(open_samples)
             q = q.copy()
-            q[some], gap[some] = self.newton(start[some], target[some])
+            q[at], gap[at] = self.newton(start[at], target[at])
         return q, gap
 
     def rates(

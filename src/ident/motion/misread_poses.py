@@ -85,23 +85,23 @@ def _misread(mechanism: Mechanism, e: State, log: Log, chain: Chain, force: np.n
     at = [mechanism.joint_index[name] for name in chain.slides]
     a, gravity = e.ydd[:, at], np.array(mechanism.model.gravity.linear)
     f, pull = force[used], a[used] - gravity
-    left = _left(f, pull)
-    if left < MISREAD:
+    share = _unexplained(f, pull)
+    if share < MISREAD:
         return ""
-    found: dict[str, float] = {}
+    readings: dict[str, float] = {}
     raw = _quaternion(log, chain, e.t)
     if raw is not None:
         R = rotations(raw)[used]
         body = np.einsum("nji,nj->ni", R, f)
         scalar_first = rotations(np.roll(raw, -1, axis=1))[used]
-        found[
+        readings[
             f"its columns are in the order {ORDER_SCALAR_FIRST}, and {ORDER_READ} is asked; rename "
             "the first one qw and the others qx qy qz"
-        ] = _left(turned(scalar_first, body), pull)
-        found[
+        ] = _unexplained(turned(scalar_first, body), pull)
+        readings[
             "it turns the world into the body, and the body's orientation in the world is asked; "
             "change the signs of qx qy qz"
-        ] = _left(turned(R.transpose(0, 2, 1), body), pull)
+        ] = _unexplained(turned(R.transpose(0, 2, 1), body), pull)
     size = float(np.linalg.norm(gravity))
     for axis in range(3):
         for sign in (1.0, -1.0):
@@ -109,26 +109,26 @@ def _misread(mechanism: Mechanism, e: State, log: Log, chain: Chain, force: np.n
             other[axis] = sign * size
             if not np.allclose(other, gravity):
                 words = ", ".join(f"{x:.4g}" for x in other)
-                found[
+                readings[
                     "it is in other axes of the world than gravity and the joints; write gravity "
                     f"= [{words}] in mechanism.toml if its axes are meant, or turn it"
-                ] = _left(f, a[used] - other)
+                ] = _unexplained(f, a[used] - other)
     late, least = _lateness(e, force, a - gravity, None if raw is None else rotations(raw))
     if abs(late) >= EARLIEST / e.rate:
-        found[
+        readings[
             f"it is {abs(late):.3g} s {'behind' if late > 0 else 'before'} the forces, by another "
             "clock; bring both to one"
         ] = least
-    best = min(found, key=lambda text: found[text])
-    if found[best] > BETTER * left:
+    best = min(readings, key=lambda text: readings[text])
+    if readings[best] > BETTER * share:
         return ""
     return (
-        f"the pose of '{chain.name}' and the forces on it contradict each other ({left:.0%} of the "
-        f"forces are left, {found[best]:.0%} if so): {best}"
+        f"the pose of '{chain.name}' and the forces on it contradict each other ({share:.0%} of "
+        f"the forces are left, {readings[best]:.0%} if so): {best}"
     )
 
 
-def _left(f: np.ndarray, pull: np.ndarray) -> float:
+def _unexplained(f: np.ndarray, pull: np.ndarray) -> float:
     """Return r of forces f (n, 3) and a − g (n, 3)."""
     mass = max(float((f * pull).sum() / max((pull**2).sum(), 1e-300)), 0.0)
     return float(np.sqrt(((f - mass * pull) ** 2).sum() / (f**2).sum()))
@@ -148,8 +148,8 @@ def _lateness(
         early, late = slice(max(-k, 0), max(-k, 0) + n), slice(max(k, 0), max(k, 0) + n)
         f = body[early] if R is None else turned(R[late], body[early])
         usable = e.usable[early] & e.usable[late]
-        if usable.any() and (left := _left(f[usable], pull[late][usable])) < best[1]:
-            best = k, left
+        if usable.any() and (share := _unexplained(f[usable], pull[late][usable])) < best[1]:
+            best = k, share
     return best[0] / e.rate, best[1]
 
 

@@ -48,5 +48,5 @@ def _late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
     known = np.isfinite(x)
     if known.sum() < 2:
         return x
-    moved = cubic(t[known], x[known], np.clip(t - d, t[known][0], t[known][-1]))
-    return np.where(known, moved, np.nan)
+    shifted = cubic(t[known], x[known], np.clip(t - d, t[known][0], t[known][-1]))
+    return np.where(known, shifted, np.nan)

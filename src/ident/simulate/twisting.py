@@ -84,7 +84,7 @@ def twisting(
     start = np.zeros(model.nq)
     for joint in mechanism.joints:
         start[model.joints[model.getJointId(joint.name)].idx_q] = mechanism.start[joint.index]
-    kept = [effect for effect in mechanism.effects if effect not in soft.values()]
+    others = [effect for effect in mechanism.effects if effect not in soft.values()]
     links_of = dict(zip(soft, names, strict=True))
     springs, values = [], dict(point.values)
     for name, effect in soft.items():
@@ -94,7 +94,7 @@ def twisting(
     divided = replace(
         mechanism, model=model, bodies=Bodies(tuple(links)), joints=tuple(joints), start=start,
         passive=(*mechanism.passive, *names), unknown=(), plausible=None, covariance=None,
-        effects=(*kept, *springs),
+        effects=(*others, *springs),
     )  # fmt: skip
     # forces at places act on the links' own coordinates too
     placed = [divided.placed(x) if isinstance(x, FrameForce) else x for x in divided.effects]
