@@ -198,6 +198,7 @@ class PositionFriction(Dry):
 
     kind = "position_friction"
     noun = "dry friction that changes along the way"
+    candidate_sites = "commanded"  # where a torque is measured, formulas name more forms of it
     unknowns = (
         Unknown("F1", ("N m/rad", "N/m"), "slope of dry friction over position", acts="dry"),
         Unknown("F2", ("N m/rad²", "N/m²"), "half of its curvature", acts="dry"),
