@@ -12,7 +12,7 @@ from nbclient import NotebookClient
 
 NAMES = {
     "pendulum", "slider_crank", "hidden_effect", "hidden_friction", "your_own_mechanism",
-    "real_arm", "own_effect", "hidden_law",
+    "real_arm", "own_effect", "hidden_law", "servo",
 }  # fmt: skip
 LARGEST = 1_000_000  # bytes
 # the computations of these are run by other tests: examples/hidden_friction.py, truth/test_tx40*,
