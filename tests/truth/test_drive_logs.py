@@ -149,8 +149,8 @@ def test_a_model_of_drives_is_compared_with_torques_that_were_measured(mechanism
     rate = e.yd[:, mechanism.joint_index["elbow"]]
     viscous = 0.06  # [N m s/rad] which the fit has in kd
     torques = {**torques, "elbow": torques["elbow"] - viscous * rate}
-    cutoff = fit.motion.band.cutoff
-    alike = ident.complete(mechanism, sensed(log, torques, "elbow"), cutoff=cutoff)
+    same = {"cutoff": fit.motion.band.cutoff, "smoothing": e.smooth.spacing}
+    alike = ident.complete(mechanism, sensed(log, torques, "elbow"), **same)
     plain, beside = (ident.compare(fit, motion=m) for m in (fit.motion, alike))
     assert beside.findings == {}
     ((name, residual),) = beside.residuals.items()

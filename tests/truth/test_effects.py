@@ -17,6 +17,7 @@ from ident.effects import (
     create,
     parse,
 )
+from ident.effects.effect import SAMPLED
 from ident.errors import MechanismError
 from ident.mechanism import load
 
@@ -462,3 +463,15 @@ def test_a_gain_is_a_volt_where_the_supply_is_logged():
     duty = create("motor_duty", "a")
     assert duty.units_with({"duty.a", "q.a"})[0] == "N m"
     assert duty.units_with({"duty.a", "supply.a"})[0] == "N m/V"
+
+
+def test_dry_friction_beside_a_drive_is_the_mean_over_a_sample():
+    h, t = 5e-3, 0.02
+    fine = np.linspace(-0.5 * h, 0.5 * h, 10001)
+    v, a = np.array([[0.03], [-0.01], [0.4]]), np.array([[20.0], [-30.0], [50.0]])
+    step = {SAMPLED + "elbow": np.full(3, h)}
+    s = Signals(np.full(3, t), 0 * v, v, a, np.full(1, 1e-3), step)
+    coulomb = KINDS["coulomb"](("elbow",))
+    mean = np.sign(v + a * fine).mean(axis=1)
+    assert np.allclose(coulomb.columns(s)[:, 0, 0], mean, atol=1e-3)
+    assert np.array_equal(np.sign(v)[:, 0], coulomb.columns(replace(s, extra={}))[:, 0, 0])

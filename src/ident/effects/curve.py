@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from ident.effects.effect import NOWHERE, UNITS, Bounds, Effect, Shape, Signals, Unknown, unit_of
-from ident.effects.joint import direction
+from ident.effects.joint import direction_in
 from ident.errors import MechanismError, one_of
 
 PIECES = 5  # range: intervals of a curve of one signal
@@ -175,7 +175,7 @@ class Curve(OfSignals):
 
     def torque(self, s: Signals) -> np.ndarray:
         x, v = self._argument(s), s.v[:, 0]
-        turn = direction(v, s.still[0])
+        turn = direction_in(s, self.joints)[:, 0]
         knots = np.array([s.shape[f"x{i}"] for i in range(self.pieces + 1)])
         if self.first == "v":
             B = basis(x, knots)

@@ -28,6 +28,8 @@ UNITS: Mapping[str, tuple[str, str]] = {  # at a rotational and at a linear join
     "load": ("N m", "N"), "temperature": ("°C", "°C"),
 }  # fmt: skip
 Powers = Mapping[str, float]  # of signals
+# begins a column that is made: the time [s] between samples, of a joint whose drive supplies torque
+SAMPLED = "(time between samples) "
 
 
 def dimension(text: str, of: Mapping[str, Powers] | None = None) -> Powers:

@@ -31,7 +31,7 @@ from ident.effects.effect import (
     scaled,
     unit_of,
 )
-from ident.effects.joint import direction
+from ident.effects.joint import direction_in
 from ident.text import rounded
 
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "sign", "tanh")
@@ -300,9 +300,11 @@ class Formula(OfSignals):
             namespace["temperature"] = s.extra[name]
         turns = {id(namespace[name]): i for i, name in enumerate(("v", "v_o")) if name in namespace}
 
+        turning = direction_in(s, self.joints)
+
         def sign(x: np.ndarray) -> np.ndarray:
             i = turns.get(id(x))
-            return np.tanh(x / SMOOTH) if i is None else direction(s.v[:, i], s.still[i])
+            return np.tanh(x / SMOOTH) if i is None else turning[:, i]
 
         return {**namespace, "sign": sign}
 

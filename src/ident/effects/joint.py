@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 
-from ident.effects.effect import NOWHERE, Bounds, Effect, Shape, Signals, Unknown
+from ident.effects.effect import NOWHERE, SAMPLED, Bounds, Effect, Shape, Signals, Unknown
 from ident.errors import MechanismError
 
 ARMSTRONG = "Armstrong-Hélouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
@@ -22,6 +23,24 @@ def direction(v: np.ndarray, still: np.ndarray) -> np.ndarray:
     """
     x = np.clip(v / still, -1.0, 1.0)
     return np.asarray(x * (2.25 - 1.25 * x**2))
+
+
+def direction_in(s: Signals, joints: Sequence[str]) -> np.ndarray:
+    """sign(v) (n, joints); where a drive supplies a joint's torque its mean over a sample's time h.
+
+    A command goes on smoothly where friction turns: the jump is in the acceleration, of which a
+    spline knows means. sign(v) at the sample would have it up to h/2 early or late, and a friction
+    that builds up over |a| h/2 is what a diagnosis then sees. The mean of sign(v + a s), |s| ≤ h/2,
+    is v / (|a| h/2) within ±1.
+    """
+    sign = direction(s.v, s.still)
+    for i, joint in enumerate(joints[: s.v.shape[1]]):
+        step = s.extra.get(SAMPLED + joint)
+        if step is not None:
+            half = 0.5 * step * np.abs(s.a[:, i])
+            mean = np.clip(s.v[:, i] / np.maximum(half, s.still[i]), -1.0, 1.0)
+            sign[:, i] = np.where(half > s.still[i], mean, sign[:, i])
+    return sign
 
 
 class Viscous(Effect):
@@ -80,7 +99,7 @@ class Coulomb(Dry):
     source = ARMSTRONG
 
     def columns(self, s: Signals) -> np.ndarray:
-        return direction(s.v, s.still)[:, :, None]
+        return direction_in(s, self.joints)[:, :, None]
 
 
 class ReversalPulses(Effect):
@@ -106,7 +125,7 @@ class ReversalPulses(Effect):
     def columns(self, s: Signals) -> np.ndarray:
         if len(s.t) < 2:  # of one sample no rate is known
             return np.zeros((*s.v.shape, 2))
-        first = np.gradient(direction(s.v, s.still), s.t, axis=0)
+        first = np.gradient(direction_in(s, self.joints), s.t, axis=0)
         return np.stack([first, np.gradient(first, s.t, axis=0)], axis=-1)
 
 
@@ -145,7 +164,7 @@ class Stribeck(Dry, OverSpeed):
 
     def columns(self, s: Signals) -> np.ndarray:
         fade = np.exp(-((s.v / s.shape["vs"]) ** 2))
-        return (direction(s.v, s.still) * fade)[:, :, None]
+        return (direction_in(s, self.joints) * fade)[:, :, None]
 
 
 class FrictionWidth(OverSpeed):
@@ -166,7 +185,7 @@ class FrictionWidth(OverSpeed):
 
     def columns(self, s: Signals) -> np.ndarray:
         part = np.clip(s.v / s.shape["w"], -1.0, 1.0)
-        return (part - direction(s.v, s.still))[:, :, None]
+        return (part - direction_in(s, self.joints))[:, :, None]
 
 
 class DirectionFriction(Effect):
@@ -212,7 +231,7 @@ class PositionFriction(Dry):
     source = "Bittencourt, Wernholt, Sander-Tavallaey, Brogårdh, IEEE/RSJ IROS 2010"
 
     def columns(self, s: Signals) -> np.ndarray:
-        return np.stack([s.q, s.q**2], axis=-1) * direction(s.v, s.still)[:, :, None]
+        return np.stack([s.q, s.q**2], axis=-1) * direction_in(s, self.joints)[:, :, None]
 
 
 class Drag(Effect):
@@ -249,7 +268,7 @@ class LoadFriction(Dry):
     asks = ("load",)
 
     def columns(self, s: Signals) -> np.ndarray:
-        return (np.abs(s.load) * direction(s.v, s.still))[:, :, None]
+        return (np.abs(s.load) * direction_in(s, self.joints))[:, :, None]
 
 
 class Hysteresis(Effect):

@@ -284,8 +284,10 @@ def complete(
     sensors = any(f"tau.{name}" in log.columns for log in read for name in mechanism.drives)
     if cutoff == "auto" and band.cutoff is not None and not sensors:
         servos = servo_cutoff(mechanism, states)
-        if servos is not None and servos < band.cutoff:
-            band = replace(band, cutoff=servos)
+        if servos is not None:  # their torques have all that the motion lost by smoothing
+            spacings = [e.smooth.spacing for e in states if e.smooth is not None]
+            passed = 0.5 / min(spacings) if spacings else np.inf
+            band = replace(band, cutoff=min(servos, passed, band.cutoff))
     check_base(mechanism, states, read)
     if missing := unforced_base(mechanism, states):
         if torques:

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ident.effects import Effect, Signals
+from ident.effects.effect import SAMPLED
 from ident.effects.servo import HOLD
 from ident.errors import MotionError, one_of
 from ident.log import Log
@@ -224,14 +225,16 @@ def measure(
             f"{listed(still)}: always 0 while the joint moves: no measurement; derived from the "
             "positions"
         )
-    columns |= {
-        f"tau.{name}": _supplied(drive, log, columns)
+    supplied = {
+        name: _supplied(drive, log, columns)
         for name, drive in mechanism.drives.items()
         if f"tau.{name}" not in log.columns  # a sensor goes first
         if f"q.{name}" in columns and {*drive.reads()} <= {*columns}
     }
+    columns |= {f"tau.{name}": x for name, x in supplied.items()}
     if mechanism.drives:
         columns[HOLD] = np.full(len(log.t), float(np.median(np.diff(log.t))))
+        columns |= {SAMPLED + name: columns[HOLD] for name in supplied}
     limits = torque_limits(columns) if limits is None else limits
     notes += _without_limits(columns, limits)
     log = replace(log, columns=columns)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.effects import KINDS
+from ident.effects.effect import SAMPLED
 from ident.effects.servo import HOLD
 from ident.equations.unknowns import Point
 from ident.errors import LogError, MechanismError, MotionError, check_whole, one_of
@@ -98,7 +99,8 @@ def simulate(
             torque -= e.leverage[:, mechanism.joint_index[name]] * tau[name][:, None]
     tau |= dict(zip(completed.independent, torque.T, strict=True))
     logged = columns_of(mechanism, point, e.t, (e.y, e.yd, e.ydd), tau, columns, joints)
-    extra = {n: x for n, x in e.extra.items() if not n.startswith("tau.") and n != HOLD}
+    made = ("tau.", HOLD, SAMPLED)
+    extra = {n: x for n, x in e.extra.items() if not n.startswith(made)}
     log = Log.from_arrays(motion.name, e.t, {**with_noise(logged, noise, seed), **extra})
     return replace(log, repairs=(*log.repairs, *completed.notes)), prediction
 
