@@ -189,6 +189,7 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
         lawful, found_laws, unsearched = laws_of(selection, loud, laws_progress)
         on_progress("refitting", 0.4)
         selection, laws = _refit_laws(lawful, found_laws)
+        selection, laws = _reprieved(selection, laws)
     first, best = selection.named[0] if selection.named else None, None
     candidates = explanations(selection, first)
     for alternative in () if data.faults else by_rivals(selection):
@@ -261,6 +262,46 @@ def _refit_laws(
     return replace(selection, members=members), tuple(laws)
 
 
+def _reprieved(selection: Selection, laws: tuple[Law, ...]) -> tuple[Selection, tuple[Law, ...]]:
+    """Return the selection in which nothing speaks any more against a correction whose refit
+    explains most of its joint's error, and leaves as little as what spoke against it, or nothing
+    but noise; and the other laws. Errors are shares of the torque, which a drive's gain changes.
+
+    The rows have its slopes where the fit is, which a gain that is given wrong by a fifth leaves,
+    and unknowns that it drove to the end of their range stay there; a curve may do better than
+    slopes, but is no cause.
+    """
+    fit, first = selection.first.contest.fit, selection.first.regression
+    place = {joint: u for u, joint in enumerate(fit.motion.independent)}
+    members = list[Member]()
+    for m in selection.members:
+        with suppress(IdentError):
+            if m.rejected and m.effect.corrects and m.evidence is not None:
+                explanation = explain(fit, m.evidence)
+                joint = explanation.joint
+                before, after = explanation.before[joint], explanation.after[joint]
+                if not (before.relative and after.relative):
+                    raise FitError(f"{joint} has no torque")
+                noise = fit.noise[joint] * before.relative / before.rms
+                most = [law.after[joint].relative for law in laws if joint in law.effect.joints[:1]]
+                least = [share for share in most if share is not None]
+                candidates = selection.last.contest.candidates
+                curve = next((c for c in candidates if c.effect == m.curve), None)
+                if curve is not None and joint in curve.effect.joints[:1]:
+                    refit = selection.last.regression.refit(curve.groups[0])
+                    left = refit.loss.sum(axis=0) / first.losses.sum(axis=0)
+                    least.append(before.relative * float(np.sqrt(left[place[joint]])))
+                elif m.curve is not None or m.impossible is not None:
+                    least.append(noise)
+                excess_squares = max(before.relative**2 - noise**2, 0.0)
+                explained = after.relative**2 - noise**2 <= (1 - MAIN_CAUSE) * excess_squares
+                if explained and after.relative <= EXCESS * min(least, default=np.inf):
+                    laws = tuple(law for law in laws if joint not in law.effect.joints[:1])
+                    m = replace(m, curve=None, law=None, impossible=None)
+        members.append(m)
+    return replace(selection, members=tuple(members)), laws
+
+
 def of_one_form(found_laws: Collection[FoundLaw]) -> list[FoundLaw]:
     """Give laws of several joints one form, the best, where each has it as law or rival."""
     forms = [{e.formula.terms: e for e in (*law.rivals, law.fitted)} for law in found_laws]
@@ -291,10 +332,10 @@ def _explains(explanation: Explanation, selection: Selection) -> bool:
     the torque.
     """
     contest, fit = selection.contest, selection.contest.fit
-    after, before = (
-        explanation.after[explanation.joint].rms,
-        explanation.before[explanation.joint].rms,
-    )
+    errors_there = [x[explanation.joint] for x in (explanation.after, explanation.before)]
+    after, before = (e.rms for e in errors_there)
+    if explanation.effect.supplies_torque:  # the torque, and its noise, is another one with it
+        after, before = (e.relative or e.rms for e in errors_there)
     if after >= before and len(selection.named) > 1:  # alone it may need the others
         after = announced_with(selection, selection.named)[explanation.joint].rms
     if after >= before:
