@@ -72,7 +72,7 @@ def demo(
     """Show how a hidden effect is found, step by step.
 
     A machine is simulated that has something its model lacks. Check, identify, compare, diagnose
-    and add find out what, and say which command does each step.
+    and add, or grow, find out what, and say which command does each step.
     """
     seed = secrets.randbelow(1000) if seed is None else seed
     if puzzle and out is None:
