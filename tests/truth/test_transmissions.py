@@ -6,6 +6,8 @@ import pytest
 
 import ident
 from helpers import ROBOTS
+from ident.effects.drive import EncoderOffset
+from ident.equations.table import Table
 from ident.errors import MechanismError
 from ident.simulate.inverse import point_of
 from ident.simulate.twisting import twisting
@@ -97,6 +99,15 @@ def test_poses_twist_a_spring_by_their_load_alone():
     of = values(fit)["elasticity.elbow.compliance"]
     assert abs(of.value - compliance) < 3 * of.stderr < compliance
     assert fit.relative["shoulder"] < 1e-3
+
+
+def test_a_zero_of_a_joint_leaves_the_swing_of_its_link():
+    """Its column by a small step, from the model's own state, and by differences to both sides."""
+    fit = fitted("elasticity:elbow", SPRING, seconds=5.0)
+    table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+    zero, none = EncoderOffset(("elbow",)), {"delta": 0.0}
+    slope, wide = (table.sensitivity(zero, none, "delta", step) for step in (None, 1e-3))
+    assert np.std(slope - wide) < 1e-3 * np.std(wide)
 
 
 def test_a_spring_without_damping_does_not_run_away_in_a_loop():

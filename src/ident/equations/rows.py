@@ -114,7 +114,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         for _ in range(PASSES if twisting and e.loop is None else 0):
             for effect, at in twisting:
                 known += _twisted_further(base, mechanism, e, motors, effect, at)
-            e = _with_motors(mechanism, e.at(mechanism, known), motors, corrections)
+            e = _with_motors(mechanism, motors.at(mechanism, known), motors, corrections)
     for _, what in corrections:
         for name, d in what.late.items() if len(e) > 1 else ():
             now = Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))

@@ -175,8 +175,10 @@ class State:
     ) -> State:
         """The mechanism in another state, with all that follows from it.
 
-        K⁺ and the transmission are those of the new state if this one has them; samples that are
-        near a singular position, or at which the closures stay open, are not usable.
+        Where links swing behind their motors, `known` is of the motors, and the links stay as far
+        from them as they are. K⁺ and the transmission are those of the new state if this one has
+        them; samples that are near a singular position, or at which the closures stay open, are
+        not usable.
 
         Args:
             mechanism: that moves; it may have other lengths than before.
@@ -191,10 +193,14 @@ class State:
             MotionError: if the closures cannot follow, or every sample is near a singular position.
         """
         usable, turns, inverse = self.usable, dict[str, np.ndarray](), None
+        motors, swing = known, None
+        if known is not None:
+            names = names or self.logged
+            swing = self._swing(mechanism, names)
+            known = known + swing if swing.any() else known
         if known is None:
             turns = {joint.name: self.y[:, i] for i, joint in enumerate(mechanism.joints)}
         else:
-            names = names or self.logged
             turns = dict(zip(names, known[0].T, strict=True))
             if not mechanism.closures:
                 order = np.argsort([mechanism.joint(name).index for name in names])
@@ -217,10 +223,28 @@ class State:
         assert motion is not None
         y, yd, ydd = joint_coordinates(mechanism, *motion, turns)
         q, v, a = motion
+        if motors is not None and swing is not None and swing.any():
+            swings = np.flatnonzero(swing.any(axis=(0, 1)))
+            columns = [mechanism.joint_index[names[i]] for i in swings]
+            y, yd, ydd = y.copy(), yd.copy(), ydd.copy()
+            for series, of_motors in zip((y, yd, ydd), motors, strict=True):
+                series[:, columns] = of_motors[:, swings]
         e = replace(self, q=q, v=v, a=a, y=y, yd=yd, ydd=ydd, usable=usable)
         if self.loop is None or start == "same":
             return e
         return e.transmitted(mechanism, self.independent, inverse=inverse)
+
+    def _swing(self, mechanism: Mechanism, names: Sequence[str]) -> np.ndarray:
+        """Return q, v and a (3, n, d) of joints' links less those of their motors, which are y."""
+        swing = np.zeros((3, len(self), len(names)))
+        if not self.q.shape[:1] == self.y.shape[:1] == (len(self),):  # not completed yet
+            return swing
+        for i, joint in enumerate(mechanism.joint(name) for name in names):
+            if joint.in_tree:
+                u = mechanism.joint_index[joint.name]
+                both = (self.q, self.y), (self.v, self.yd), (self.a, self.ydd)
+                swing[:, :, i] = [x[:, joint.index] - y[:, u] for x, y in both]
+        return swing
 
     def transmitted(
         self,
