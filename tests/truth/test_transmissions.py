@@ -1,5 +1,7 @@
 """Springs and plays between motors and links, against MuJoCo's, with a second hinge for a link."""
 
+import re
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -24,8 +26,8 @@ SPRING = Servos(springs={"elbow": (12.0, 0.05)})
 PLAY = Servos(plays={"elbow": 0.01})
 
 
-def frame(truth, seed=3, **options):
-    return pl.DataFrame(servo_log(truth, seed, top=8.0, **options))
+def frame(truth, seed=3, top=8.0, **options):
+    return pl.DataFrame(servo_log(truth, seed, top=top, **options))
 
 
 def fitted(text, truth, **options):
@@ -46,6 +48,20 @@ def test_a_spring_whose_resonance_is_in_the_band():
     assert of["servo.elbow.kp"].value == pytest.approx(14.0, rel=0.01)
     assert of["rotor_inertia.elbow.Ia"].value == pytest.approx(0.008, rel=0.03)
     assert fit.relative["elbow"] < 0.025  # 0.16 without
+
+
+def test_a_spring_beyond_what_a_slow_log_shows_is_said_with_the_stiffness_that_would_show():
+    slow = fitted("elasticity:elbow", Servos(springs={"elbow": (2000.0, 0.05)}), top=1.6)
+    (finding,) = (f for f in slow.findings if f.code == "rigid here")
+    text = str(finding)
+    limit = float(re.search(r"not to be seen here; below ([\d.e+]+) N m/rad", text)[1])
+    assert text.startswith("compliance of elbow")
+    assert limit < 2000.0
+    # one that is softer than that by half is seen
+    softer = fitted("elasticity:elbow", Servos(springs={"elbow": (limit / 2, 0.05)}), top=1.6)
+    compliance = values(softer)["elasticity.elbow.compliance"]
+    assert compliance.value == pytest.approx(2 / limit, abs=3 * compliance.stderr)
+    assert not any(f.code == "rigid here" for f in softer.findings)
 
 
 def test_a_play():

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.effects.transmission import Elasticity
 from ident.equations.filter import Decimator
 from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns
@@ -81,6 +82,7 @@ def findings_of(
         *more,
         *_swinging(problem, estimate.at(parted), errors),
         *_implausible(problem.mechanism, errors, effects, pi),
+        *_rigid(problem, effects),
     ]
     every = dict.fromkeys(findings)
     # what was done to the data comes behind what a person should act on
@@ -287,6 +289,30 @@ def _implausible(
         )
         remedy = "--consistent fits within what is possible"
         yield Finding(IMPOSSIBLE_BODY, text, remedy, tuple(impossible))
+
+
+def _rigid(problem: Problem, effects: Effects) -> Iterator[Finding]:
+    """Report springs between motor and link that the log cannot tell from none, with the stiffness
+    below which it would: that whose compliance is CERTAIN standard errors.
+    """
+    cutoff = problem.motion.band.cutoff
+    for effect_values in effects:
+        if not isinstance(effect_values.effect, Elasticity):
+            continue
+        value, joint = effect_values.parameters[0], effect_values.effect.joints[0]
+        if not value.stderr or abs(value.value) >= CERTAIN * value.stderr:
+            continue
+        unit = "N m/rad" if problem.mechanism.joint(joint).rotational else "N/m"
+        reach = f": rows pass up to {cutoff:.3g} Hz" if cutoff else ""
+        stiffness = 1 / (CERTAIN * value.stderr)
+        yield Finding(
+            "rigid here",
+            f"compliance of {joint}: not to be seen here; below {significant(stiffness, 2)} {unit} "
+            f"it would be{reach}",
+            f"log a faster motion, or one with more load on {joint}; else leave "
+            f"{effect_values.effect.label} out",
+            (value.name,), value.value / value.stderr, CERTAIN,
+        )  # fmt: skip
 
 
 def _driving(effects: Effects, errors: Errors) -> Iterator[Finding]:
