@@ -54,6 +54,7 @@ WIDER = 3.0  # numerics: times the rows' cut-off: passes all that the rows' filt
 OF_NOISE = 1e-3  # numerics: share of the torques' noise by which thinned rows may differ
 EXACT = 1e-9  # numerics: share of a column by which they may differ where there is no noise
 LOOSEST = 1e-6  # numerics: and the most, however large the noise is
+RUNS_AWAY = 3.0  # numerics: times the pass before that one brings where a swing grows by passes
 PASSES = 2  # work: of links that swing, over the load of their own motion
 STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smooth in their shapes
 EARLIER = "state before"  # in the memory of samples
@@ -109,11 +110,17 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     ):  # once: all are of the data as logged
         motors = e
         e = _with_motors(mechanism, e.at(mechanism, known), motors, corrections)
-        # loads of the links, where they are by now; in a loop the slopes of a load are without what
-        # its directions change by, and a swing that is hardly damped would grow by each pass
-        for _ in range(PASSES if twisting and e.loop is None else 0):
+        # loads of the links, where they are by now; not where a swing, hardly damped in a loop,
+        # would grow by each pass
+        size = float(np.linalg.norm(known - motors.known(mechanism)))
+        for _ in range(PASSES if twisting else 0):
+            change = np.zeros_like(known)
             for effect, at in twisting:
-                known += _twisted_further(base, mechanism, e, motors, effect, at)
+                change += _twisted_further(base, mechanism, e, motors, effect, at)
+            before, size = size, float(np.linalg.norm(change))
+            if size > RUNS_AWAY * before:
+                break
+            known += change
             e = _with_motors(mechanism, motors.at(mechanism, known), motors, corrections)
     for _, what in corrections:
         for name, d in what.late.items() if len(e) > 1 else ():
