@@ -6,11 +6,38 @@ writes a step in the language of its reader: Python here, a line of the shell in
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from typing import Any
 
 DIGITS = 3  # shown: of the limits of a motion that is planned
+
+
+@dataclass(frozen=True)
+class Repair:
+    """What is put right in a log or in a mechanism's file, in place of an effect.
+
+    Attributes:
+        effect: label of the effect in whose place it is done.
+        kind: `offset` or `scale` of a column, its `delay`, a `length`, or `gravity`.
+        where: the channel, or the place of a length.
+        number: what is wrong: the true coordinate minus the logged one [rad | m], the torque that
+            is read over the true one, the time by which it is late [s], the displacement [m], or
+            the angle of the base [rad]; unit: its unit.
+        column: of the file of the log.
+        now: what to write: the column's scale and offset, the length before and after [m], or
+            gravity (3,) [m/s²]; empty where no number of a file is known.
+        file: name of the URDF, where no mechanism.toml names it yet that could have the line.
+    """
+
+    effect: str
+    kind: str
+    where: str
+    number: float
+    unit: str
+    column: str = ""
+    now: tuple[float, ...] = ()
+    file: str = ""
 
 
 @dataclass(frozen=True)
@@ -31,6 +58,7 @@ class Step:
         as_logged: whether joints without a range and speed of their own move as they did.
         grown: labels of effects that `grow` has added, which are in the folder that it has written.
         consistent: whether bodies must be possible.
+        repairs: what is put right by hand before, in place of effects that go.
     """
 
     verb: str = ""
@@ -46,6 +74,7 @@ class Step:
     known: bool = False
     grown: tuple[str, ...] = ()
     consistent: bool = False
+    repairs: tuple[Repair, ...] = ()
 
     def __bool__(self) -> bool:
         return bool(self.verb)
@@ -58,7 +87,10 @@ class Step:
 
     def json(self) -> dict[str, Any]:
         """Return the step for a file."""
-        return {"verb": self.verb, "arguments": self.arguments}
+        arguments = self.arguments
+        if self.repairs:
+            arguments |= {"repairs": [asdict(repair) for repair in self.repairs]}
+        return {"verb": self.verb, "arguments": arguments}
 
 
 @dataclass(frozen=True)
@@ -107,6 +139,8 @@ def python_line(step: Step, noun: str = "fit") -> str:
     >>> python_line(Step("identify", effects=("coulomb:elbow",)), "better")
     'ident.identify(better.mechanism.with_effect("coulomb:elbow"), better.motion)'
     """
+    if step.repairs:  # by hand, before the log and the mechanism are read again
+        return ""
     added = "".join(f'.with_effect("{label}")' for label in step.effects)
     model, motion = f"{noun}.mechanism{added}", f"{noun}.motion"
     if step.files:

@@ -17,6 +17,7 @@ from ident.assess.experiment import Inseparable, SeparateRivals, next_experiment
 from ident.assess.fit import worst_on_validation
 from ident.assess.good_enough import Answer, good_enough
 from ident.assess.machine import TESTING, watching_step
+from ident.assess.repairs import repairing_step
 from ident.assess.verdict import (
     errors_with_named,
     incomplete_before,
@@ -112,6 +113,8 @@ def next_step(d: Diagnosis, added: Sequence[Effect] = (), *, grown: bool = False
 
 def _next_step(d: Diagnosis) -> Step:
     if d.verdict == "nothing":  # of a model without unknowns nothing is to be identified
+        if step := repairing_step(d.fit):
+            return step
         return Step("identify" if len(d.fit.columns) else "monitor")
     if incomplete_before(d):
         return Step("grow")
@@ -161,6 +164,8 @@ def assess_growth(history: History, *, acceptable: float | None = None) -> Asses
         if answer.answer is Answer.YES and not next_experiment(d).step:
             step = watching_step(fit.motion)
         step = replace(step, grown=tuple(effect.label for effect in history.added))
+        labels = [effect.label for effect in history.added]
+        step = repairing_step(fit, labels, _with_rivals(history)) or step
     return Assessment(
         subject=assessment.subject,
         verdict=d.verdict,
@@ -173,6 +178,11 @@ def assess_growth(history: History, *, acceptable: float | None = None) -> Asses
         next=step,
         worst=next(filter(None, joints), ""),
     )
+
+
+def _with_rivals(history: History) -> set[str]:
+    """Return the labels of what was added in place of rivals: nobody can tell which is wrong."""
+    return {label for step in history.steps for label, near in step.rivals_of.items() if near}
 
 
 def causes_of_growth(history: History) -> tuple[Cause, ...]:

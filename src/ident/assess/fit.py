@@ -12,6 +12,7 @@ from ident.assess.assessment import Assessment, Cause, Remainder
 from ident.assess.errors import EARLIER_NUMBERS, URDF_NUMBERS, JointErrors, joint_errors
 from ident.assess.good_enough import GoodEnough, good_enough
 from ident.assess.machine import TESTING, watching_step
+from ident.assess.repairs import repairing_step
 from ident.assess.verdict import doubts_of, faults_that_explain
 from ident.effects.library import by_kind
 from ident.fit import Fit
@@ -205,6 +206,8 @@ def next_step(fit: Fit, answer: GoodEnough) -> Step:
     if fit.changes is not None and fit.changes.changed:
         return Step("diagnose", known=True)  # with the earlier bodies known, which names the cause
     if answer.fits:
+        if step := repairing_step(fit):
+            return step
         if len(fit.columns) and not fit.validation:
             return TESTING
         return watching_step(fit.motion)

@@ -35,6 +35,8 @@ class ShellRequest(Request):
         from ident.mechanism.load import has_identified  # which takes half a second to import
 
         verb, mechanism = step.verb, self.mechanism
+        if step.repairs:  # from the mechanism as given, with what is put right in its folder
+            return self._repaired(step)._words(replace(step, repairs=()))
         if step.grown:  # its effects are in the folder that was written, or else named
             if self.folder:
                 known = replace(self, mechanism=self.folder, options=self._model_options)
@@ -71,6 +73,20 @@ class ShellRequest(Request):
                 options = self._options(step, *PAIRS, *FLAGS, effects=False)
                 return [f"{self.fit}/identified", *self.logs, *options]
         return [mechanism, *self.logs, *every]
+
+    def _repaired(self, step: Step) -> ShellRequest:
+        """Return the request without the effects in whose place something is put right, for the
+        folder where a URDF's mechanism.toml has to be made.
+        """
+        gone, kept = {repair.effect for repair in step.repairs}, list[str]()
+        for word in self.options:
+            if word in gone and kept and kept[-1] == WITH:
+                kept.pop()
+            else:
+                kept.append(word)
+        folder = any(repair.file for repair in step.repairs)
+        place = str(Path(self.mechanism).parent) if folder else self.mechanism
+        return replace(self, mechanism=place, options=tuple(kept))
 
     @property
     def _held_back(self) -> list[str]:

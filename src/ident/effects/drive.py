@@ -98,8 +98,8 @@ class TorqueGain(Effect):
     watched = "always"
     sits = "driven"
     candidate_sites = "sensed"
-    unknowns = (Unknown("g", ("1", "1"), "share of the torque", largest=0.5),)
-    equation = "g τ, with the torque τ that the model predicts"
+    unknowns = (Unknown("g", ("1", "1"), "share of the torque that is read too much", largest=0.5),)
+    equation = "g τ, with the torque τ that the model predicts: 1 + g times τ is read"
     signature = "the residual against the joint's own torque is a straight line"
     confused_with = ("all inertias at once, where one joint alone shows them", "viscous")
     remedy = "log once more with a known mass on the last link"

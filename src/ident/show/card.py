@@ -12,6 +12,7 @@ from ident.request import PYTHON, Request, Step
 from ident.show.error_axis import KEY_BEFORE, KEY_NOISE, KEY_NOW, ErrorAxis
 from ident.show.headline import good_enough_words, headline, values_words
 from ident.show.next_step import step_words
+from ident.show.repairs import repair_lines
 from ident.text import percent, places, significant, width, wrapped
 
 STRIP = 34  # shown: characters of the axis of errors in a terminal that has room for it
@@ -98,6 +99,11 @@ class Card:
         return [bar for bar in self.bars if bar in chosen]
 
     @property
+    def pasted(self) -> list[str]:
+        """The lines to paste into files before the command."""
+        return repair_lines(self.step)
+
+    @property
     def axis(self) -> ErrorAxis:
         """The axis on which the errors of all joints are drawn."""
         return ErrorAxis.of(size for bar in self.bars for size in bar.sizes)
@@ -130,6 +136,7 @@ class Card:
         lines += ["", *self.ladder.splitlines()] if self.ladder else []
         words = f"Next: {self.then} {_sentence(self.how)}".rstrip()
         lines += ["", *wrapped(words, "  ")] if self.then else []
+        lines += ["", *(f"  {line}" for line in self.pasted)] if self.pasted else []
         return [*lines, *(["", f"  {self.command}"] if self.command else [])]
 
 

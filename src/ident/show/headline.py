@@ -96,6 +96,8 @@ def values_words(causes: Sequence[Cause]) -> str:
                 continue
             key = effect_noun(effect), value.name.rpartition(".")[2], value.unit
             number = rounded(value.value, value.stderr)
+            if effect.kind == "torque_gain":  # of the torque that is read too much
+                number += f" (it reads {1 + value.value:.3g} times the torque)"
             groups.setdefault(key, []).append(f"{'/'.join(effect.joints)} {number}".strip())
     texts = [
         f"{noun} {name}: {shortlist(numbers, VALUES)} {unit}".removesuffix(" 1")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ident.effects.library import create, named
 from ident.request import Step
+from ident.show.repairs import repair_words
 
 WATCH = (
     "nothing has to be done: the model predicts to the noise. To watch the machine, log a minute "
@@ -36,6 +37,8 @@ def step_words(step: Step, *, fits: bool = False, validated: bool = False) -> st
             return f"add {effects_of(step)}."
         case "diagnose" if step.known:
             return "find the cause of the change, with the earlier bodies known."
+        case "identify" if step.repairs:
+            return repair_words(step)
         case "identify" if step.effects:
             return f"identify with {effects_of(step)} too."
         case "excite" if step.separate:
