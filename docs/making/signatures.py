@@ -75,7 +75,9 @@ SHOWN: Mapping[str, Shown] = {
     ),
     "gravity_tilt": Shown("", {"x": 0.03, "y": 0.02}, "q", ("yaw",), moves=("yaw",)),
     "payload": Shown("hand", BODY, "q.elbow", ("elbow", "shoulder"), moves=("elbow",)),
-    "elasticity": Shown("yaw", {"compliance": 4e-4, "damping": 1.0}, "bend", ("yaw",), moves=("yaw",), pace=4),
+    "elasticity": Shown(
+        "yaw", {"compliance": 4e-4, "damping": 1.0}, "bend", ("yaw",), moves=("yaw",), pace=4
+    ),
     "backlash": Shown("yaw", {"width": 0.01}, "torque", ("yaw",), moves=("yaw",), pace=4),
     "geometry": Shown("elbow.x", {"Delta": 0.02}, "torque", ("shoulder",), moves=("shoulder",)),
     "closure_compliance": Shown("pin", {"C": 5e-5}, "t", ("crank",), "four_bar"),

@@ -382,6 +382,8 @@ class DataChecks(FaultSearch):
         columns, table, gains = self.problem.columns, self.table, dict[str, float]()
         if not self.mechanism.prior.any() or self.mechanism.has_dummy_bodies:
             return  # a URDF without masses needs no torque, and placeholders need any
+        if self.mechanism.drives:  # torques are those of stated gains: no column has another unit
+            return
         turned = dict[str, float]()  # torques of the URDF's shape with the other sign
         scaled = dict[str, tuple[float, float]]()  # and another size: with how many times that
         # least correlation of the torques of `gains` with what the URDF's bodies need

@@ -70,6 +70,7 @@ def _every(
         every.append(("length", place, Geometry((place,)), size, "m"))
     for name in mechanism.measured:
         every.append(("lateness", f"tau.{name}", LateTorque((name,)), 1.0, "s"))
-    for name in logged:
+    # what a drive supplies follows its position, and has a delay of its own
+    for name in (name for name in logged if name not in mechanism.drives):
         every.append(("lateness", f"q.{name}", LatePosition((name,)), 1.0, "s"))
     return (entry for entry in every if entry[2].label not in present)

@@ -12,6 +12,7 @@ from explored import grown, judged, screened
 import ident
 from ident.assess.exploration import Exploration, PredictedGain, rows_of
 from ident.diagnosis.selection import PARSIMONY
+from ident.equations.table import Table
 from ident.show.board import GROUPS, effect_rows
 
 ARM = ["viscous:elbow", "coulomb:wrist", "spring:shoulder", "coupling:elbow,wrist"]
@@ -77,15 +78,17 @@ def test_what_is_announced_is_delivered(label):
 def test_columns_kept_from_the_model_before_announce_the_same():
     kept = grown("viscous:elbow").screened()
     anew = replace(grown("viscous:elbow"), contest=None).screened()
-    assert kept.contest.unchanged(anew.fit, anew.contest.use)
+    assert kept.contest.unchanged(anew.contest.table, anew.contest.use)
     assert [(x.label, x.fall) for x in kept.candidates] == [
         (x.label, x.fall) for x in anew.candidates
     ]
 
 
 def test_columns_are_made_anew_where_the_motion_is_corrected():
-    e = grown("delay:elbow")
-    assert not screened().contest.unchanged(e.fit, screened().contest.use)
+    e = grown("encoder_offset:elbow")
+    contest = screened().contest
+    table = Table.of(e.fit.mechanism, e.fit.columns, e.fit.motion, e.fit.point)
+    assert not contest.unchanged(table, contest.use)
 
 
 def test_what_a_removal_costs_is_announced_too():
