@@ -11,6 +11,7 @@ from ident.assess.check import check_logs
 from ident.effects.servo import HOLD
 from ident.errors import FitError, MotionError
 from ident.fit.drives import with_sensors_first
+from ident.mechanism.causes import causes_of
 
 pl = pytest.importorskip("polars")
 
@@ -219,3 +220,11 @@ def test_a_fit_says_which_intervals_of_drives_are_narrow(mechanism, log):
     frictionless = [e for e in mechanism.effects if not e.jumps]
     smooth = replace(mechanism, effects=tuple(frictionless))
     assert not narrow(ident.identify(smooth, ident.complete(smooth, log, cutoff=12.0)))
+
+
+def test_a_position_has_no_lateness_beside_the_delay_of_its_drive(mechanism, log):
+    fit = ident.identify(mechanism, ident.complete(mechanism, log))
+    causes = causes_of(mechanism, mechanism.driven, 500.0)
+    assert not any(cause.kind == "lateness" for cause in causes)
+    (delay,) = (v for e in fit.effects for v in e.parameters if e.effect.kind == "command_delay")
+    assert delay.value == pytest.approx(0.008, abs=5e-4)  # as it is without errors of calibration
