@@ -129,6 +129,9 @@ class Backlash(Correcting):
             twist = 0.5 * width * np.sign(s.load[:, 0])
         else:
             twist = with_play(_step(s), s.load[:, 0], _inertia(s), width)
+        position = twist if twist.ndim == 1 else twist[0]
+        if not position.min(initial=0.0) < 0.0 < position.max(initial=0.0):
+            return Correction()  # on one side throughout it is a zero of the encoder
         return Correction(twist={self.joints[0]: -twist})
 
     def bounds(self, s: Signals) -> Bounds:
