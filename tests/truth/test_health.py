@@ -554,7 +554,7 @@ def test_the_line_to_copy_keeps_the_offset_of_its_columns(tmp_path, robots, spok
     text = checked('"tau.*" = { column = "adc_*", scale = 0.01, offset = -20.48 }')
     assert "the sign is against that of q.yaw" in text
     line = '"tau.*" = { column = "adc_*", scale = -0.01, offset = 20.48 }'
-    assert f"write [log] {line}, or turn" in text
+    assert f"write [log] {line}" in text
     assert "no channel looks wrong" in checked(line)
     one = ident.load(tmp_path)
     (own,) = {one.columns[name].offset for name in one.columns}

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -175,18 +176,7 @@ def _positions(
     names = states[0].logged
     driven = {name: j for j, name in enumerate(mechanism.driven)}
 
-    def with_positions(rows: Mapping[int, Mapping[int, float]]) -> StateChange:
-        """Return the state in which q_j = Σ_i M_ji q_i, row j of M where it is not that of I."""
-        M = np.eye(len(names))
-        for j, row in rows.items():
-            M[j] = [row.get(i, 0.0) for i in range(len(names))]
-
-        def state(mechanism: Mechanism, e: State) -> tuple[Mechanism, State]:
-            start = "follow" if mechanism.closures else "near"
-            return mechanism, e.at(mechanism, e.known(mechanism, names) @ M.T, names, start=start)
-
-        return state
-
+    with_positions = partial(positions_changed, names)
     for j, name in enumerate(names):
         turned = with_positions({j: {j: -1.0}})
         yield none.replaced("position sign", -1.0, joints=(name,), state=turned)
@@ -226,6 +216,44 @@ def _positions(
             yield none.replaced("joints swapped", 1.0, joints=joints, state=state, take=torques)
 
 
+def positions_changed(
+    names: tuple[str, ...], rows: Mapping[int, Mapping[int, float]]
+) -> StateChange:
+    """Return the state in which q_j = Σ_i M_ji q_i of joints by `names`, with the `rows` j of M
+    where it is not the unit matrix.
+    """
+    M = np.eye(len(names))
+    for j, row in rows.items():
+        M[j] = [row.get(i, 0.0) for i in range(len(names))]
+
+    def state(mechanism: Mechanism, e: State) -> tuple[Mechanism, State]:
+        start = "follow" if mechanism.closures else "near"
+        return mechanism, e.at(mechanism, e.known(mechanism, names) @ M.T, names, start=start)
+
+    return state
+
+
+def turned_positions(
+    now: Fault, joints: Collection[str], names: tuple[str, ...], turned: Collection[str] = ()
+) -> tuple[Fault, Fault]:
+    """Return what a wrong sign of the torques of some `joints`, in a fault with it, may be instead:
+    that of their positions, or of their axes, which turns both.
+
+    Args:
+        now: the fault with the torques turned; joints: these.
+        names: joints of which positions are logged, all of `joints` among them.
+        turned: further joints of which the positions are turned.
+    """
+    rows = {j: {j: -1.0} for j, name in enumerate(names) if name in {*joints, *turned}}
+    state = positions_changed(names, rows)
+    back = {j: -now.gain[j] for j, name in enumerate(now.driven) if name in joints}
+    where = tuple(joints)
+    return (
+        now.replaced("position sign", -1.0, joints=where, state=state, gain=back),
+        now.replaced("axis", -1.0, joints=where, state=state),
+    )
+
+
 def joints_before(mechanism: Mechanism, name: str) -> Iterator[tuple[str, float]]:
     """Yield the joints before a joint that turn (or slide) as it does, the nearest first, with the
     sign of their axis against its own: it may be counted from the links before them.
@@ -251,7 +279,7 @@ WORDS = {  # by kind: in a rival's place, what it is, and the remedy
         "turning {tau}",
         "{tau}: the sign is against that of {q}: as logged, inertia or friction would be negative; "
         "turned,",
-        "write {tau_lines}, or turn {q}",
+        "write {tau_lines}{or_turned}",
     ),
     "scale": (
         "scaling {tau} by {number:.3g}",
@@ -325,8 +353,10 @@ def fault_finding(
     mechanism: Mechanism, fault: Fault, before: float, after: float, rivals: Sequence[Fault] = ()
 ) -> Finding:
     """Return a fault in words; `before`, `after`: relative errors of its joints."""
-    of_motion = fault.state is not None
-    _, text, remedy = (words.format(**_fields(mechanism, fault)) for words in WORDS[fault.kind])
+    of_motion, fields = fault.state is not None, _fields(mechanism, fault)
+    alike = any(rival.kind == "position sign" for rival in rivals)
+    fields["or_turned"] = f", or turn {fields['q']}" if alike else ""
+    _, text, remedy = (words.format(**fields) for words in WORDS[fault.kind])
     text += f" the error of the predicted torque falls from {percent(before)} to {percent(after)}"
     if fault.kind == "gravity" and not any(fault.number):
         text += (

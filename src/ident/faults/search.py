@@ -29,6 +29,7 @@ from ident.faults.fault import (
     motion_faults,
     scale_of_torque,
     torque_faults,
+    turned_positions,
 )
 from ident.faults.motors import WIDTH, MotorCoordinates, motor_faults, nearest_nice
 from ident.faults.small_errors import away_from_reversals
@@ -187,7 +188,7 @@ class FaultSearch:
         if trials and not (self._explains(last, self.every) and self._away_too(last.fault)):
             trials, last = [], logged
         of_motion = self._motion(last.noise)
-        return [of_motion] if of_motion else trials, last.noise
+        return [of_motion] if of_motion else self._with_signs(trials), last.noise
 
     def _torques(self, now: FaultTrial) -> list[FaultTrial]:
         """Return the faults of torques, each beside those before it."""
@@ -220,6 +221,55 @@ class FaultSearch:
             trials.append(best)
             now = best
         return trials
+
+    def _with_signs(self, trials: list[FaultTrial]) -> list[FaultTrial]:
+        """Return faults of torques in which a wrong sign is that of the position, or of the axis,
+        where that predicts blocks that are left out better; as rivals where it does as well.
+
+        All are fitted to the same filtered rows, in which positions have as little noise as in the
+        fit: in rows of single samples it hides what a turned torque leaves.
+        """
+        names, turned = self.problem.motion.experiments[0].logged, set[str]()
+        for trial in [
+            x for x in trials if x.fault.kind == "sign" and {*x.fault.joints} <= {*names}
+        ]:
+            last, joints = trials[-1], trial.fault.joints
+            faults = turned_positions(last.fault, joints, names, turned)
+            equations = self._equations_in(faults[0])
+            if equations is None:
+                continue
+            others = [FaultTrial(fault, equations, last.before) for fault in faults]
+            best = max(others, key=lambda x: float(x.held_out_density.sum()))
+            z = zscore((best.held_out_density - last.held_out_density).sum(axis=1))
+            rest = [x for x in trials if x is not trial]
+            if z >= RIVAL:
+                turned |= {*joints}
+                trials = [*rest, replace(best, before_fault=rms(trial.before))]
+            elif z > -RIVAL:
+                as_well = replace(trial, rivals=(*trial.rivals, best.fault))
+                trials = [as_well if x is trial else x for x in trials]
+        return trials
+
+    def _equations_in(self, fault: Fault) -> ChannelEquations | None:
+        """Return the equations of the motion as it would be without a fault of it, filtered as the
+        fit's; None where that motion does not have the same rows, as where a loop does not close.
+        """
+        motion, change = self.problem.motion, fault.state
+        assert change is not None
+        try:
+            states = [change(self.mechanism, e) for e in motion.experiments]
+            as_it_would_be = replace(motion, experiments=tuple(e for _, e in states))
+            columns, point = self.problem.columns, self.table.point
+            table = Table.of(states[0][0], columns, as_it_would_be, point)
+        except (IdentError, np.linalg.LinAlgError):
+            return None
+        same = np.array_equal(table.t, self.table.t) and not (self.use & ~table.informed).any()
+        blocks = self.table.blocks
+        return (
+            ChannelEquations.of(self.estimate, table, self.use, self.common, True, blocks)
+            if same
+            else None
+        )
 
     def _motion(self, noise: Array) -> FaultTrial | None:
         """Return the fault of the motion that explains the log by far best, if any does better than
