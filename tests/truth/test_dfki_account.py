@@ -52,7 +52,13 @@ def borne_out(dfki, found, log, other):
 @pytest.mark.parametrize(
     ("log", "others"),
     [
-        ("A0_11", ["A0_12", "A0_13"]),
+        pytest.param(
+            "A0_11",
+            ["A0_12", "A0_13"],
+            marks=pytest.mark.xfail(
+                reason="a play in the other joint makes a friction of this one credible"
+            ),
+        ),
         pytest.param(
             "A0_13",
             ["A0_11"],

@@ -135,9 +135,10 @@ class Backlash(Correcting):
         return Correction(twist={self.joints[0]: -twist})
 
     def bounds(self, s: Signals) -> Bounds:
-        # up to a tenth of the travel
+        # up to a tenth of the travel, of a joint that turns round no more than a twist is
         low, high = s.travel[0]
-        return {"width": (0.0, max(0.1 * (high - low), 1e-6))}
+        most = min(0.1 * (high - low), LONGEST_TWIST if self.rotational else np.inf)
+        return {"width": (0.0, max(float(most), 1e-6))}
 
     def starts(self, s: Signals) -> list[Shape]:
         # from a two-thousandth of the travel to a fifteenth, in equal ratios
