@@ -28,7 +28,7 @@ def test_a_diagnosis_names_the_sign_of_a_light_wrist():
 
 @pytest.mark.parametrize("wrong", ["q.wrist", "tau.wrist", "tau.elbow"])
 def test_a_sign_is_named_where_it_is_wrong_in_a_joint_of_much_friction(wrong):
-    """A turned torque makes the friction right, and leaves a share of bodies that is small there."""
+    """A turned torque makes the friction right, and leaves the small share of bodies there."""
     mechanism = robot("arm").with_effect("viscous").with_effect("coulomb")
     names = [name for effect in mechanism.effects for name in effect.names]
     values = {name: 1.5 if "wrist" in name else 0.3 for name in names}

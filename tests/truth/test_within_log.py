@@ -95,18 +95,42 @@ def test_a_wrong_joint_makes_no_noise_of_others(steady):
         assert fit.noise[joint] < 1.3 * noise
 
 
-def test_friction_that_falls_as_the_machine_warms(steady):
-    """All friction falls by a third over the log: no exchange of torques by a few percent."""
+def warmed(steady, joints, start=0.0):
+    """The diagnosis of a log in which the friction of joints falls by a third from a time on."""
     mechanism, values, _ = steady
     motion, without = motion_log("arm", RATE, 2 * SECONDS), dict.fromkeys(values, 0.0)
     log = plant(mechanism, motion, values, noise=SENSORS, seed=3).log
     rigid = plant(mechanism, motion, without, seed=3).log
-    share = 1 - 0.33 * (log.t - log.t[0]) / np.ptp(log.t)
+    share = 1 - 0.33 * np.maximum(log.t - start, 0) / (np.ptp(log.t) - start)
     columns = {
-        name: rigid.columns[name] + share * (x - rigid.columns[name]) if name[:4] == "tau." else x
+        name: rigid.columns[name] + share * (x - rigid.columns[name])
+        if name in {f"tau.{joint}" for joint in joints}
+        else x
         for name, x in log.columns.items()
     }
     d = diagnosed(mechanism, log.t, columns)
-    finding = next(x for x in d.health.findings if x.code == CODE)
+    return d, next(x for x in d.health.findings if x.code == CODE)
+
+
+def test_friction_that_falls_as_the_machine_warms(steady):
+    """All friction falls by a third over the log: no exchange of torques by a few percent."""
+    d, finding = warmed(steady, steady[0].driven)
     assert re.search(r"(coulomb|viscous):\w+ changes steadily", finding.meaning)
+    assert finding.meaning.startswith("all through run.csv")
+    assert {*finding.where} == {"run.csv", *steady[0].driven}
+    size = float(re.search(r"([-+][0-9]+) % of its value until the end", finding.meaning)[1])
+    assert size == pytest.approx(-100 * 0.33 / (1 - 0.33 / 2), abs=8)
     assert "temperature_friction" in finding.remedy
+    assert "Next: warm" in d.short
+
+
+def test_one_joint_that_warms_is_the_only_one(steady):
+    _, finding = warmed(steady, ["elbow"])
+    assert finding.where == ("run.csv", "elbow")
+    assert "all through" in finding.meaning
+
+
+def test_friction_that_changes_from_some_time_on_has_that_time(steady):
+    _, finding = warmed(steady, ["elbow"], start=SECONDS)
+    time = re.search(r"from t = ([0-9.]+) s", finding.meaning)
+    assert float(time[1]) == pytest.approx(SECONDS, abs=1.5)

@@ -4,7 +4,8 @@
 
 All stretches have the model's parameters and what comes later θ besides, w = [t ≥ t₀]: a load that
 is taken up, a friction that rises, channels that are exchanged. A constant torque and friction may
-also grow from t₀ on, w = (t − t₀)₊, as of a sensor or a gear that warms; a torque may last for some
+also grow from t₀ on, the log's beginning as well, w = (t − t₀)₊, as of a sensor or a gear that
+warms, together with the friction of other places that does so; a torque may last for some
 blocks, as a push does. All causes at all times are judged at once, by left-out errors held against
 the most that any of them explains of random residuals, and must explain more than any effect that
 acts all the time.
@@ -12,7 +13,7 @@ acts all the time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -23,7 +24,8 @@ from ident.diagnosis.null import judging, null_shares
 from ident.diagnosis.selection import MAIN_CAUSE, Ranking
 from ident.finding import Finding
 from ident.information.chance import CERTAIN, PARSIMONY, exceeding, paired
-from ident.information.hypotheses import Array, Gains, PartialRegression
+from ident.information.hypotheses import Array, Gains, PartialRegression, Refit
+from ident.text import listed
 
 CODE = "changed within the log"
 FEWEST_BLOCKS = 3  # work: of each stretch
@@ -59,7 +61,13 @@ class Cause:
     least: float = -np.inf  # of its number, below which it is no such cause
     gate: Gate = _on  # how much of it acts, by the time since the change
     lasts: float = np.inf  # for so long [s]
-    remedy: str = ""  # what to do, if not to part the log
+    kind: str = ""  # of friction that changes steadily
+    values: tuple[float, ...] = ()  # of its parameters in the fit, over the whole log
+
+    @property
+    def grows(self) -> bool:
+        """Return whether it grows from its time on, which may be the log's beginning."""
+        return self.gate is _growing
 
     def gated(self, since: list[np.ndarray]) -> list[np.ndarray]:
         """Return its columns by part (m, u) at times since the change, by part (m,)."""
@@ -78,6 +86,8 @@ class Change:
         values, stderr: (u,) of its numbers, by how much they differ.
         gain: share of the left-out squares that it explains; p: chance of such a gain.
         coordinate: whose error it lowers most; loss: (blocks,) left-out squares there with it.
+        begins: whether the time is the log's beginning; until: the log's end [s].
+        others: further causes of the same course in other places, with their numbers.
     """
 
     cause: Cause
@@ -89,6 +99,21 @@ class Change:
     p: float
     coordinate: int
     loss: Array
+    begins: bool = False
+    until: float = np.inf
+    others: tuple[tuple[Cause, Array], ...] = ()
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Return all joints in which something changes."""
+        every = (*self.cause.joints, *(joint for cause, _ in self.others for joint in cause.joints))
+        return tuple(dict.fromkeys(every))
+
+    def _share(self, cause: Cause, values: Array) -> str:
+        """Return by how much a parameter changes until the log's end, of its value over the log."""
+        pairs = zip(cause.values, values, strict=False)
+        shares = [rate * (self.until - self.time) / value for value, rate in pairs if value]
+        return f"{100 * shares[0]:+.0f} %" if shares and np.isfinite(shares).all() else ""
 
     def finding(self) -> Finding:
         """Return it in words."""
@@ -100,15 +125,38 @@ class Change:
             f"{name} {value:+.3g} ± {error:.1g} {unit}".removesuffix(" 1")
             for name, value, error, unit in large
         )
+        if share := self._share(self.cause, self.values):
+            values += f", {share} of its value until the end"
         begin, end = self.time, self.time + self.cause.lasts
         if end < np.inf:
             text = f"from t = {begin:.2f} to {end:.2f} s of {self.log}: {self.cause.words}"
             text, remedy = f"{text} ({values})", f"leave out {begin:.2f} to {end:.2f} s"
         else:
-            text = f"from t = {begin:.2f} s of {self.log} on: {self.cause.words} ({values})"
+            since = f"from t = {begin:.2f} s of {self.log} on"
+            since = f"all through {self.log}" if self.begins else since
+            text = f"{since}: {self.cause.words} ({values}){self._others()}"
             parted = f"split the log at {begin:.2f} s and identify its parts by themselves"
-            remedy = self.cause.remedy or parted
-        return Finding(CODE, text, remedy, (self.log, *self.cause.joints), self.gain)
+            remedy = warming_remedy(self.joints) if self.cause.kind else parted
+        return Finding(CODE, text, remedy, (self.log, *self.joints), self.gain)
+
+    def _others(self) -> str:
+        """Return the causes of the same course, joint by joint."""
+        if not self.others:
+            return ""
+        by_joint = dict[str, list[str]]()
+        for cause, values in self.others:
+            words = f"{cause.kind} {self._share(cause, values)}".rstrip()
+            by_joint.setdefault(listed(cause.joints), []).append(words)
+        return ", and so does the friction of " + listed(
+            [f"{joint} ({', '.join(words)})" for joint, words in by_joint.items()]
+        )
+
+
+def warming_remedy(joints: Sequence[str]) -> str:
+    """Return what to do about friction that changes as joints warm."""
+    names = listed(joints)
+    columns = listed([f"temperature.{joint}" for joint in joints])
+    return f"warm {names} up before the log, or log {columns} for temperature_friction"
 
 
 def change_within(first: Ranking) -> Change | None:
@@ -123,12 +171,17 @@ def change_within(first: Ranking) -> Change | None:
     if contest.regression.residual[0].shape[1] <= 1:
         contest = judging(contest)
     # all causes from all times
-    where = [(cause, number, time) for cause in causes for number, time in boundaries]
-    times = [_since(contest, number, time) for number, time in boundaries]
-    by_cause = [cause.gated(since) for cause in causes for since in times]
+    begins = _beginnings(contest)
+    where = [
+        (cause, number, time)
+        for cause in causes
+        for number, time in (*(begins.items() if cause.grows else ()), *boundaries)
+    ]
+    times = {(n, t): _since(contest, n, t) for n, t in (*begins.items(), *boundaries)}
+    by_cause = [cause.gated(times[number, time]) for cause, number, time in where]
     gated = [np.concatenate(columns, axis=1) for columns in zip(*by_cause, strict=True)]
     regression, new = contest.regression.added(gated)
-    widths = [len(cause.names) for cause in causes for _ in times]
+    widths = [len(cause.names) for cause, _, _ in where]
     groups = np.split(new, np.cumsum(widths)[:-1])
     measured = regression.gains(groups)
     gains = regression.explained(measured.by)
@@ -165,7 +218,36 @@ def change_within(first: Ranking) -> Change | None:
         or paired(least, change.loss) < contest.decision.rival_se
     ):
         return None
-    return change
+    return _with_others(contest, change, causes) if change.cause.kind else change
+
+
+def _with_others(contest: Contest, change: Change, causes: Sequence[Cause]) -> Change:
+    """Return a change with further friction that changes over the same time, one after the other,
+    as long as each predicts time left out clearly better.
+    """
+    number = next(n for n, s in enumerate(contest.table.scenes) if s.e.name == change.log)
+    since, bare = _since(contest, number, change.time), contest.regression.bare
+    chosen = [change.cause]
+    rest = [x for x in causes if x.kind and x is not change.cause and len(x.names) == 1]
+
+    def refit(group: Sequence[Cause]) -> Refit:
+        columns = zip(*(cause.gated(since) for cause in group), strict=True)
+        return bare.refit_with([np.concatenate(part, axis=1) for part in columns])
+
+    now = refit(chosen)
+    while rest:
+        trials = [(cause, refit([*chosen, cause])) for cause in rest]
+        cause, after = min(trials, key=lambda trial: float(trial[1].loss.sum()))
+        if paired(now.loss.sum(axis=1), after.loss.sum(axis=1)) < contest.decision.rival_se:
+            break
+        chosen, now, rest = [*chosen, cause], after, [x for x in rest if x is not cause]
+    width = len(change.cause.names)
+    noise = np.sqrt(float(now.loss.sum()) / max(float(bare.rows.sum()), 1.0))
+    others = zip(chosen[1:], np.split(now.theta[width:], len(chosen) - 1), strict=True)
+    return replace(
+        change, values=now.theta[:width], stderr=noise * now.stderr[:width],
+        others=tuple(others) if len(chosen) > 1 else (),
+    )  # fmt: skip
 
 
 def _chance(gain: float, regression: PartialRegression, measured: Gains) -> float:
@@ -219,6 +301,15 @@ def _boundaries(contest: Contest) -> Iterator[tuple[int, float]]:
             yield number, float(t[np.argmax(blocks >= block)])
 
 
+def _beginnings(contest: Contest) -> dict[int, float]:
+    """Return the first times [s] of experiments by their numbers."""
+    table = contest.table
+    numbers = range(len(table.scenes))
+    return {
+        n: float(table.t[table.experiment == n].min()) for n in numbers if n in table.experiment
+    }
+
+
 def _courses(contest: Contest, cause: Cause) -> Iterator[Cause]:
     """Yield what a cause does that does not set in at once: friction that changes as a machine
     warms, a constant torque that grows, as that of a sensor that warms, or lasts for a while.
@@ -229,9 +320,11 @@ def _courses(contest: Contest, cause: Cause) -> Iterator[Cause]:
     words = f"tau.{place} drifts" if kind == "torque_offset" else f"{cause.words} changes steadily"
     units = tuple(f"{unit}/s" for unit in cause.units)
     names = ("rate",) if kind == "torque_offset" else tuple(f"{n} rate" for n in cause.names)
-    warm = f"warm {place} up before the log, or log temperature.{place} for temperature_friction"
-    remedy = warm * (kind != "torque_offset")
-    yield replace(cause, words=words, names=names, units=units, gate=_growing, remedy=remedy)
+    of_friction = kind if kind in WARMING else ""
+    fitted = {x.effect.label: x for x in contest.fit.effects}.get(cause.words)
+    values = tuple(x.value for x in fitted.parameters) if fitted and of_friction else ()
+    course = replace(cause, words=words, names=names, units=units, gate=_growing)
+    yield replace(course, kind=of_friction, values=values)
     if kind != "torque_offset":
         return
     table = contest.table
@@ -267,7 +360,17 @@ def _with_time(
         refit = bare.refit_with(cause.gated(_since(contest, number, float(t))))
         trials.append((float(refit.loss.sum()), float(t), refit))
     loss, t, refit = min(trials, key=lambda trial: trial[0])
+    rows = contest.table.t[contest.table.experiment == number]
+    begin, until, begins = float(rows.min()), float(rows.max()), False
+    if cause.grows:  # all through the log, which has no time to be found, where that does as well
+        always = bare.refit_with(cause.gated(_since(contest, number, begin)))
+        begins = t <= begin or float(always.loss.sum()) <= (1 + PARSIMONY) * loss
+        if begins:
+            loss, t, refit = float(always.loss.sum()), begin, always
     noise, u = np.sqrt(loss / max(float(bare.rows.sum()), 1.0)), int(refit.by.argmax())
     log = contest.table.scenes[number].e.name
     stderr = noise * refit.stderr
-    return Change(cause, log, t, refit.theta, stderr, bare.gain(refit), p, u, refit.loss[:, u])
+    gain, of_coordinate = bare.gain(refit), refit.loss[:, u]
+    return Change(
+        cause, log, t, refit.theta, stderr, gain, p, u, of_coordinate, begins, until
+    )  # fmt: skip

@@ -55,16 +55,16 @@ def card(
     sure = known * bool(d.best and incomplete_before(d)) + certainty(d)
     good = good_enough_words(a.good_enough)
     parts = [*health_words(d), good, sure, *aside(d)]
+    remedies = "; ".join(finding.remedy for finding in d.health.findings if finding.remedy)
+    within = all(finding.code == CODE for finding in d.health.findings)
     if a.doubts:
-        remedies = "; ".join(finding.remedy for finding in d.health.findings if finding.remedy)
-        within = all(finding.code == CODE for finding in d.health.findings)
-        title = "To know it before and after" if within else "Put this right, then diagnose again"
-        parts = [f"{title}: {remedies}.", good]
+        parts = [f"Put this right, then diagnose again: {remedies}." * (not within), good]
     sentences = " ".join(filter(None, parts))
     line, change = f"{a.subject}: {verdict_line(d, a)}.", " → ".join(filter(None, a.compared))
     bars = tuple(map(Bar.of, a.errors))
     if not d.health.good:
-        return Card(line, sentences, bars, first=a.worst)
+        # another log is needed, of which no command knows the name
+        return Card(line, sentences, bars, then=f"{remedies}." * within, first=a.worst)
     command, (then, how) = request.line(a.next), next_words(d, a)
     return Card(line, sentences, bars, command, then, change, first=a.worst, step=a.next, how=how)
 
