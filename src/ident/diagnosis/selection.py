@@ -37,7 +37,7 @@ SAME_PART = 0.7
 THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 STARTS = 4  # work: of a searched shape, from which it is refined
-EXTENTS = 2  # work: the same of a correction that is not linear
+EXTENT_STARTS = 2  # work: the same of a correction that is not linear
 SHARE_ROUNDING = 1e-12  # numerics: of a share, from one
 BODY = 10  # range: parameters of a body
 REACH = 2.0  # range: times the lengths from joint to joint, within which a load's centre is
@@ -319,7 +319,9 @@ def weigh(
     start: Shape = shape
     if effect.corrects:
         if passed and shape.get(effect.extent):
-            ends = [refined_extent(contest, effect, candidate.shapes[i]) for i in starts[:EXTENTS]]
+            ends = [
+                refined_extent(contest, effect, candidate.shapes[i]) for i in starts[:EXTENT_STARTS]
+            ]
             start, C, refit = max(ends, key=lambda end: regression.gain(end[2]))
             columns = columns[:0]
         bounds = contest.table.bounds(effect)

@@ -84,7 +84,7 @@ class Elasticity(Correcting):
         return {"compliance": (0.0, softest), "damping": (0.0, float(most))}
 
     def starts(self, s: Signals) -> list[Shape]:
-        # rigid, and resonances in equal ratios from the softest spring to above the motion
+        # resonances in equal ratios from the softest spring to above the motion
         M, softest = float(np.median(_inertia(s))), self._softest(s)
         jerk, a = np.gradient(s.a[:, 0], _step(s)) if len(s.t) > 1 else s.a[:, 0], s.a[:, 0]
         rms = [float(np.sqrt(np.mean(x**2))) for x in (jerk, a)]

@@ -117,8 +117,8 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             change = np.zeros_like(known)
             for effect, at in twisting:
                 change += _twisted_further(base, mechanism, e, motors, effect, at)
-            before, size = size, float(np.linalg.norm(change))
-            if size > RUNS_AWAY * before:
+            last, size = size, float(np.linalg.norm(change))
+            if size > RUNS_AWAY * last:
                 break
             known += change
             e = _with_motors(mechanism, motors.at(mechanism, known), motors, corrections)

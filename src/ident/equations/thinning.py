@@ -163,7 +163,7 @@ def spline_products(
             return weights(sample)
         number, place = divmod(sample - half, step)
         if place not in inner:
-            inner[place] = weights(place + half + step * (number if number < 0 else 0))
+            inner[place] = weights(place + half)
         return number, inner[place][1]
 
     products: SplineProduct = []

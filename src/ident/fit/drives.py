@@ -341,8 +341,9 @@ def without_negative_delay(
     errors = np.sqrt(np.diag(estimate.solution.C))
     early = dict[str, float]()
     for effect, places in problem.columns.effects:
-        place = int(places[-1])
-        if effect.kind == CommandDelay.kind and place in base.independent:
+        if effect.kind != CommandDelay.kind:
+            continue
+        if (place := int(places[-1])) in base.independent:
             error = float(errors[list(base.independent).index(place)])
             if estimate.x[place] < -NEGATIVE * error:
                 early |= dict.fromkeys(effect.joints, float(estimate.x[place]))
