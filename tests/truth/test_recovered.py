@@ -115,7 +115,7 @@ CASES = [
         bodies=False,
         tolerance=1e-3,
     ),
-    Case("arm", "backlash:shoulder", {"width": 0.01}),
+    Case("arm", "backlash:yaw", {"width": 0.01}),
     Case("four_bar", "backlash:crank", {"width": 0.02}, tolerance=2e-3),
     Case("arm", "geometry:elbow.x", {"Delta": 0.02}),
     Case("four_bar", "geometry:pin.a.x", {"Delta": 0.01}),
