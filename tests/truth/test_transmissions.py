@@ -157,6 +157,19 @@ def test_a_motor_without_inertia_is_no_mass_beside_its_link():
         )
 
 
+def test_a_search_for_a_spring_ends_no_worse_than_without_it():
+    """At a resonance the parameters that swing the link go to and fro from step to step."""
+    stiff = Servos(springs={"elbow": (60.0, 0.08)})
+    arm, log = ident.load(ARM).with_calibration("exact"), frame(stiff, seconds=10.0)
+    motion = ident.complete(arm, log)
+    without = ident.identify(arm, motion)
+    fit = ident.identify(arm.with_effect("elasticity:elbow"), motion)
+    for joint in JOINTS:
+        assert fit.relative[joint] < 1.1 * without.relative[joint]
+    of = values(fit)
+    assert min(of[f"elasticity.elbow.{name}"].value for name in ("compliance", "damping")) >= 0
+
+
 # a gain that is too low by a quarter holds the rotor at zero: the refit alone shows it
 @pytest.mark.parametrize(("what", "seed"), [("compliance", 2000), ("wrong kp", 1002)])
 def test_a_diagnosis_names_what_is_hidden_in_a_servo_joint(what, seed):

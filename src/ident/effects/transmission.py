@@ -19,6 +19,7 @@ from ident.information.oscillator import sprung, with_play
 
 WIDTHS = 10  # work: from which a search of a play starts
 SLIGHT = 0.05  # range: damping ratio from which a search starts, and 1 to which it goes
+STRONG, EVERY = 0.3, 4  # range: another one, from every fourth resonance: it hides no lower one
 LONGEST_TWIST = 0.1  # range: [rad], or of a sliding joint's travel, at the rms load
 RATIO = 1.15  # work: of the resonances from which a search starts
 MOST_STARTS = 24  # work
@@ -93,7 +94,8 @@ class Elasticity(Correcting):
         top = min(top, np.pi / (2 * _step(s)))
         count = int(np.clip(np.log(max(top / low, 1.0)) / np.log(RATIO), 2, MOST_STARTS))
         swings = np.geomspace(low, max(top, 1.5 * low), count)
-        every = [(float(1 / (M * w**2)), float(2 * SLIGHT * M * w)) for w in swings]
+        ratios = [(w, SLIGHT) for w in swings] + [(w, STRONG) for w in swings[::-EVERY]]
+        every = [(float(1 / (M * w**2)), float(2 * ratio * M * w)) for w, ratio in ratios]
         return [{"compliance": c, "damping": D} for c, D in every]
 
     def _softest(self, s: Signals) -> float:

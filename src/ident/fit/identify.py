@@ -37,6 +37,15 @@ from ident.fit.prediction import Prediction
 from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import NoScale, beyond_bounds, refuse_scales, unknown_scales, working_point
+from ident.fit.springs import (
+    held_rigid,
+    places_of,
+    rigid_mechanism,
+    springs,
+    widened_springs,
+    without_negative_springs,
+    worse_than_rigid,
+)
 from ident.fit.values import ParameterValues
 from ident.information.blocks import Error
 from ident.information.chance import NEGATIVE, covariance, held_out, prior_covariance
@@ -107,16 +116,24 @@ def identify(
         mechanism = at_once
         problem, estimate = _solved(mechanism, motion, start, shapes, equations)
         estimate, at_zero = held_at_zero(problem, estimate)
+    problem, estimate, rigid = without_negative_springs(problem, estimate)
+    if any(estimate.x[place] for e in springs(problem) for place in places_of(problem, e).values()):
+        stiff = _solved(rigid_mechanism(mechanism), motion, start, shapes, equations)
+        if raised := worse_than_rigid(problem, estimate, *stiff):
+            problem, estimate, rigid = held_rigid(problem, *stiff, raised)
+    wider, noisy = widened_springs(problem, estimate)
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, likely)
     findings = [
         *findings,
+        *rigid,
+        *noisy,
         *compared,
         *at_zero,
         *early,
         *delays_at_bounds(problem, estimate),
         *narrow_intervals(problem),
     ]
-    fit = fit_of(problem, estimate, consistent, findings, likelihood, rest)
+    fit = fit_of(problem, estimate, consistent, findings, likelihood, rest, wider)
     refuse_scales(scales_within_error(fit))
     if validate is None:
         return fit
@@ -198,9 +215,11 @@ def fit_of(
     findings: Sequence[Finding] = (),
     likelihood: Likelihood | None = None,
     on_progress: Progress = no_progress,
+    wider: Mapping[int, float] | None = None,
 ) -> Fit:
     """Return the fit of an estimate: within limits if asked for, with standard errors and errors;
-    `findings` are of the way in which the estimate was made, `consistent` as in `identify`.
+    `findings` are of the way in which the estimate was made, `consistent` as in `identify`, `wider`
+    standard errors on top of the jackknife's, by place in x.
     """
     findings = [*basis_bias(problem, estimate), *findings]
     free, binding, limits = estimate, None, problem.mechanism.consistency
@@ -222,6 +241,8 @@ def fit_of(
     if likelihood is not None:
         cov = likelihood.covariance(cov, free)
     cov += prior_covariance(free, problem.plausible)
+    for at, place in enumerate(free.base.independent.tolist()):
+        cov[at, at] += (wider or {}).get(place, 0.0) ** 2
     on_progress("errors", 0.9)
     names, units = problem.motion.independent, problem.units
     train = problem.information.squares(estimate.x).errors(names, units)

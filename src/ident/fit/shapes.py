@@ -11,7 +11,7 @@ meanwhile. A start for every shape comes from its own coarse search, everything 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError
 from ident.information import linear
+from ident.information.chance import CERTAIN
 from ident.information.estimate import Estimate, rank_revealing
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -35,6 +36,9 @@ STARTS_TRIED = 5  # work: of a correction that is not linear, with everything re
 SWINGING_STEPS = 45  # work: where a link swings with a load that is fitted meanwhile
 HALVES = 5  # work
 PASSES = 2  # work: over what depends on the model's own prediction
+SETTLING = 6  # work: steps of all else where a link swings with a load that is fitted meanwhile
+SETTLED = 1e-4  # numerics: share of the error by which a step that is not the last lowers it
+RIGID = 1e-6  # numerics: of a range of extents: next to none, with rows of the same samples
 LONGEST = 0.3  # numerics: of a shape's range, the longest step
 # numerics: of a value, and of its standard error: a smaller step is the last
 OF_VALUE, OF_ERROR = 1e-6, 1e-4
@@ -73,7 +77,95 @@ def working_point(
     for effect in mechanism.effects:
         if not effect.linear:
             point = _started(mechanism, motion, point, effect)
-    return variable_projection(mechanism, motion, point, on_progress)
+    point = variable_projection(mechanism, motion, point, on_progress)
+    for effect in mechanism.effects:
+        if swings(effect) and effect.extent not in effect.values:
+            point = _no_worse_than_rigid(mechanism, motion, point, effect)
+    return point
+
+
+def swings(effect: Effect) -> bool:
+    """Return whether a link swings or flies behind its motor, with the load that is fitted."""
+    return effect.implicit and bool(effect.extent) and effect.whole_log
+
+
+def _no_worse_than_rigid(
+    mechanism: Mechanism, motion: Motion, point: Point, effect: Effect
+) -> Point:
+    """Return the point, or the one that a search from next to no extent comes to, that whose own
+    equations have less error; the rigid joint's where that is no more than chance.
+    """
+    samples = Samples(mechanism, motion.experiments[0], slice(None), point)
+    shape = point.of(effect)[1]
+    starts = effect.starts(samples.signals(effect.acting))
+    most = max(start[effect.extent] for start in starts)
+    stiff = min(starts, key=lambda start: start[effect.extent])
+    none = dict.fromkeys(shape, 0.0) | {effect.extent: RIGID * most}
+
+    def at(values: Mapping[str, float]) -> Point:
+        free = {name: x for name, x in values.items() if name not in effect.values}
+        return point.with_values({effect.full[name]: float(x) for name, x in free.items()})
+
+    rigid, loss, first = refitted(mechanism, motion, at(none))
+    ends = [point]
+    if not np.isclose(loss, 0.0):
+        ends.append(variable_projection(mechanism, motion, at(stiff)))
+    best = rigid.with_values({effect.full[effect.extent]: 0.0})
+    least = loss - CERTAIN**2  # in squares of the rows' noise: a resonance fits some of it
+    for end in ends:
+        moved, error, _ = refitted(mechanism, motion, end, first)
+        if error < least and moved.of(effect)[1][effect.extent] > RIGID * most:
+            best, least = moved, error
+    return best
+
+
+def refitted(
+    mechanism: Mechanism, motion: Motion, point: Point, first: Estimate | None = None
+) -> tuple[Point, float, Estimate]:
+    """Return the point with all but shapes refitted, its error, and the estimate with the weights
+    of that error: those of `first`, or its own.
+    """
+    problem = Problem.reduced(mechanism, motion, point)
+    columns = problem.columns
+    shapes = np.isin(np.arange(len(columns)), columns.shapes)
+    first = problem.estimate() if first is None else first
+    scales = drive_scales(mechanism, motion, point)
+
+    def solved(point: Point) -> Estimate:
+        known = Problem.reduced(mechanism, motion, point, columns.with_known_shapes)
+        sigma = first.sigma * drive_scales(mechanism, motion, point) / scales
+        return known.estimate(sigma=sigma, fixed=first.fixed | shapes)
+
+    return *settled(mechanism, columns, point, solved), first
+
+
+def settled(
+    mechanism: Mechanism, columns: Columns, point: Point, solved: Callable[[Point], Estimate]
+) -> tuple[Point, float]:
+    """Return the point at which all but shapes have settled, and the error of its own equations.
+
+    Loads swing the link with parameters of the step before: at a resonance steps go to and fro, and
+    the error that a step promises is none that the next equations have. Each is halved while the
+    error of the equations where it ends is no lower.
+    """
+    estimate, x = solved(point), point.unknowns(columns)
+    error = estimate.triangle.residual_norm(x) ** 2
+    shapes = np.isin(np.arange(len(columns)), columns.shapes)
+    for _ in range(SETTLING):
+        step = np.where(shapes, 0.0, estimate.x - x)
+        for half in range(HALVES):
+            nearer = point.at(mechanism, columns, x + 0.5**half * step)
+            following = solved(nearer)
+            after = following.triangle.residual_norm(nearer.unknowns(columns)) ** 2
+            if after < error:
+                break
+        else:
+            break
+        last = after > (1 - SETTLED) * error
+        point, estimate, error, x = nearer, following, after, nearer.unknowns(columns)
+        if last:
+            break
+    return point, error
 
 
 def initial(mechanism: Mechanism, motion: Motion) -> Point:
@@ -179,6 +271,9 @@ def variable_projection(
 
     def trial(point: Point, first: Estimate) -> tuple[Point, float]:
         """Return the point of least error with the shapes where they are, and that error."""
+        if any(swings(effect) for effect in mechanism.effects):
+            fixed, known = first.fixed | shapes, columns.with_known_shapes
+            return settled(mechanism, columns, point, lambda at: solved(at, first, fixed, known))
         shape_values = point.unknowns(columns)
         for _ in range(passes):
             estimate = solved(point, first, first.fixed | shapes, columns.with_known_shapes)
@@ -194,6 +289,13 @@ def variable_projection(
     for number in range(steps):
         on_progress("searching shapes", number / steps)
         now, before = solved(point, first, first.fixed), point.unknowns(columns)
+        if any(swings(effect) for effect in mechanism.effects):  # the others go with those at ends
+            at_ends = first.fixed.copy()
+            for i, (low, high) in bounds.items():
+                at_ends[i] |= before[i] <= low and now.x[i] < low
+                at_ends[i] |= before[i] >= high and now.x[i] > high
+            if (at_ends != first.fixed).any():
+                now = solved(point, first, at_ends)
         if shapes.any():
             loss = trial(point, first)[1] if np.isinf(loss) else loss
             for half in range(HALVES):
