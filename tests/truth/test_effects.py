@@ -149,7 +149,8 @@ def test_shapes_have_bounds_and_starts_within(kind, rotational):
     assert starts
     for start in starts:
         assert set(start) == set(bounds)
-        assert all(bounds[k][0] <= x <= bounds[k][1] for k, x in start.items()), (start, bounds)
+        ends = effect.bounds(replace(s, shape=start))
+        assert all(ends[k][0] <= x <= ends[k][1] for k, x in start.items()), (start, ends)
 
 
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "reversal_pulses"])  # of a jump

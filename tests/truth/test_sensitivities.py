@@ -95,7 +95,7 @@ CORRECTED = {  # where the equations are linearised, and how far from it the log
     ("arm", "delay:elbow"): {"d": (0.005, 5e-4)},
     ("arm", "elasticity:elbow"): {"compliance": (1e-3, 2e-5), "damping": (5.0, 0.1)},
     ("four_bar", "elasticity:crank"): {"compliance": (1e-3, 1e-5), "damping": (1.0, 0.02)},
-    ("arm", "backlash:shoulder"): {"width": (0.01, 1e-4)},
+    ("arm", "backlash:wrist"): {"width": (0.01, 1e-4)},
     ("arm", "geometry:elbow.x"): {"Delta": (0.01, 1e-3)},
     ("five_bar", "geometry:tip.a.x"): {"Delta": (0.01, 1e-4)},
     ("slider_crank", "closure_compliance:ball"): {"C": (2e-5, 1e-6)},
