@@ -187,13 +187,13 @@ def test_numbers_of_joints_that_gain_nothing_stay_physical(robots):
     machine_ = machine_of(mechanism, values)
     translation = translated(Job(machine_, None, Path("x.xml")), WORDS)
     fit = fit_numbers(translation, Numbers(1e-3, 2e-3), exact_motion(machine_))
-    assert set(fit.kept) == {*mechanism.driven} - {"shoulder"}
+    assert set(fit.physical) == {*mechanism.driven} - {"shoulder"}
     before, after = fit.errors["shoulder"]
     assert after < 0.8 * before
-    for joint in fit.kept:
+    for joint in fit.physical:
         assert fit.translation.laws[joint] == translation.laws[joint]
         assert fit.errors[joint][1] < 1.1 * fit.errors[joint][0] + 1e-6
-    assert f"physical values of {', '.join(fit.kept)} stay" in fit.notes[0]
+    assert f"physical values of {', '.join(fit.physical)} stay" in fit.notes[0]
 
 
 def test_a_polynomial_of_the_position_is_mujocos():

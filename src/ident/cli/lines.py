@@ -78,15 +78,15 @@ class ShellRequest(Request):
         """Return the request without the effects in whose place something is put right, for the
         folder where a URDF's mechanism.toml has to be made.
         """
-        gone, kept = {repair.effect for repair in step.repairs}, list[str]()
+        put_right, options = {repair.effect for repair in step.repairs}, list[str]()
         for word in self.options:
-            if word in gone and kept and kept[-1] == WITH:
-                kept.pop()
+            if word in put_right and options and options[-1] == WITH:
+                options.pop()
             else:
-                kept.append(word)
+                options.append(word)
         folder = any(repair.file for repair in step.repairs)
         place = str(Path(self.mechanism).parent) if folder else self.mechanism
-        return replace(self, mechanism=place, options=tuple(kept))
+        return replace(self, mechanism=place, options=tuple(options))
 
     @property
     def _held_back(self) -> list[str]:

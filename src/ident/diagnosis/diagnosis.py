@@ -289,8 +289,8 @@ def _reprieved(selection: Selection, laws: tuple[Law, ...]) -> tuple[Selection, 
                 curve = next((c for c in candidates if c.effect == m.curve), None)
                 if curve is not None and joint in curve.effect.joints[:1]:
                     refit = selection.last.regression.refit(curve.groups[0])
-                    left = refit.loss.sum(axis=0) / first.losses.sum(axis=0)
-                    least.append(before.relative * float(np.sqrt(left[place[joint]])))
+                    shares = refit.loss.sum(axis=0) / first.losses.sum(axis=0)
+                    least.append(before.relative * float(np.sqrt(shares[place[joint]])))
                 elif m.curve is not None or m.impossible is not None:
                     least.append(noise)
                 excess_squares = max(before.relative**2 - noise**2, 0.0)

@@ -62,7 +62,7 @@ class Fitted:
         errors: by driven joint, rms [rad | m] of the test motion with physical and fitted values.
         changed: physical and written value of every fitted number, by name; empty where the
             physical ones are written.
-        kept: joints with friction whose numbers are the physical ones.
+        physical: joints with friction whose numbers are the physical ones.
         units: of joints.
     """
 
@@ -70,7 +70,7 @@ class Fitted:
     numbers: Numbers
     errors: Mapping[str, tuple[float, float]]
     changed: Mapping[str, tuple[float, float]]
-    kept: tuple[str, ...]
+    physical: tuple[str, ...]
     units: Mapping[str, str]
 
     @property
@@ -89,7 +89,7 @@ class Fitted:
             for i in (0, 1)
         )
         if not self.changed:
-            tried = f"; with fitted ones by {after}" if self.kept else ""
+            tried = f"; with fitted ones by {after}" if self.physical else ""
             return [
                 f"{at} physical values are written: {motion} is off by {before}{more} rms{tried}"
             ]
@@ -98,11 +98,11 @@ class Fitted:
             for name, (old, new) in self.changed.items()
             if abs(new - old) > PHYSICAL * max(abs(old), 1e-12)
         ]
-        physical = f"; no longer physical: {', '.join(names)}" if names else ""
-        kept = f"; physical values of {', '.join(self.kept)} stay" if self.kept else ""
+        fitted = f"; no longer physical: {', '.join(names)}" if names else ""
+        others = f"; physical values of {', '.join(self.physical)} stay" if self.physical else ""
         return [
             f"fitted to MuJoCo's own friction {at}: {motion}, other than the fitted, is off by "
-            f"{after} instead of {before}{more} rms{physical}{kept}"
+            f"{after} instead of {before}{more} rms{fitted}{others}"
         ]
 
 

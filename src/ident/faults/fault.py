@@ -354,8 +354,8 @@ def fault_finding(
 ) -> Finding:
     """Return a fault in words; `before`, `after`: relative errors of its joints."""
     of_motion, fields = fault.state is not None, _fields(mechanism, fault)
-    alike = any(rival.kind == "position sign" for rival in rivals)
-    fields["or_turned"] = f", or turn {fields['q']}" if alike else ""
+    position_too = any(rival.kind == "position sign" for rival in rivals)
+    fields["or_turned"] = f", or turn {fields['q']}" if position_too else ""
     _, text, remedy = (words.format(**fields) for words in WORDS[fault.kind])
     text += f" the error of the predicted torque falls from {percent(before)} to {percent(after)}"
     if fault.kind == "gravity" and not any(fault.number):

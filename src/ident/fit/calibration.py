@@ -234,13 +234,13 @@ def _marginal(
 
 
 def _noise_of(
-    z: Estimate, totals: Sequence[Triangle], sigma: np.ndarray, alike: np.ndarray
+    z: Estimate, totals: Sequence[Triangle], sigma: np.ndarray, neighbours: np.ndarray
 ) -> np.ndarray:
     """Return the noise (d,) of white rows that tell as much as those of a residual of which so many
-    are `alike`, without what the estimate took out of it.
+    are alike, `neighbours` (d,), without what the estimate took out of it.
     """
     noise = np.zeros(len(totals))
-    for u, (t, of_one) in enumerate(zip(totals, alike, strict=True)):
+    for u, (t, of_one) in enumerate(zip(totals, neighbours, strict=True)):
         R = t.R[:, z.base.independent] / sigma[u]
         taken = min(of_one * float(np.sum(R @ z.solution.C * R)), t.rows / 2)
         noise[u] = np.sqrt(of_one / max(t.rows - taken, 1)) * t.residual_norm(z.x)

@@ -113,9 +113,9 @@ def _no_worse_than_rigid(
     best = rigid.with_values({effect.full[effect.extent]: 0.0})
     least = loss - CERTAIN**2  # in squares of the rows' noise: a resonance fits some of it
     for end in ends:
-        moved, error, _ = refitted(mechanism, motion, end, first)
-        if error < least and moved.of(effect)[1][effect.extent] > RIGID * most:
-            best, least = moved, error
+        refit, error, _ = refitted(mechanism, motion, end, first)
+        if error < least and refit.of(effect)[1][effect.extent] > RIGID * most:
+            best, least = refit, error
     return best
 
 

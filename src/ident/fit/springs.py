@@ -61,7 +61,7 @@ def without_negative_springs(
         place = places[below[0]]
         value, error = float(estimate.x[place]), float(_jackknife(problem, estimate)[place])
         names = [*places] if "compliance" in below else below
-        by_chance = -value < CERTAIN * error
+        by_chance = "compliance" in below and -value < CERTAIN * error
         at = [places[name] for name in names]
         problem, estimate = _held_at_zero(problem, estimate, at, by_chance)
         came = f"it came out negative ({significant(value, 2)}) and is held at zero"
@@ -117,15 +117,15 @@ def held_rigid(
     fixed = np.isin(problem.columns.names, names)
     again = Problem.of(problem.mechanism, rigid.motion, point)
     again = replace(again, sigma=rigid.sigma)
-    held = again.estimate(sigma=without.sigma, fixed=fixed)
-    first = again.estimate(sigma=without.sigma).at(held.x)  # with standard errors of the shapes
+    at_zero = again.estimate(sigma=without.sigma, fixed=fixed)
+    with_errors = again.estimate(sigma=without.sigma).at(at_zero.x)  # those of the shapes
     text = (
         f"compliance of {listed([e.joints[0] for e in effects])}: not to be seen here; with it "
         f"{listed([f'tau.{name}' for name in joints])} would be explained less well than by rigid "
         "joints, and it is held at zero"
     )
     remedy = "log a faster motion, or see what else is missing (ident diagnose)"
-    return again, first, [Finding(HELD_AT_ZERO, text, remedy, tuple(names))]
+    return again, with_errors, [Finding(HELD_AT_ZERO, text, remedy, tuple(names))]
 
 
 def _jackknife(problem: Problem, estimate: Estimate) -> np.ndarray:
@@ -149,10 +149,10 @@ def _held_at_zero(
         point, _, _ = refitted(problem.mechanism, problem.motion, zero)
         again = Problem.of(problem.mechanism, problem.motion, point)
         problem = replace(again, sigma=problem.sigma)
-    held = problem.estimate(sigma=estimate.sigma, fixed=fixed)
+    at_zero = problem.estimate(sigma=estimate.sigma, fixed=fixed)
     if not by_chance:
-        return problem, held
-    return problem, problem.estimate(sigma=estimate.sigma, fixed=estimate.fixed).at(held.x)
+        return problem, at_zero
+    return problem, problem.estimate(sigma=estimate.sigma, fixed=estimate.fixed).at(at_zero.x)
 
 
 def widened_springs(
@@ -254,7 +254,7 @@ def _as_good(problem: Problem, estimate: Estimate, effect: Effect, name: str) ->
     place, mechanism = places_of(problem, effect)[name], problem.mechanism
     # neighbouring rows are alike: least squares fall by so many times what white noise makes
     cov = np.diag(covariance(problem.fitting, estimate))
-    alike = max(float(np.median(cov / np.diag(estimate.solution.C))), 1.0)
+    inflation = max(float(np.median(cov / np.diag(estimate.solution.C))), 1.0)
     value, most = float(estimate.x[place]), shape_bounds(problem)[place][1]
     tried = [share * most for share in TRIED]
     if name == "compliance":
@@ -265,8 +265,8 @@ def _as_good(problem: Problem, estimate: Estimate, effect: Effect, name: str) ->
     for other in sorted(tried, key=lambda x: -abs(x - value)):
         if abs(other - value) <= far:
             continue
-        moved = point.with_values({effect.full[name]: other})
-        loss = refitted(mechanism, problem.motion, moved, first)[1]
-        if loss - best < AS_GOOD**2 * alike:
+        nearby = point.with_values({effect.full[name]: other})
+        loss = refitted(mechanism, problem.motion, nearby, first)[1]
+        if loss - best < AS_GOOD**2 * inflation:
             far = abs(other - value)
     return far
