@@ -79,27 +79,24 @@ class Elasticity(Correcting):
         return Correction(twist={self.joints[0]: -twist}, since=since)
 
     def bounds(self, s: Signals) -> Bounds:
-        M, softest = float(np.median(_inertia(s))), self._softest(s)
-        compliance = abs(s.shape.get("compliance", 0.0)) or 1 / (M * self._swings(s)[-1] ** 2)
-        most = 2 * np.sqrt(M / compliance)  # no overshoot
+        softest = self._softest(s)
+        compliance = abs(s.shape.get("compliance", 0.0)) or softest
+        most = 2 * np.sqrt(float(np.median(_inertia(s))) / compliance)  # no overshoot
         return {"compliance": (0.0, softest), "damping": (0.0, float(most))}
 
     def starts(self, s: Signals) -> list[Shape]:
-        M, swings = float(np.median(_inertia(s))), self._swings(s)
-        ratios = [(w, SLIGHT) for w in swings] + [(w, STRONG) for w in swings[::-EVERY]]
-        every = [(float(1 / (M * w**2)), float(2 * ratio * M * w)) for w, ratio in ratios]
-        return [{"compliance": c, "damping": D} for c, D in every]
-
-    def _swings(self, s: Signals) -> np.ndarray:
-        """Resonances [rad/s] in equal ratios from the softest spring to above the motion."""
+        # resonances in equal ratios from the softest spring to above the motion
         M, softest = float(np.median(_inertia(s))), self._softest(s)
         jerk, a = np.gradient(s.a[:, 0], _step(s)) if len(s.t) > 1 else s.a[:, 0], s.a[:, 0]
         rms = [float(np.sqrt(np.mean(x**2))) for x in (jerk, a)]
-        low = max(1 / np.sqrt(softest * M), 2 * np.pi * SOFTEST_SWING)
+        low = max(1 / np.sqrt(softest * M), 2 * np.pi * SOFTEST_SWING)  # [rad/s]
         top = max(ABOVE * rms[0] / max(rms[1], 1e-12), WIDE * low)
         top = min(top, np.pi / (2 * _step(s)))
         count = int(np.clip(np.log(max(top / low, 1.0)) / np.log(RATIO), 2, MOST_STARTS))
-        return np.geomspace(low, max(top, 1.5 * low), count)
+        swings = np.geomspace(low, max(top, 1.5 * low), count)
+        ratios = [(w, SLIGHT) for w in swings] + [(w, STRONG) for w in swings[::-EVERY]]
+        every = [(float(1 / (M * w**2)), float(2 * ratio * M * w)) for w, ratio in ratios]
+        return [{"compliance": c, "damping": D} for c, D in every]
 
     def _softest(self, s: Signals) -> float:
         """Compliance that twists by so much at the rms load."""
