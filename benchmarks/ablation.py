@@ -50,17 +50,17 @@ CONSTANTS = {  # module: constants of the search, then those of the rows, which 
         "PARSIMONY", "SAME_PART", "NEGATIVE", "STANDS_FOR", "CLOSEST", "STARTS",
     ),
     "diagnosis.null": ("TRIALS",),
-    "information.chance": ("CONTRIBUTES",),
+    "information.hypotheses": ("PARSIMONY",),
     "diagnosis.candidates": ("STANDS_FOR", "HIDDEN"),
-    "fit.small_errors": ("SLOW", "GUARD", "ENOUGH", "WORSE"),
+    "faults.small_errors": ("SLOW", "GUARD", "ENOUGH", "WORSE"),
 }  # fmt: skip
 OFF = {  # values at which a constant has no influence
     "COMMON_RATIO": (0.0,), "NEAR": (0.0,), "BEST_TRIED": (1,), "PARSIMONY": (0.0,),
     "SAME_PART": (-1.0, 1.0), "NEGATIVE": (1e9,), "STANDS_FOR": (0.0,),
-    "STARTS": (1,), "HIDDEN": (0.0,), "CLOSEST": (0,), "CONTRIBUTES": (0.0,),
+    "STARTS": (1,), "HIDDEN": (0.0,), "CLOSEST": (0,),
     "GUARD": (0.0,),
 }  # fmt: skip
-OF_ROWS = ("diagnosis.candidates", "fit.small_errors")
+OF_ROWS = ("diagnosis.candidates", "faults.small_errors")
 SHARES = {"SAME_PART", "STANDS_FOR", "NEAR", "ENOUGH"}  # doubled: half way to one
 Variant = tuple[str, str, float, bool]  # module, constant, factor or value, whether a value
 # a function or a method of diagnosis/, and what leaves it out

@@ -9,16 +9,8 @@ import pytest
 
 from ident.fit.residual_maps import SignalMap, depends_on
 from ident.information.blocks import Block, Information, Part
-from ident.information.chance import (
-    SMOOTH,
-    Chance,
-    exceeding,
-    paired,
-    quantile,
-    remaining_power,
-    surrogates,
-    zscore,
-)
+from ident.information.chance import SMOOTH, remaining_power, surrogates
+from ident.information.evidence import Chance, exceeding, paired, quantile, zscore
 from ident.information.hypotheses import PartialRegression
 from ident.information.linear import Triangle
 

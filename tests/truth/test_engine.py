@@ -24,7 +24,7 @@ from ident.diagnosis.selection import Ranking, can_be, rank
 from ident.effects import Effect, ReversalPulses, Signals, Unknown
 from ident.equations.table import Table
 from ident.faults.small_errors import GUARD, away_from_reversals
-from ident.information.chance import Chance
+from ident.information.evidence import Chance
 from identification import Planted, motion_log, plant, robot
 
 NOISE = (Noise("tau", 0.01, relative=True), Noise("q", 1e-5))

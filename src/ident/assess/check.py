@@ -19,8 +19,8 @@ from ident.fit.findings import POOR, excitation
 from ident.fit.identify import identify
 from ident.fit.shapes import initial
 from ident.fit.values import absorbed_by, base_names
-from ident.information.chance import EXPLAINED_BELOW
 from ident.information.estimate import estimate
+from ident.information.evidence import EXPLAINED_BELOW
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion

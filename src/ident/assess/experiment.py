@@ -29,7 +29,7 @@ from ident.effects import KINDS, Effect
 from ident.effects.library import by_kind, separating
 from ident.errors import IdentError
 from ident.excite.excitation import SAME_COSINE
-from ident.information.chance import CONTRIBUTES
+from ident.information.evidence import PARSIMONY
 from ident.request import Step
 
 SHOWS = 0.02  # level: visible share from which an effect can be seen
@@ -214,7 +214,7 @@ def _explained(d: Diagnosis, joint: str) -> bool:
     """Return whether the laws explain a joint but for the noise."""
     law, noise = d.laws[-1], d.floor[joint] ** 2  # its fit has all laws
     before, after = (errors[joint].rms ** 2 - noise for errors in (law.before, law.after))
-    return after < CONTRIBUTES * before
+    return after < PARSIMONY * before
 
 
 def _between(

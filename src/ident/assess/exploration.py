@@ -32,7 +32,7 @@ from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
 from ident.fit import Fit, identify
 from ident.information.blocks import Error
-from ident.information.chance import Chance
+from ident.information.evidence import Chance
 from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete

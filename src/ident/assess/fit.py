@@ -18,8 +18,8 @@ from ident.effects.library import by_kind
 from ident.fit import Fit
 from ident.fit.files import Saved, residual_before
 from ident.information.blocks import Error
-from ident.information.chance import CERTAIN
 from ident.information.estimate import MATERIAL
+from ident.information.evidence import CERTAIN
 from ident.request import Step
 
 FRICTION = ("viscous", "coulomb")  # the kinds that are offered where no friction is in the model

@@ -10,8 +10,8 @@ from ident.assess.errors import NOISY, share_range, times_noise, too_large
 from ident.faults.data_checks import FAULTS
 from ident.finding import Finding
 from ident.information.blocks import Error
-from ident.information.chance import EXPLAINED_BELOW
 from ident.information.estimate import MATERIAL
+from ident.information.evidence import EXPLAINED_BELOW
 
 # shown: share of a joint's torque below which a model describes its own log, in what is said of it
 DESCRIBES = 0.05

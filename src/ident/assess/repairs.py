@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.fit import Fit
 from ident.fit.values import EffectValues
-from ident.information.chance import CERTAIN
+from ident.information.evidence import CERTAIN
 from ident.log import Column
 from ident.request import Repair, Step
 

@@ -345,7 +345,7 @@ class DecisionOptions:
     @property
     def given(self) -> dict[str, Any]:
         """Return them as keywords of the library, refused before the long work if invalid."""
-        from ident.diagnosis.candidates import Decision
+        from ident.information.evidence import Decision
 
         Decision(self.alpha, self.material, self.rival_se)
         return vars(self)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Real
 
 import numpy as np
 
@@ -13,12 +12,11 @@ from ident.effects import Effect, ReversalPulses
 from ident.effects.curve import Curve, curves
 from ident.equations.rest import FEWEST_RESTS
 from ident.equations.table import Table
-from ident.errors import FitError, IdentError
+from ident.errors import IdentError
 from ident.faults.small_errors import WORSE, away_from_reversals
 from ident.fit import Fit
 from ident.information.blocks import Part
-from ident.information.chance import ALPHA, BEYOND, RIVAL, zscore
-from ident.information.estimate import MATERIAL
+from ident.information.evidence import BEYOND, Decision, zscore
 from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -27,51 +25,10 @@ from ident.motion.signals import SLOW
 STANDS_FOR = 1 / 3  # tuned: share of a joint's samples or squares, that can speak for all of them
 HIDDEN = 0.02  # tuned: visible share below which the data cannot speak of an effect
 FREE = 30.0  # range: error over torque, from which a joint swings freely
-SURROGATES = 100  # work: random series with the spectrum of the residual
 PULSES_SE = 1.0  # level: standard errors over blocks by which pulses lower left-out errors
 Shape = Mapping[str, float]
 Columns = Mapping[int, np.ndarray]  # (m, u) in the rows of each coordinate
 OnProgress = Callable[[str, float], None]
-
-
-# --- the rule ----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Decision:
-    """The three arguments of the rule of evidence."""
-
-    alpha: float = ALPHA  # chance that anything is credible where nothing is missing
-    material: float = MATERIAL  # share of a joint's torque that an effect must have to matter
-    rival_se: float = RIVAL  # standard errors of the paired difference within which two are rivals
-
-    def __post_init__(self) -> None:
-        """Refuse what is no chance, no share, or below what the random residuals can show."""
-        least = 1 / SURROGATES
-        for name, number in vars(self).items():
-            if not isinstance(number, Real):
-                raise FitError(f"{name} = {number!r}: is no number; valid: 0.01, for one")
-        if not least <= self.alpha <= 0.5:
-            raise FitError(
-                f"alpha = {self.alpha:g}: {SURROGATES} random residuals show chances from "
-                f"{least:g}; valid: {least:g} to 0.5"
-            )
-        if not 0 <= self.material < 1:
-            raise FitError(
-                f"material = {self.material:g}: is no share of a joint's torque; valid: 0 to below "
-                "1, such as 0.003"
-            )
-        if not 0 <= self.rival_se < np.inf:
-            raise FitError(
-                f"rival_se = {self.rival_se:g}: valid: 0 or more standard errors, such as 2"
-            )
-
-    def matters(self, before: Array | float, after: Array | float, torque: Array | float) -> bool:
-        """Whether squares (d,) fall by more than the share `material` of the torque's somewhere."""
-        return bool(np.any(np.subtract(before, after) > self.material**2 * np.asarray(torque)))
-
-    def __str__(self) -> str:
-        return f"alpha {self.alpha:g}, material {self.material:g}, rival-se {self.rival_se:g}"
 
 
 @dataclass(frozen=True, eq=False)

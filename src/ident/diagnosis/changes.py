@@ -19,11 +19,11 @@ from itertools import combinations
 
 import numpy as np
 
-from ident.diagnosis.candidates import SURROGATES, Contest, absorbed, possible
+from ident.diagnosis.candidates import Contest, absorbed, possible
 from ident.diagnosis.null import judging, null_shares
 from ident.diagnosis.selection import MAIN_CAUSE, Ranking
 from ident.finding import Finding
-from ident.information.chance import CERTAIN, PARSIMONY, exceeding, paired
+from ident.information.evidence import CERTAIN, PARSIMONY, SURROGATES, exceeding, paired
 from ident.information.hypotheses import Array, Gains, PartialRegression, Refit
 from ident.text import listed
 

@@ -11,7 +11,7 @@ from operator import add
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest, Decision, OnProgress, candidates_of, residual_in
+from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, residual_in
 from ident.diagnosis.changes import change_within
 from ident.diagnosis.effect_set import Member
 from ident.diagnosis.found_curves import found_curves
@@ -42,8 +42,8 @@ from ident.fit import Fit, identify
 from ident.fit.findings import DRIVING
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
-from ident.information.chance import ALPHA, EXCESS, EXPLAINED_BELOW, RIVAL
 from ident.information.estimate import MATERIAL
+from ident.information.evidence import ALPHA, EXCESS, EXPLAINED_BELOW, RIVAL, Decision
 
 FORMULAS_TRIED = 3  # work: rivals of a formula whose constants are not determined
 SHOWN = 3  # shown: candidates that are listed though they are not credible

@@ -26,7 +26,6 @@ from ident.diagnosis.selection import (
     Evidence,
     Ranking,
     behind,
-    limit_by_coordinate,
     rivals,
     same_part,
     sensible,
@@ -37,6 +36,7 @@ from ident.effects import Effect
 from ident.effects.curve import PastSpeed
 from ident.effects.formula import Formula
 from ident.information import linear
+from ident.information.evidence import limit_by_coordinate
 from ident.information.hypotheses import Index, PartialRegression
 from ident.information.projection import EXACT
 

@@ -18,8 +18,8 @@ from ident.equations.terms import Samples, unbalanced
 from ident.errors import IdentError
 from ident.faults.small_errors import away_from_reversals
 from ident.information import linear
-from ident.information.chance import PARSIMONY
 from ident.information.estimate import MATERIAL
+from ident.information.evidence import PARSIMONY
 from ident.information.projection import RANK
 from ident.motion import Motion, State, complete
 from ident.motion.motion import left_out

@@ -22,7 +22,7 @@ from ident.effects.curve import Curve
 from ident.effects.formula import Formula, file_name_of
 from ident.fit.values import Value
 from ident.information import linear
-from ident.information.chance import PARSIMONY
+from ident.information.evidence import PARSIMONY
 from ident.information.hypotheses import Array, PartialRegression
 
 PIECES = (2, 3, 5, 8, 12, 20)  # work: that are compared

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.candidates import Contest, Decision, OnProgress, candidates_of, possible
+from ident.diagnosis.candidates import Contest, OnProgress, candidates_of, possible
 from ident.diagnosis.diagnosis import at_reversals, conclude, seen_elsewhere, start_point
 from ident.diagnosis.effect_set import EffectSet, leader, on_rows_in_motion, reweighted
 from ident.diagnosis.null import with_noise
@@ -34,8 +34,8 @@ from ident.files import json_bytes, version, write_all
 from ident.fit import Fit, identify
 from ident.fit.shapes import NoScale, widened
 from ident.information.blocks import Error, Information, Key
-from ident.information.chance import ALPHA, CERTAIN, RIVAL, Chance, paired, zscore
 from ident.information.estimate import MATERIAL
+from ident.information.evidence import ALPHA, CERTAIN, RIVAL, Chance, Decision, paired, zscore
 from ident.information.hypotheses import Index, PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion

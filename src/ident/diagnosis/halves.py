@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.diagnosis.candidates import Contest
-from ident.information.chance import RIVAL, zscore
+from ident.information.evidence import RIVAL, zscore
 
 
 def determined_by_motion(contest: Contest) -> bool:

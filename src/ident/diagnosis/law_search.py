@@ -19,18 +19,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.diagnosis.candidates import (
-    SURROGATES,
-    ColumnsAround,
-    Contest,
-    OnProgress,
-    Shape,
-    swinging_freely,
-)
+from ident.diagnosis.candidates import ColumnsAround, Contest, OnProgress, Shape, swinging_freely
 from ident.diagnosis.grammar import terms
 from ident.effects import Effect
 from ident.effects.formula import Formula, Term
-from ident.information.chance import ALPHA, NEGATIVE, quantile
+from ident.information.evidence import ALPHA, NEGATIVE, SURROGATES, quantile
 from ident.information.hypotheses import Array, PartialRegression, Refit
 from ident.text import significant
 

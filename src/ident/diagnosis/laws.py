@@ -20,7 +20,7 @@ from ident.display import part
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import IMMOBILE, largest_transmission
-from ident.information.chance import EXCESS, PARSIMONY, paired
+from ident.information.evidence import EXCESS, PARSIMONY, paired
 from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.information.projection import EXACT
 

@@ -18,13 +18,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.diagnosis.candidates import SURROGATES, Contest, NoiseDraws
+from ident.diagnosis.candidates import Contest, NoiseDraws
 from ident.equations.motion_noise import gain
 from ident.equations.table import Table
 from ident.equations.unknowns import Columns
 from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.chance import remaining_power, surrogates
+from ident.information.evidence import SURROGATES
 from ident.information.hypotheses import Array, Gains, Index, PartialRegression
 from ident.information.projection import RANK
 from ident.mechanism.parameters import Covariance

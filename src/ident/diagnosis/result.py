@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ident.diagnosis.candidates import Decision
 from ident.diagnosis.effect_set import Member, leading, on_rows_in_motion, reweighted
 from ident.diagnosis.found_curves import FoundCurve
 from ident.diagnosis.law_search import FittedFormula
@@ -28,7 +27,7 @@ from ident.fit.residual import Failure
 from ident.fit.residual_maps import Periods
 from ident.fit.values import Value
 from ident.information.blocks import Error
-from ident.information.chance import NEGATIVE
+from ident.information.evidence import NEGATIVE, Decision
 from ident.mechanism.mechanism import Mechanism
 from ident.request import PYTHON, Request
 from ident.text import rounded

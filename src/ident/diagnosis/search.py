@@ -18,7 +18,7 @@ from functools import cached_property, partial, reduce
 
 import numpy as np
 
-from ident.diagnosis.candidates import HIDDEN, SURROGATES, CandidateColumns, Contest, OnProgress
+from ident.diagnosis.candidates import HIDDEN, CandidateColumns, Contest, OnProgress
 from ident.diagnosis.effect_set import EffectSet, Member, evaluate_member, in_order, past_responses
 from ident.diagnosis.null import judging, null_shares, path_shares
 from ident.diagnosis.selection import (
@@ -30,7 +30,7 @@ from ident.diagnosis.selection import (
     rivals,
     simplest,
 )
-from ident.information.chance import CONTRIBUTES, Chance, exceeding, quantile, zscore
+from ident.information.evidence import PARSIMONY, SURROGATES, Chance, exceeding, quantile, zscore
 from ident.information.hypotheses import Index, PartialRegression
 
 MOST_MOVES = 60  # work: moves of one search
@@ -323,7 +323,7 @@ class Search:
     def explains(self, now: EffectSet, u: int, path: EffectSet) -> bool:
         """Return whether two effects of a path stay, or one that leaves next to nothing."""
         two = len(self.new(path)) > len(self.new(now)) + 1
-        return two or self.remaining(path, u) < CONTRIBUTES * self.remaining(now, u)
+        return two or self.remaining(path, u) < PARSIMONY * self.remaining(now, u)
 
     def remaining(self, now: EffectSet, u: int) -> float:
         """Left-out squares of a coordinate beyond the sensors' noise [N²m² | N²]."""

@@ -22,12 +22,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.diagnosis.candidates import STANDS_FOR, SURROGATES, CandidateColumns, Contest, Shape
+from ident.diagnosis.candidates import STANDS_FOR, CandidateColumns, Contest, Shape
 from ident.diagnosis.law_search import refined, refined_extent
 from ident.diagnosis.null import judging, null_by_coordinate, null_shares
 from ident.effects import Effect
 from ident.fit.shapes import widened
-from ident.information.chance import NEGATIVE, PARSIMONY, Chance, odds_ratio, paired, zscore
+from ident.information.evidence import (
+    NEGATIVE,
+    PARSIMONY,
+    SURROGATES,
+    Chance,
+    limit_by_coordinate,
+    paired,
+    zscore,
+)
 from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
 from ident.mechanism.mechanism import Mechanism
 
@@ -38,7 +46,6 @@ THIRD = 1 / 3  # range: of a length, by which no drawing is off
 EQUAL = 9  # numerics: digits of a gain, beyond which it is rounding
 STARTS = 4  # work: of a searched shape, from which it is refined
 EXTENT_STARTS = 2  # work: the same of a correction that is not linear
-SHARE_ROUNDING = 1e-12  # numerics: of a share, from one
 BODY = 10  # range: parameters of a body
 REACH = 2.0  # range: times the lengths from joint to joint, within which a load's centre is
 CLOSEST = 12  # work: candidates that are looked at in detail though they are not credible
@@ -154,26 +161,6 @@ class Ranking:
     def credible(self) -> tuple[Evidence, ...]:
         """The credible ones."""
         return tuple(evidence for evidence in self.evidence if evidence.credible)
-
-
-def limit_by_coordinate(chance: Chance, gain: float, place: int, shares: Array) -> float:
-    """Return what a gain at a place is held against.
-
-    What acts on several coordinates may show in one of them far beyond chance, while the others
-    dilute its share of all rows: then the limit is below the gain by as much as the limit of that
-    coordinate is below its share (d,), in odds g/(1 − g).
-    """
-    limit = chance.limit(place)
-    own_shares = [
-        (x, place + 1 + u) for u, x in enumerate(shares) if place + 1 + u in chance.residual
-    ]
-    if not (own_shares and gain > 0 and limit > 0):
-        return limit
-    ratio = max(odds_ratio(x, chance.limit(at)) for x, at in own_shares)
-    if ratio <= odds_ratio(gain, limit):
-        return limit
-    odds = gain / max(1 - gain, SHARE_ROUNDING) / ratio
-    return odds / (1 + odds)
 
 
 def rank(

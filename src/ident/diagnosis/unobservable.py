@@ -16,7 +16,7 @@ from ident.diagnosis.selection import Ranking
 from ident.effects import KINDS, Effect, Signals
 from ident.fit import Fit
 from ident.information import linear
-from ident.information.chance import CERTAIN, zscore
+from ident.information.evidence import CERTAIN, zscore
 from ident.information.hypotheses import Array, PartialRegression
 
 SHARE = 0.05  # shown: of a column, from which an unknown is named as one that carries it

@@ -24,7 +24,7 @@ import numpy as np
 from ident.diagnosis.effect_set import EffectSet, Member
 from ident.fit.residual_maps import period_of
 from ident.information.blocks import Part
-from ident.information.chance import PARSIMONY, RIVAL, paired
+from ident.information.evidence import PARSIMONY, RIVAL, paired
 from ident.information.hypotheses import Array, PartialRegression
 
 CARRIED_SE = 3.0  # level: standard errors of one of its values

@@ -41,8 +41,8 @@ from ident.equations.terms import (
 from ident.equations.thinning import NodeSeries, Thinning, agreeing_step
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
-from ident.information.chance import CONTRIBUTES
 from ident.information.cubic import late
+from ident.information.evidence import PARSIMONY
 from ident.information.time_bases import Basis, Chunk
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import row_spans, supports
@@ -441,7 +441,7 @@ def informing(
     s: Samples,
     farthest: np.ndarray | None,
     informative: Sequence[tuple[str, np.ndarray]] | None = None,
-    least: float = CONTRIBUTES,
+    least: float = PARSIMONY,
 ) -> np.ndarray:
     """(n, r), false where a joint of the coordinate does not inform: by default one with dry
     friction that stands still; `farthest` is `largest_transmission`, and a joint that moves by less

@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.faults.channel_fits import HALF, SMALL
 from ident.finding import Finding
-from ident.information.chance import BEYOND
+from ident.information.evidence import BEYOND
 from ident.information.linear import Array
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism

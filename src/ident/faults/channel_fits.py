@@ -22,8 +22,8 @@ import numpy as np
 from ident.effects import Effect
 from ident.equations.table import Table
 from ident.faults.fault import Fault
-from ident.information.chance import BEYOND, EXCESS, EXPLAINED_BELOW
 from ident.information.estimate import Estimate
+from ident.information.evidence import BEYOND, EXCESS, EXPLAINED_BELOW
 from ident.information.hypotheses import Array
 from ident.information.lapack import lapack
 from ident.information.linear import nonnegative

@@ -24,8 +24,9 @@ from ident.faults.disagreements import differing_logs
 from ident.faults.fault import exact_factor, fault_finding, log_entry
 from ident.faults.search import FaultSearch
 from ident.finding import Finding
-from ident.information.chance import BEYOND, CONTRIBUTES, EXCESS, EXPLAINED_BELOW, FEWEST_EQUATIONS
+from ident.information.chance import FEWEST_EQUATIONS
 from ident.information.estimate import MATERIAL, Estimate
+from ident.information.evidence import BEYOND, EXCESS, EXPLAINED_BELOW, PARSIMONY
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import rigid_forces
 from ident.motion.torque_class import TorqueVerdict
@@ -166,9 +167,9 @@ class DataChecks(FaultSearch):
             return False
         if finding.code != "steps" or joint not in self.errors or finding.number is None:
             return True
-        least = np.sqrt(CONTRIBUTES) * self.errors[joint]
+        least = np.sqrt(PARSIMONY) * self.errors[joint]
         if finding.number <= least:
-            least = np.sqrt(CONTRIBUTES) * float(self.reference[list(self.errors).index(joint)])
+            least = np.sqrt(PARSIMONY) * float(self.reference[list(self.errors).index(joint)])
         return finding.number > least
 
     def _latest(self, finding: Finding) -> Finding:

@@ -29,8 +29,9 @@ from ident.faults.search import AS_WELL
 from ident.finding import Finding
 from ident.information import linear
 from ident.information.blocks import Information, Squares
-from ident.information.chance import ALPHA, FEWEST_SQUARES, PARSIMONY, held_out, long_run, scores
+from ident.information.chance import FEWEST_SQUARES, held_out, long_run, scores
 from ident.information.estimate import Estimate, estimate
+from ident.information.evidence import ALPHA, PARSIMONY
 from ident.text import percent, shortlist
 
 SAME = 1e-6  # numerics: of the largest fall of squared error, within which two are the same

@@ -33,8 +33,8 @@ from ident.faults.fault import (
 )
 from ident.faults.motors import WIDTH, MotorCoordinates, motor_faults, nearest_nice
 from ident.faults.small_errors import away_from_reversals
-from ident.information.chance import EXCESS, EXPLAINED_BELOW, RIVAL, credible_t, zscore
 from ident.information.estimate import Estimate
+from ident.information.evidence import EXCESS, EXPLAINED_BELOW, RIVAL, surely_t, zscore
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
 
@@ -357,7 +357,7 @@ class FaultSearch:
             best = trial(refined(best.fault, (x / WIDTH, x * WIDTH), trial))
             usual = trial(best.fault.at(nearest_nice(best.fault.number[0])))  # type: ignore[misc]
             apart = (best.held_out_density - usual.held_out_density).sum(axis=1)
-            best = usual if zscore(apart) < credible_t(len(faults), len(base)) else best
+            best = usual if zscore(apart) < surely_t(len(faults), len(base)) else best
         rows, D = best.rows, best.held_out_density - base
         t = min(zscore(D.sum(axis=1)), zscore(D[:, rows].sum(axis=1)))
         identity = best.fault.kind, best.fault.joints
@@ -378,7 +378,7 @@ class FaultSearch:
         if len(before_rows) == 1 or any(rival.kind != best.fault.kind for rival in rivals):
             most = DOUBT  # nothing else holds it, or nobody can tell by which of two faults
         fault = _determined(best, trial)
-        if fault is None or t <= credible_t(len(faults), len(base)) or best.error > most:
+        if fault is None or t <= surely_t(len(faults), len(base)) or best.error > most:
             return None
         return replace(best, fault=fault, before_fault=before, rivals=rivals)
 

@@ -30,8 +30,8 @@ from ident.equations.table import Table
 from ident.faults.channel_fits import HALF, ROUNDS, SMALL, SQUARES_ROUNDING, columns_of
 from ident.information import linear
 from ident.information.blocks import Part
-from ident.information.chance import RIVAL, credible_t, zscore
 from ident.information.estimate import MATERIAL, Estimate
+from ident.information.evidence import RIVAL, surely_t, zscore
 from ident.information.hypotheses import Array, PartialRegression
 from ident.information.projection import RANK
 from ident.motion.signals import SLOW, at_limit
@@ -180,7 +180,7 @@ def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
     shares = delay * np.sqrt((late**2).sum(axis=0) / np.maximum(squares, 1e-300))
     if len(products) < 2 or shares.max() <= HALF * SMALL:
         return False
-    return abs(zscore(products)) > credible_t(1, len(products))
+    return abs(zscore(products)) > surely_t(1, len(products))
 
 
 def common_delay(
@@ -221,7 +221,7 @@ def common_delay(
 
     late = column(table.A[:, :, :rigid] @ x[:rigid] + known)
     refit = model.refit_with(late)
-    if zscore(refit.D) <= credible_t(1, model.blocks):
+    if zscore(refit.D) <= surely_t(1, model.blocks):
         return None
     unit = np.eye(d)
     others = [model.refit_with([x * (1 - e[u]) for u, x in enumerate(late)]) for e in unit]

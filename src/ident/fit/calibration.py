@@ -32,8 +32,9 @@ from ident.finding import Finding
 from ident.fit.calibration_rows import FitRows
 from ident.information import linear
 from ident.information.blocks import Information
-from ident.information.chance import CERTAIN, moderated_covariance
+from ident.information.chance import moderated_covariance
 from ident.information.estimate import MATERIAL, Estimate, estimate, term_sizes
+from ident.information.evidence import CERTAIN
 from ident.information.linear import Triangle
 from ident.mechanism.causes import Cause
 from ident.text import listed

@@ -41,8 +41,9 @@ from ident.fit.findings import IMPOSSIBLE_BODY, bodies_with_unknowns
 from ident.fit.shapes import shape_bounds
 from ident.information import cone
 from ident.information.blocks import Squares
-from ident.information.chance import MATTERS, held_out, rise
+from ident.information.chance import held_out, rise
 from ident.information.estimate import MATERIAL, Estimate
+from ident.information.evidence import MATTERS
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import (

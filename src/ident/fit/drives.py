@@ -17,8 +17,8 @@ from ident.errors import FitError
 from ident.finding import Finding
 from ident.fit.shapes import NoScale
 from ident.information import linear
-from ident.information.chance import NEGATIVE
 from ident.information.estimate import Estimate
+from ident.information.evidence import NEGATIVE
 from ident.mechanism.drives import with_common_delay
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, State

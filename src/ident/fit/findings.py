@@ -23,8 +23,9 @@ from ident.fit.prediction import identifiable_multipliers, multiplier_errors
 from ident.fit.shapes import initial
 from ident.fit.values import EffectValues, ParameterValues, absorbed_by
 from ident.information.blocks import Error
-from ident.information.chance import CERTAIN, EXPLAINED_BELOW, FEWEST_EQUATIONS, MATTERS
+from ident.information.chance import FEWEST_EQUATIONS
 from ident.information.estimate import Estimate, estimate, term_sizes
+from ident.information.evidence import CERTAIN, EXPLAINED_BELOW, MATTERS
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import pseudo_inertia
 from ident.motion import Motion

@@ -48,8 +48,9 @@ from ident.fit.springs import (
 )
 from ident.fit.values import ParameterValues
 from ident.information.blocks import Error
-from ident.information.chance import NEGATIVE, covariance, held_out, prior_covariance
+from ident.information.chance import covariance, held_out, prior_covariance
 from ident.information.estimate import Estimate
+from ident.information.evidence import NEGATIVE
 from ident.information.left_out import LeftOut
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency

@@ -28,8 +28,8 @@ from ident.equations.motion_noise import (
 from ident.equations.problem import Problem, stacks_information
 from ident.errors import FitError
 from ident.finding import Finding
-from ident.information.chance import EXCESS, MATTERS
 from ident.information.estimate import Estimate, estimate
+from ident.information.evidence import EXCESS, MATTERS
 from ident.motion import Motion, State
 from ident.motion.smoothing import along, finer
 from ident.motion.spline import Smooth

@@ -24,7 +24,7 @@ from ident.fit import residual_maps
 from ident.fit.prediction import Prediction, Trace, predict
 from ident.fit.values import Model
 from ident.information.blocks import Error, Squares
-from ident.information.chance import EXCESS, credible_t, paired
+from ident.information.evidence import EXCESS, paired, surely_t
 from ident.motion import Motion
 from ident.motion.signals import runs
 from ident.text import stamp
@@ -230,7 +230,7 @@ class Residual(Displayed):
             least = max(old.rms, (old.relative or 0.0) * torque, sigma)
             allowed = (EXCESS * sigma) ** 2 + MISFIT * (least**2 - sigma**2)
             usual = np.full(len(squares), allowed)
-            if paired(np.array(squares), usual) > credible_t(len(then), len(squares)):
+            if paired(np.array(squares), usual) > surely_t(len(then), len(squares)):
                 rises[joint] = self.errors[joint].rms / max(old.rms, 1e-300)
         return sorted(rises, key=lambda joint: -rises[joint])
 

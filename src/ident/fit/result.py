@@ -47,8 +47,9 @@ from ident.fit.values import (
     with_noise,
 )
 from ident.information.blocks import Error, Information, Squares
-from ident.information.chance import EXPLAINED_BELOW, prior_covariance
+from ident.information.chance import prior_covariance
 from ident.information.estimate import Estimate
+from ident.information.evidence import EXPLAINED_BELOW
 from ident.lazy import lazy
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism

@@ -25,8 +25,8 @@ from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.errors import FitError
 from ident.information import linear
-from ident.information.chance import CERTAIN
 from ident.information.estimate import Estimate, rank_revealing
+from ident.information.evidence import CERTAIN
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.text import listed

@@ -22,8 +22,9 @@ from ident.errors import IdentError
 from ident.finding import Finding
 from ident.fit.drives import HELD_AT_ZERO
 from ident.fit.shapes import refitted, shape_bounds
-from ident.information.chance import CERTAIN, CONTRIBUTES, EXCESS, covariance
+from ident.information.chance import covariance
 from ident.information.estimate import Estimate
+from ident.information.evidence import CERTAIN, EXCESS, PARSIMONY
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.text import listed, percent, significant
@@ -174,7 +175,7 @@ def widened_springs(
             change = 0.0 if noisier is None else float(noisier.x[place] - estimate.x[place])
             wider[place] = float(np.hypot(change, _as_good(problem, estimate, effect, name) / 2))
             value = float(estimate.x[place])
-            if name == "compliance" and abs(change) > CONTRIBUTES * abs(value):
+            if name == "compliance" and abs(change) > PARSIMONY * abs(value):
                 findings.append(
                     Finding(
                         "noisy spring",
@@ -182,7 +183,7 @@ def widened_springs(
                         f"positions again changes it by {percent(abs(change / value))}, so the "
                         "noise that there is moves it too, mostly towards the rigid joint",
                         f"log a faster motion of {effect.joints[0]}, or finer positions",
-                        (effect.full[name],), abs(change / value), CONTRIBUTES,
+                        (effect.full[name],), abs(change / value), PARSIMONY,
                     )
                 )  # fmt: skip
     return wider, findings

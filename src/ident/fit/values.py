@@ -21,8 +21,8 @@ import numpy as np
 from ident.display import Displayed
 from ident.effects import Effect
 from ident.equations.unknowns import Columns, Point
-from ident.information.chance import ALPHA
 from ident.information.estimate import Base, Estimate
+from ident.information.evidence import ALPHA
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import CENTROIDAL, COUNT, DYNAMIC, beyond_centroidal, unit_of
 from ident.motion import Motion

@@ -28,12 +28,10 @@ series, Physica D 58, 1992; resampled: Rubin, The Bayesian bootstrap, Annals of 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import accumulate, groupby
-from math import exp
 from operator import add, attrgetter
-from statistics import NormalDist
 
 import numpy as np
 
@@ -43,24 +41,10 @@ from ident.information.estimate import Estimate, estimate
 from ident.information.gamma import digamma, trigamma
 from ident.information.left_out import LeftOut
 from ident.information.linear import Array, Triangle
-from ident.information.student import tail_quantile
 
 # level: standard errors of no correlation beyond which neighbouring blocks are alike
 CORRELATED = 1.3
 LASTING = 0.8  # tuned: the most by which a block is believed to resemble the one before
-ALPHA = 0.01  # level: chance that anything is named where nothing is missing, wrong or changed
-RIVAL = 2.0  # level: standard errors of a paired difference within which two are rivals
-NEGATIVE = 2.0  # level: standard errors from zero at which a value has a sign
-CERTAIN = 3.0  # level: the same where a sign that cannot be is no accident
-EXCESS = 1.25  # tuned: times a noise or an error, from which something is more than that
-PARSIMONY = 0.1  # tuned: share of the best gain within which fewer numbers are preferred
-MATTERS = 0.05  # tuned: share of an error or of its squares, from which its cause is reported
-CONTRIBUTES = 0.1  # tuned: share of a fall, a lever or an excess, below which it is a by-product
-# tuned: times what is known (a noise, a named change), beyond which there is more; residuals of
-# good logs are 0.5 to 1.3 times the sensors' noise
-BEYOND = 3.0
-# tuned: relative error at which nothing is explained: no cause or closure leaves it
-EXPLAINED_BELOW = 0.3
 FEWEST_EQUATIONS = 3.0  # level: equations a parameter below which values follow the noise
 FEWEST_SQUARES = 3.0  # level: ν below which the t-distribution's width means nothing
 MANY_SQUARES = 100.0  # level: ν beyond which it is no wider than a normal distribution
@@ -226,7 +210,6 @@ def _pairs(times: Times, lag: int) -> tuple[list[int], list[int]]:
 
 
 FOLDS = 10  # work
-DIFFERENT = 1e-9  # numerics: of squares, up to which two differ by rounding alone
 ZERO_ERROR = 1e-9  # numerics: of the torque, below which an error is none
 
 
@@ -407,111 +390,3 @@ def _smooth(x: Array) -> Array:
 def _transformed(x: Array) -> np.ndarray:
     """Spectrum (n + 1, ...) of a run x (n, ...) that is mirrored at its end."""
     return np.fft.rfft(np.concatenate([x, x[::-1]]), axis=0)
-
-
-def quantile(chance: Array, alpha: float) -> float:
-    """The (1 − alpha) quantile of shares (draws,), each the largest gain of a draw.
-
-    z = ln g/(1 − g) above its median m is close to normal, and its spread s is known better than
-    the largest of a hundred draws:
-
-        s² = mean (z − m)² over z > m        ln g_α/(1 − g_α) = m + s Φ⁻¹(1 − α)
-    """
-    m, s = _tail(chance)
-    if not np.isfinite(m):  # no gain at all in most draws
-        return float(np.quantile(chance, 1 - alpha, method="higher")) if len(chance) else 0.0
-    return 1 / (1 + exp(-m - s * NormalDist().inv_cdf(1 - alpha)))
-
-
-def exceeding(gain: float, chance: Array) -> float:
-    """Chance that the largest gain of a draw exceeds a gain, both as shares; see `quantile`."""
-    m, s = _tail(chance)
-    if not (np.isfinite(m) and gain > np.median(chance)):
-        return float((1 + (chance >= gain).sum()) / (1 + len(chance))) if len(chance) else np.nan
-    above = float(_logit(np.array(gain))) - m
-    return 1 - NormalDist().cdf(above / s) if s > 0 else 0.0  # draws that do not differ
-
-
-@dataclass(frozen=True, eq=False)
-class Chance:
-    """The largest gains where nothing is missing, by the place where candidates act: one coordinate
-    or several, so that a joint with slow noise does not hide what others show.
-    """
-
-    residual: Mapping[int, Array]  # (draws,) of surrogates of it: of what is missing, too
-    noise: Mapping[int, Array]  # (draws,) of the sensors' noise
-    alpha: float  # chance that any gain exceeds its limit
-    elsewhere: float = 0.0  # the limit of all places, where nothing was drawn
-
-    @cached_property
-    def limits(self) -> dict[int, float]:
-        """What a gain must exceed at each place."""
-        a = self.alpha / max(len(self.residual), 1)
-        return {
-            u: max(quantile(x, a), quantile(self.noise[u], a)) for u, x in self.residual.items()
-        }
-
-    def limit(self, place: int) -> float:
-        """What a gain at a place must exceed; of a place without candidates the largest limit."""
-        return self.limits.get(place, max(self.limits.values(), default=self.elsewhere))
-
-    def largest(self, other: Chance) -> Chance:
-        """Return the chance of both kinds of candidates, from the same draws."""
-
-        def maxima(one: Mapping[int, Array], two: Mapping[int, Array]) -> dict[int, Array]:
-            common = {u: np.maximum(one[u], two[u]) for u in {*one} & {*two}}
-            return {**one, **two, **common}
-
-        residual, noise = (maxima(self.residual, other.residual), maxima(self.noise, other.noise))
-        return Chance(residual, noise, self.alpha, self.elsewhere)
-
-    def p(self, gain: float, place: int) -> float:
-        """Chance that such a gain is exceeded at any place; NaN without draws."""
-        if place not in self.residual:
-            return np.nan
-        p, noise = exceeding(gain, self.residual[place]), self.noise[place]
-        # where most draws bring no gain there is no tail: beyond all of them, as the limit says
-        if len(noise) and (np.median(noise) > 0 or gain <= noise.max()):
-            p = max(p, exceeding(gain, noise))
-        return min(1.0, len(self.residual) * p)
-
-
-def _tail(chance: Array) -> tuple[float, float]:
-    """Median m and spread s above it of ln g/(1 − g); NaN where no gain is the median."""
-    if not len(chance) or np.median(chance) <= 0:
-        return np.nan, np.nan
-    z = _logit(chance)
-    m = float(np.median(z))
-    return m, float(np.sqrt(np.mean((z[z >= m] - m) ** 2)))
-
-
-def _logit(g: Array) -> Array:
-    g = np.clip(g, 1e-12, 1 - 1e-12)
-    return np.log(g / (1 - g))
-
-
-def odds_ratio(gain: float, limit: float) -> float:
-    """Odds g/(1 − g) of a gain over those of another one, both as shares: explained over left."""
-    one, other = (x / max(1 - x, 1e-12) for x in (gain, limit))
-    return one / max(other, 1e-12)
-
-
-def paired(a: Array, b: Array) -> float:
-    """Standard errors of paired blocks by which squares b (blocks,) are lower than a: of the
-    differences, or of the differences of the logarithms, the larger; 0 where they differ by
-    rounding, as those of equal columns do.
-    """
-    a = np.where(np.abs(a - b) > DIFFERENT * np.maximum(a, b), a, b)
-    tiny = 1e-12 * max(float(a.sum()), float(b.sum())) + 1e-300
-    return max(zscore(a - b), zscore(np.log((a + tiny) / (b + tiny))))
-
-
-def zscore(D: Array) -> float:
-    """Mean over standard error of differences (blocks,); 0 where nothing differs."""
-    spread = float(D.std(ddof=1)) / np.sqrt(len(D)) if len(D) > 1 else 0.0
-    return float(D.mean()) / spread if spread > 0 else 0.0
-
-
-def credible_t(hypotheses: int, blocks: int) -> float:
-    """Standard errors that the best of untrue hypotheses exceeds with chance ALPHA (Bonferroni)."""
-    return tail_quantile(ALPHA / hypotheses, blocks - 1)

@@ -27,7 +27,7 @@ import numpy as np
 
 from ident.information import linear
 from ident.information.blocks import places
-from ident.information.chance import CONTRIBUTES
+from ident.information.evidence import PARSIMONY
 from ident.information.linear import Array, Index
 from ident.information.projection import VISIBLE, Projection
 
@@ -71,7 +71,7 @@ class Refit:
     def affected_coordinates(self) -> list[int]:
         """Coordinates in which a part of the fall is that is more than a by-product."""
         by = np.maximum(self.by, 0.0)
-        return np.flatnonzero(by >= CONTRIBUTES * max(by.sum(), 1e-300)).tolist()
+        return np.flatnonzero(by >= PARSIMONY * max(by.sum(), 1e-300)).tolist()
 
 
 class PartialRegression(Projection):

@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.display import Displayed, Progress, render
 from ident.errors import LogError, MotionError, one_of
-from ident.information.chance import BEYOND, EXPLAINED_BELOW
+from ident.information.evidence import BEYOND, EXPLAINED_BELOW
 from ident.log import Log, read_log
 from ident.log.log import NoTime, entry_for
 from ident.log.poses import are_poses

@@ -18,7 +18,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.information.chance import EXCESS
+from ident.information.evidence import EXCESS
 from ident.information.lapack import cholesky_banded, solve_cholesky_banded
 from ident.information.time_bases import Basis
 

@@ -19,7 +19,7 @@ from ident.display import renders
 from ident.effects import Effect
 from ident.effects.library import by_kind, named
 from ident.fit.findings import IN_PROPORTION
-from ident.information.chance import odds_ratio
+from ident.information.evidence import odds_ratio
 from ident.request import PYTHON, Request, Step, with_noun
 from ident.show.card import Bar, Card
 from ident.show.experiment import effect_words, formula_noun, motion_words

@@ -21,7 +21,7 @@ from ident.display import renders
 from ident.effects.library import create as effect
 from ident.effects.library import named
 from ident.information.blocks import Error
-from ident.information.chance import ALPHA
+from ident.information.evidence import ALPHA
 from ident.mechanism import Mechanism
 from ident.mechanism.parameters import DYNAMIC
 from ident.request import PYTHON, Request, Step

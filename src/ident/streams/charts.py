@@ -34,7 +34,7 @@ import numpy as np
 
 from ident.equations.rows import Rows
 from ident.information import linear
-from ident.information.chance import BEYOND
+from ident.information.evidence import BEYOND
 from ident.information.linear import Triangle
 
 SIZES = 2.0 ** np.arange(6)  # times the least change watched for

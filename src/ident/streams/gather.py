@@ -23,7 +23,7 @@ from ident.fit.likelihood import share_of_motion
 from ident.fit.prediction import Reactions, identifiable_multipliers
 from ident.fit.shapes import working_point
 from ident.information.blocks import Block, Error, Information, Key, summed
-from ident.information.chance import MATTERS
+from ident.information.evidence import MATTERS
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion.closures import check_freedom

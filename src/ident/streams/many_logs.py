@@ -19,8 +19,8 @@ from ident.errors import FitError, check_whole
 from ident.faults.disagreements import Disagreement, OwnFits, disagreements
 from ident.files import json_bytes
 from ident.fit import identify
-from ident.information.chance import ALPHA, RIVAL
 from ident.information.estimate import MATERIAL
+from ident.information.evidence import ALPHA, RIVAL
 from ident.lazy import lazy
 from ident.log.read import distinct
 from ident.mechanism.mechanism import Mechanism
@@ -269,7 +269,7 @@ def diagnose_each(
         raise FitError(f"done is a {type(done).__name__}; give a list, which gets the verdicts")
     check_whole("seed", seed)
     from ident.diagnosis import diagnose  # without it `identify` starts sooner
-    from ident.diagnosis.candidates import Decision
+    from ident.information.evidence import Decision
 
     Decision(alpha, material, rival_se)
     paths = log_paths(logs, scheduler)

@@ -47,8 +47,8 @@ from ident.errors import FitError, one_of
 from ident.fit import Fit
 from ident.information import linear
 from ident.information.blocks import Block, Information
-from ident.information.chance import NEGATIVE
 from ident.information.cone import Limit, nearest, svec
+from ident.information.evidence import NEGATIVE
 from ident.information.hypotheses import PartialRegression
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
