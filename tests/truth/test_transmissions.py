@@ -1,6 +1,7 @@
 """Springs and plays between motors and links, against MuJoCo's, with a second hinge for a link."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -178,3 +179,29 @@ def test_a_diagnosis_names_what_is_hidden_in_a_servo_joint(what, seed):
     found = ident.diagnose(ident.identify(case.mechanism, motion))
     assert found.verdict == "missing"
     assert found.candidates[0].effect.label == case.label
+
+
+def test_what_chance_makes_negative_is_zero_with_its_standard_error():
+    soft = ident.load(ROBOTS / "arm").with_effect("elasticity:elbow")
+    values = {"elasticity.elbow.compliance": 0.002, "elasticity.elbow.damping": 2.0}
+    log = ident.read_log(ROBOTS / "arm" / "run.csv")
+    simulated, _ = ident.simulate(
+        soft, log, values=values, noise=[ident.Noise("tau", 0.01, relative=True)], seed=5
+    )
+    fit = ident.identify(soft, ident.complete(soft, simulated))
+    problem, first = fit.problem, fit.estimate
+    place = fit.columns.index["elasticity.elbow.damping"]
+    at = first.limited(np.array([place]))
+    assert at.x[place] == 0
+    assert at.at_limit.tolist() == [place]
+    # least squares on what remains, as if it were known
+    fixed = first.fixed.copy()
+    fixed[place] = True
+    point = problem.point_at(first.x).with_values({"elasticity.elbow.damping": 0.0})
+    known = replace(problem, point=point).estimate(sigma=first.sigma, fixed=fixed)
+    assert np.allclose(known.x, at.x, rtol=1e-6, atol=1e-9)
+    limited = replace(fit, estimate=at)
+    (value,) = (p for p in limited.effects[-1].parameters if p.name.endswith("damping"))
+    assert value.value == 0
+    assert value.at_bound
+    assert value.stderr > 0

@@ -6,7 +6,7 @@ N is the change of b − A x that one unit of each cause would make, through the
 closures like all columns; β are the base parameters. With H the normal matrix of [A, N S] in rows
 divided by their noise, and P = diag(0, 1) the prior of η,
 
-    [β; η] = (H + P)⁻¹ [A, N S]ᵀ b              β: the marginal estimate
+    [β; η] = (H + P)⁻¹ [A, N S]ᵀ b              β: the marginal estimate, within its limits
     Cov β  = (noise)  +  C C ᵀ                  C = (H + P)⁻¹ restricted to β, η: by cause
 
 The first part is what noise of the rows makes of that estimate. Rows are divided by a noise that
@@ -143,7 +143,8 @@ def budget_of(of_fit: FitRows, fitted: Estimate) -> Budget | None:
                 return None
         if not number and not at.same_as(of_fit):
             of_rows = information.total(sigma).restricted(np.arange(n))
-            least = estimate([of_rows], np.zeros(n), np.ones(1), sigma=np.ones(1)).x
+            of_excerpt = estimate([of_rows], np.zeros(n), np.ones(1), sigma=np.ones(1))
+            least = _within_limits(of_excerpt, fitted).x
         x[base] = fitted.x[base] + z.x[:n] - least
         values = z.x[n:]
     weighted = Estimate(z.solution, z.base, sigma, total, z.fixed)
@@ -192,6 +193,12 @@ def _weighed(
     return information, *result
 
 
+def _within_limits(z: Estimate, fitted: Estimate) -> Estimate:
+    """Return the estimate of [β; η] whose β are at the limits at which the fit's are."""
+    places = np.flatnonzero(np.isin(fitted.base.independent, fitted.at_limit))
+    return z.limited(places, fitted.solution.beta[places])
+
+
 def _marginal(
     rows: Rows, information: Information, fitted: Estimate, of: FitRows, c: int
 ) -> tuple[Estimate, Triangle, np.ndarray, np.ndarray]:
@@ -207,7 +214,7 @@ def _marginal(
     prior = Triangle.of(np.eye(n + c)[n:], np.zeros(c))
     if of.white:
         total = Triangle.merge([information.total(one), prior])
-        z = estimate([total], np.zeros(n + c), one, sigma=one)
+        z = _within_limits(estimate([total], np.zeros(n + c), one, sigma=one), fitted)
         return z, total, one, _by_noise(z, [information.total(one)], one, one)
     start = np.concatenate([fitted.solution.beta, np.zeros(c)])
     floor = MATERIAL * np.maximum(term_sizes(totals, start), of.torque)
@@ -224,7 +231,7 @@ def _marginal(
     )
     for _ in range(PASSES):
         total = Triangle.merge([information.total(sigma), prior])
-        z = estimate([total], np.zeros(n + c), one, sigma=one)
+        z = _within_limits(estimate([total], np.zeros(n + c), one, sigma=one), fitted)
         noise = np.where(at_rest, sigma, _noise_of(z, totals, sigma, of.repeated(rows, z.x)))
         new = np.where(at_rest, sigma, np.maximum(noise, floor))
         new = np.where(new > 0, new, sigma)

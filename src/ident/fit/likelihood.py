@@ -336,7 +336,8 @@ class Linearization:
         problem, one = self.problem, np.ones(1)
         runs = tuple(part.eliminated(sigma) for part in self.parts)
         information = problem.with_rest_rows(stacks_information(runs, problem.motion))
-        return runs, estimate(
+        free = estimate(
             information.totals, problem.prior, one, problem.plausible, one, first.fixed,
             known=first.base.independent,
         )  # fmt: skip
+        return runs, free.limited(first.at_limit)

@@ -391,7 +391,8 @@ class Fit(Charted):
 
     def _values(self, cov: np.ndarray, logged: bool = False) -> ParameterValues:
         """Return values with a covariance, of the calibrated estimate or as they are `logged`."""
-        at = self.binding.at_bound if self.binding else ()
+        at = set(self.binding.at_bound if self.binding else ())
+        at |= {self.columns.names[place] for place in self.estimate.at_limit}
         estimate = self.estimate if logged else self.calibrated
         return ParameterValues(self.columns, estimate, cov, at)
 

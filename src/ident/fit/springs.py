@@ -62,7 +62,7 @@ def without_negative_springs(
         place = places[below[0]]
         value, error = float(estimate.x[place]), float(_jackknife(problem, estimate)[place])
         names = [*places] if "compliance" in below else below
-        by_chance = "compliance" in below and -value < CERTAIN * error
+        by_chance = -value < CERTAIN * error
         at = [places[name] for name in names]
         problem, estimate = _held_at_zero(problem, estimate, at, by_chance)
         came = f"it came out negative ({significant(value, 2)}) and is held at zero"
@@ -115,18 +115,17 @@ def held_rigid(
     point = rigid.point_at(without.x)
     names = [effect.full[name] for effect in effects for name in places_of(problem, effect)]
     point = point.with_values(dict.fromkeys(names, 0.0))
-    fixed = np.isin(problem.columns.names, names)
     again = Problem.of(problem.mechanism, rigid.motion, point)
     again = replace(again, sigma=rigid.sigma)
-    at_zero = again.estimate(sigma=without.sigma, fixed=fixed)
-    with_errors = again.estimate(sigma=without.sigma).at(at_zero.x)  # those of the shapes
+    places = np.flatnonzero(np.isin(problem.columns.names, names))
+    at_zero = again.estimate(sigma=without.sigma).limited(places)
     text = (
         f"compliance of {listed([e.joints[0] for e in effects])}: not to be seen here; with it "
         f"{listed([f'tau.{name}' for name in joints])} would be explained less well than by rigid "
         "joints, and it is held at zero"
     )
     remedy = "log a faster motion, or see what else is missing (ident diagnose)"
-    return again, with_errors, [Finding(HELD_AT_ZERO, text, remedy, tuple(names))]
+    return again, at_zero, [Finding(HELD_AT_ZERO, text, remedy, tuple(names))]
 
 
 def _jackknife(problem: Problem, estimate: Estimate) -> np.ndarray:
@@ -150,10 +149,10 @@ def _held_at_zero(
         point, _, _ = refitted(problem.mechanism, problem.motion, zero)
         again = Problem.of(problem.mechanism, problem.motion, point)
         problem = replace(again, sigma=problem.sigma)
-    at_zero = problem.estimate(sigma=estimate.sigma, fixed=fixed)
     if not by_chance:
-        return problem, at_zero
-    return problem, problem.estimate(sigma=estimate.sigma, fixed=estimate.fixed).at(at_zero.x)
+        return problem, problem.estimate(sigma=estimate.sigma, fixed=fixed)
+    free = problem.estimate(sigma=estimate.sigma, fixed=estimate.fixed)
+    return problem, free.limited(np.union1d(estimate.at_limit, places))
 
 
 def widened_springs(

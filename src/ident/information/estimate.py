@@ -12,7 +12,7 @@ give the same rank but an arbitrary choice of unknowns.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -137,11 +137,31 @@ class Estimate:
     sigma: Array  # (d,) residual of each coordinate [N m | N]
     triangle: Triangle  # of all rows, each divided by its sigma
     fixed: np.ndarray  # (k,) unknowns that the data know too badly, held at their prior
+    # places of unknowns that chance alone puts beyond a limit and that are at it: they have the
+    # standard errors that the data give them, and no later estimate takes them off
+    at_limit: Index = field(default_factory=lambda: np.zeros(0, dtype=int))
 
     @property
     def x(self) -> Array:
         """All unknowns (k,)."""
         return self.solution.x
+
+    def limited(self, places: Index, limit: ArrayLike = 0.0) -> Estimate:
+        """Return least squares with unknowns (n,) at their limit, with the covariance that they
+        have without it; of those that are not in the base nothing changes.
+        """
+        inside = np.isin(places, self.base.independent)
+        limits = np.broadcast_to(limit, np.shape(places))[inside]
+        places = np.asarray(places, dtype=int)[inside]
+        if not len(places):
+            return self
+        x, at = self.x.copy(), np.searchsorted(self.base.independent, places)
+        C = self.solution.C
+        x[self.base.independent] -= C[:, at] @ np.linalg.solve(
+            C[np.ix_(at, at)], x[places] - limits
+        )
+        x[places] = limits
+        return replace(self.at(x), at_limit=places)
 
     def at(self, x: Array) -> Estimate:
         """Return the same equations and base, with the unknowns at another x (k,)."""
