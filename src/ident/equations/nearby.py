@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.effects import Effect
-from ident.equations.terms import NEARBY, Samples
+from ident.equations.terms import CHUNK, NEARBY, Samples
 from ident.mechanism.parameters import rigid_tangents
 
 MOST_BYTES = 100_000_000  # work: of derivatives that are kept with a state
@@ -28,26 +28,33 @@ class Nearby:
 
     Attributes:
         base: the whole other state.
-        steps: (3, n, nv) from it, of q, v and a.
+        steps: (3, nv, n) from it, of q, v and a; moved: (3, nv) which are not 0 throughout.
         unmoved: joints that are where they were.
     """
 
     base: Samples
     steps: np.ndarray
+    moved: np.ndarray
     unmoved: frozenset[str]
 
     def rigid(self, part: slice, pi: np.ndarray) -> np.ndarray:
         """Return Γ π (n, nv) of some samples, π (10 · bodies,)."""
+        change = self.along(part, pi, self.steps, self.moved)
+        return np.asarray(self.base.generalised(part).rigid(pi) + change.T)
+
+    def along(
+        self, part: slice, pi: np.ndarray, steps: np.ndarray, moved: np.ndarray
+    ) -> np.ndarray:
+        """Return the change (nv, n) of Γ π along steps (3, nv, samples), of some samples."""
         base, key = self.base, ("tangents", part.start, part.stop, pi.tobytes())
         if key not in base.memo:
             e = base.e
             base.memo[key] = rigid_tangents(
                 base.mechanism.model, e.q[part], e.v[part], e.a[part], pi
             )
-        total = base.generalised(part).rigid(pi).copy()
-        for tangent, step in zip(base.memo[key], self.steps[:, part], strict=True):
-            for j in np.flatnonzero(step.any(axis=0)):
-                total += (tangent[:, j] * step[:, j]).T
+        tangents, total = base.memo[key], np.zeros(steps[0, :, part].shape)
+        for order, j in zip(*np.nonzero(moved), strict=True):
+            total += tangents[order, :, j] * steps[order, j, part]
         return total
 
     def keeps(self, effect: Effect) -> bool:
@@ -76,8 +83,61 @@ def linearized(s: Samples, base: Samples) -> Samples:
         return s
     if e.q is near.q and e.v is near.v and e.a is near.a:
         return s  # forces of rigid bodies are shared already
-    steps = np.stack([e.q - near.q, e.v - near.v, e.a - near.a])
-    changed = (e.y != near.y) | (e.yd != near.yd) | (e.ydd != near.ydd)
-    still = ~changed.any(axis=0) & (e.still == near.still)
-    joints = frozenset(joint.name for joint, x in zip(s.mechanism.joints, still, strict=True) if x)
-    return replace(s, memo={NEARBY: Nearby(base, steps, joints)})
+    steps = np.empty((3, model.nv, len(e)))
+    changed = e.still != near.still
+    for step, x, of_near in zip(steps, (e.q, e.v, e.a), (near.q, near.v, near.a), strict=True):
+        np.subtract(x.T, of_near.T, out=step)
+    moved = np.asarray(steps.any(axis=2))
+    for y, of_near in ((e.y, near.y), (e.yd, near.yd), (e.ydd, near.ydd)):
+        changed = changed | (y.T != of_near.T).any(axis=1)
+    joints = frozenset(
+        joint.name for joint, x in zip(s.mechanism.joints, changed, strict=True) if not x
+    )
+    return replace(s, memo={NEARBY: Nearby(base, steps, moved, joints)})
+
+
+def difference(one: Samples, other: Samples, base: Samples) -> np.ndarray | None:
+    """Return by how much r = b − A x (n, nv) of one state of a tree is more than that of another,
+    from what differs alone; None where all of it is to be made.
+
+    Both are `linearized` about `base`, or of its motion, and share values but of corrections.
+    """
+    near, far = _nearby(one, base), _nearby(other, base)
+    mechanism, e = one.mechanism, one.e
+    if near is None or far is None or mechanism.effects != other.mechanism.effects:
+        return None
+    corrections = {name for x in mechanism.effects if x.corrects for name in x.names}
+    both = one.point.values, other.point.values
+    differ = {
+        name for name in both[0].keys() | both[1].keys() if both[0].get(name) != both[1].get(name)
+    }
+    if differ - corrections or (one.point.pi != other.point.pi).any() or e.wrench is not None:
+        return None
+    n, out = len(e), np.zeros((len(e), mechanism.model.nv))
+    if e.tau is not other.e.tau:
+        for sign, s in ((1, one), (-1, other)):
+            out += sign * s.generalised(slice(None)).measured(mechanism.driven)
+    steps, moved = near.steps - far.steps, near.moved | far.moved
+    for start in range(0, n if moved.any() else 0, CHUNK):
+        part = slice(start, min(start + CHUNK, n))
+        out[part] -= near.along(part, one.point.pi, steps, moved).T
+        for effect in mechanism.effects:
+            c, shape = one.point.of(effect)
+            known = effect.unknowns and len(shape) == len(effect.shapes) and c.any()
+            if known and not (near.keeps(effect) and far.keeps(effect)):
+                for sign, s in ((-1, one), (1, other)):
+                    s.generalised(part).add_effect(out[part], effect, sign * c, shape)
+    return out
+
+
+def _nearby(s: Samples, base: Samples) -> Nearby | None:
+    """Return what a state of a tree shares with another one, None where that is nothing."""
+    near, e = s.memo.get(NEARBY), base.e
+    if len(s.mechanism.closures):
+        return None
+    if near is not None:
+        return near if near.base is base else None
+    if not s.same_motion(base) or s.e.yd is not e.yd or (s.e.still != e.still).any():
+        return None
+    nv, joints = base.mechanism.model.nv, (joint.name for joint in s.mechanism.joints)
+    return Nearby(base, np.zeros((3, nv, len(e))), np.zeros((3, nv), bool), frozenset(joints))

@@ -29,6 +29,7 @@ from ident.effects import Correction, Effect
 from ident.equations.filter import CHUNK, STANDING, STICKING, Decimator, filtered_windows
 from ident.equations.nearby import linearized
 from ident.equations.terms import (
+    NODES,
     RIGID,
     Samples,
     Terms,
@@ -122,9 +123,10 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
                 break
             known += change
             e = _with_motors(mechanism, motors.at(mechanism, known), motors, corrections)
+    memo = _memo(base, mechanism, e)
     for _, what in corrections:
         for name, d in what.late.items() if len(e) > 1 else ():
-            now = Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
+            now = Samples(mechanism, e, slice(None), base.point, memo)
             torque, before = (s.predicted((name,))[0][:, 0] for s in (now, _earlier(now, base, d)))
             tau = e.tau.copy()
             tau[:, mechanism.driven.index(name)] += torque - before
@@ -133,6 +135,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             f = 1 + what.clock
             e = replace(e, v=e.v / f, yd=e.yd / f, still=e.still / f)
             e = replace(e, a=e.a / f**2, ydd=e.ydd / f**2)
+            memo = {}
         for name, C in what.gap.items():  # q + K⁺ [C λ; 0], exact to first order in C
             forces = mechanism.kinematics.forces_of(name)
             gap = C * base.multipliers()[:, forces]
@@ -140,7 +143,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             transmits = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
             q = integrate(mechanism.model, e.q, transmits[0])
             closed = e.at(mechanism, motion=(q, e.v + transmits[1], e.a + transmits[2]))
-            e = _with_motors(mechanism, closed, e, corrections)
+            e, memo = _with_motors(mechanism, closed, e, corrections), {}
     if e is base.e and mechanism is base.mechanism:
         return base
     return Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
@@ -610,6 +613,7 @@ def smooth_step(scene: Scene, cutoff: float | None) -> int:
 
     step = agreeing_step(decimator, e.rate, cutoff, e.segments(), quick, all_rows, tolerance)
     e.store.put(key, model, [np.array([step])])
+    e.store.put(NODES, model, [np.array([step, tolerance])])
     return step
 
 

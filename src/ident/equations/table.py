@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.effects import Effect, Signals
 from ident.equations.filter import Decimator, Product, multiplied, products
-from ident.equations.nearby import linearized
+from ident.equations.nearby import difference, linearized
 from ident.equations.rows import Rows, Scene, corrected, perturbed, residual, rows
 from ident.equations.terms import Samples
 from ident.equations.thinning import SplineProduct, multiplied_splines, spline_products
@@ -192,8 +192,12 @@ class Table(Rows):
         """Return a smooth series of an experiment's `thin` samples, in its rows (N_e, d)."""
         bare, t = self.thin[number], self.scenes[number].e.t
         if len(S) != len(t) and self.every == 1 and len(S) >= FEWEST:
-            terms = np.stack(coefficients(bare.e.t, S))
-            return multiplied_splines(self._splines[number], terms)
+            felt = np.flatnonzero(S.any(axis=0))
+            out = np.zeros((int((self.experiment == number).sum()), S.shape[1]))
+            if len(felt):
+                terms = np.stack(coefficients(bare.e.t, S[:, felt]))
+                out[:, felt] = multiplied_splines(self._splines[number], terms)
+            return out
         if len(S) != len(t):
             S = cubic(bare.e.t, S, t)
         return self.filtered(number, S[self.samples[number].part])
@@ -238,8 +242,10 @@ class Table(Rows):
                     for value in values
                 )  # fmt: skip
             base = self.thin[number]
-            S = (residual(linearized(at, base)) - residual(linearized(shifted, base))) / h
-            series.append(self._in_rows(number, S))
+            at, shifted = linearized(at, base), linearized(shifted, base)
+            change = difference(at, shifted, base)
+            change = residual(at) - residual(shifted) if change is None else change
+            series.append(self._in_rows(number, change / h))
         return np.concatenate(series) * self.scale
 
     @cached_property

@@ -23,8 +23,10 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from ident.effects import Effect, Signals
+from ident.equations.thinning import interpolated
 from ident.equations.unknowns import Columns, Point
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import regressor, rigid_forces
@@ -38,6 +40,7 @@ GAMMA_BYTES = 48_000_000
 CHUNK = 4096  # work: samples whose regressor is in memory at once
 UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
+NODES, SERIES = "nodes of rows", "nodes of series"  # in a state's store: their distance
 NEARBY = "nearby"  # in a memo: what the state shares with the one beside it (`equations.nearby`)
 
 
@@ -98,6 +101,8 @@ class Samples:
         if not isinstance(part, slice):
             return self.reduce(rigid_forces(model, e.q[part], e.v[part], e.a[part], pi))
         made, key = self.memo.setdefault(RIGID, {}), (part.start, part.stop, pi.tobytes())
+        if key not in made and (series := self._rigid_series(pi)) is not None:
+            return self.reduce(series[part])
         if key not in made:
             nearby = self.memo.get(NEARBY)
             made[key] = (
@@ -106,6 +111,20 @@ class Samples:
                 else nearby.rigid(part, pi)
             )
         return self.reduce(made[key])
+
+    def _rigid_series(self, pi: np.ndarray) -> np.ndarray | None:
+        """Γ π (n, nv) of the whole state from nodes, where the motion is that smooth; else None."""
+        e, model, made = self.e, self.mechanism.model, self.memo[RIGID]
+        key = "series", pi.tobytes()
+        if key not in made:
+            step = _series_step(e, model)
+
+            def make(at: np.ndarray) -> np.ndarray:
+                return rigid_forces(model, e.q[at], e.v[at], e.a[at], pi)
+
+            made[key] = None if step == 1 else _from_nodes(e, step, make)
+        stored: np.ndarray | None = made[key]
+        return stored
 
     @cached_property
     def wrench(self) -> np.ndarray | None:
@@ -256,15 +275,14 @@ class Samples:
                 self.add_torque(total, name, self.e.tau[self.part, i])
         return total
 
-    def parts(self, explicit: bool = False) -> dict[str, np.ndarray]:
+    def parts(self) -> dict[str, np.ndarray]:
         """Forces (n, r) of the model at the point, by name: rigid bodies, each effect's label, and
-        less the wrenches; `explicit`: without effects that depend on its own prediction.
+        less the wrenches.
         """
         forces = {RIGID: self.rigid(self.point.pi)}
         for effect in self.mechanism.effects:
             c, shape = self.point.of(effect)
-            known = effect.unknowns and len(shape) == len(effect.shapes)
-            if known and not (explicit and effect.implicit):
+            if effect.unknowns and len(shape) == len(effect.shapes):
                 forces[effect.label] = self.force_of(effect, c, shape)
         if self.wrench is not None:
             forces[WRENCHES] = -self.wrench
@@ -274,18 +292,11 @@ class Samples:
 
     def forces(self) -> tuple[np.ndarray, np.ndarray]:
         """Generalised forces (n, nv): bodies with their loads, less wrenches; explicit effects."""
-        key = ("forces",)
+        key = ("explicit effects",)
         if key not in self.memo:
-            n = len(self.e)
-            loads = (effect.label for effect in self.mechanism.effects if effect.loaded_link)
-            bodies, sums = {RIGID, WRENCHES, *loads}, np.zeros((2, n, self.mechanism.model.nv))
-            for start in range(0, n, CHUNK):
-                part = slice(start, min(start + CHUNK, n))
-                for name, force in self.generalised(part).parts(explicit=True).items():
-                    sums[0 if name in bodies else 1, part] += force
-            self.memo[key] = sums
-        rigid, others = self.memo[key]
-        return rigid[self.part], others[self.part]
+            effects = [x for x in self.mechanism.effects if not (x.implicit or x.loaded_link)]
+            self.memo[key] = self._summed(effects)
+        return self._bodies()[self.part], self.memo[key][self.part]
 
     def multipliers(self) -> np.ndarray:
         """λ = −(K⁺ᵀ f)_λ (n, m) [N | N m], f less the torques of drives that are not in u."""
@@ -304,9 +315,51 @@ class Samples:
         load  f_j = Γ_j π − f_e, π with loads on links       torque  τ̂_j = f_j + Σ E_j c of other
         effects that are explicit; in a closure's own joint both are |λ|, the size of its force.
         """
-        e, pinv = self.e, None if self.e.loop is None else self.e.pinv[self.part]
+        e = self.e
+        if e.loop is None:  # of a tree: each joint's own row
+            at = [self.mechanism.joint(name).index for name in joints]
+            load = self._bodies()[self.part][:, at]
+            return load + self._effects_on(joints)[self.part], load
         both = *self.forces(), self.surplus()
+        pinv = e.pinv[self.part]
         return joint_loads(self.mechanism, joints, e.independent, pinv, *both, e.tau[self.part])
+
+    def _bodies(self) -> np.ndarray:
+        """Forces (n, nv) of the whole state's bodies with their loads, less wrenches."""
+        key = ("bodies",)
+        if key not in self.memo:
+            loads = [x for x in self.mechanism.effects if x.loaded_link and not x.implicit]
+            self.memo[key] = self._summed(loads, bodies=True)
+        return np.asarray(self.memo[key])
+
+    def _effects_on(self, joints: tuple[str, ...]) -> np.ndarray:
+        """Forces (n, joints) of the whole state's other explicit effects, in rows of a tree."""
+        key = "effects on", joints
+        if key not in self.memo:
+            effects = [
+                x
+                for x in self.mechanism.effects
+                if not (x.implicit or x.loaded_link or (x.local and not {*x.joints} & {*joints}))
+            ]
+            at = [self.mechanism.joint(name).index for name in joints]
+            self.memo[key] = self._summed(effects)[:, at]
+        return np.asarray(self.memo[key])
+
+    def _summed(self, effects: Sequence[Effect], bodies: bool = False) -> np.ndarray:
+        """Generalised forces (n, nv) of some effects, and bodies, in the whole state."""
+        n = len(self.e)
+        total = np.zeros((n, self.mechanism.model.nv))
+        for start in range(0, n, CHUNK):
+            s = self.generalised(slice(start, min(start + CHUNK, n)))
+            if bodies:
+                total[s.part] += s.rigid(self.point.pi)
+            for effect in effects:
+                c, shape = self.point.of(effect)
+                if effect.unknowns and len(shape) == len(effect.shapes):
+                    total[s.part] += s.force_of(effect, c, shape)
+            if bodies and s.wrench is not None:
+                total[s.part] -= s.wrench
+        return total
 
     def load_slopes(self, joints: tuple[str, ...]) -> np.ndarray:
         """(3, n, joints) slopes of the torque of the bodies along q, v and a of each joint alone,
@@ -341,6 +394,34 @@ class Samples:
                 rise = rigid_forces(model, *state, pi) - now
                 slopes[k, :, i] = np.einsum("ni,ni->n", Z, rise) / (1.0 if k == 2 else SLIGHTLY)
         return slopes
+
+
+def _from_nodes(e: State, step: int, make: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Return a series (n, c) of a state, which `make` gives at some samples, from one in `step`."""
+    runs, rest = e.segments(), np.flatnonzero(~e.usable)
+    pieces = [interpolated(make, run, step) for run in runs]
+    out = np.empty((pieces[0].shape[1], len(e))).T
+    for run, piece in zip(runs, pieces, strict=True):
+        out[run] = piece
+    if len(rest):
+        out[rest] = make(rest)
+    return out
+
+
+def _series_step(e: State, model: pin.Model) -> int:
+    """Return the distance of nodes from which series of a state are made at all samples: that of
+    its rows, if the accelerations, the roughest of the motion, show no difference; else 1.
+    """
+    if (stored := e.store.get(SERIES, model)) is not None:
+        return int(stored[0][0])
+    of_rows, step = e.store.get(NODES, model), 1
+    if of_rows is not None and of_rows[0][0] > 1 and e.usable.any():
+        step, tolerance = int(of_rows[0][0]), of_rows[0][1]
+        off = np.abs(_from_nodes(e, step, lambda at: e.a[at]) - e.a)
+        size = np.sqrt((e.a**2).mean(axis=0))
+        step = step if (off.max(axis=0) <= tolerance * size).all() else 1
+        e.store.put(SERIES, model, [np.array([step])])
+    return step
 
 
 def joint_loads(

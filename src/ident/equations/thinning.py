@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ident.equations.filter import Decimator, Product, multiplied, products
 from ident.information.linear import Array, Index
@@ -129,6 +130,32 @@ def _weights(nodes: Index, samples: Index, decimator: Decimator) -> tuple[int, A
         ell = (off[:, others] / (about[:, i : i + 1] - about[:, others])).prod(axis=1)
         w += np.bincount(cell - low + i, taps_of(decimator) * ell, size)
     return low, w
+
+
+def interpolated(make: Callable[[Index], Array], run: slice, step: int) -> Array:
+    """Return a smooth series (n, c) at all samples of a run, from those at nodes and at the ends;
+    `make` gives it at some samples.
+    """
+    length, width = run.stop - run.start, 2 * SIDE
+    nodes = np.arange(0, length, step)
+    cells, first = len(nodes) - width + 1, (SIDE - 1) * step
+    if step == 1 or cells < 1:
+        return make(run.start + np.arange(length))
+    stop = first + cells * step
+    ends = np.concatenate([np.arange(first), np.arange(stop, length)])
+    x = make(run.start + np.concatenate([nodes, ends]))
+    about, off = np.arange(width) - (SIDE - 1), np.arange(step)[:, None] / step
+    w = np.stack(
+        [
+            ((off - np.delete(about, i)) / (about[i] - np.delete(about, i))).prod(axis=1)
+            for i in range(width)
+        ]
+    )  # (width, step)
+    out = np.empty((x.shape[1], length))
+    for series, of_nodes in zip(out, x[: len(nodes)].T.copy(), strict=True):
+        series[first:stop] = (sliding_window_view(of_nodes, width) @ w).ravel()
+    out[:, ends] = x[len(nodes) :].T
+    return out.T
 
 
 # --- rows of cubic splines -----------------------------------------------------------------------

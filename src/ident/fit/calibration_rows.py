@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ident.equations.filter import Decimator
+from ident.equations.filter import Decimator, multiplied, products
 from ident.equations.motion_noise import LinearRun, rows_cutoff
 from ident.equations.problem import Problem, block_edges, stacks_information, triangles
 from ident.equations.rows import Rows, Scene
@@ -199,7 +199,7 @@ class ReducedRows(FitRows):
         for number, scene in enumerate(table.scenes):
             e, at = scene.e, table.sample[table.experiment == number]
             samples = replace(scene.samples.reduced(slice(None)), point=point)
-            squares = np.zeros((len(e), table.b.shape[1]))
+            squares = np.zeros((len(e), table.b.shape[1]))  # of a step from one to the next
             for effect in table.mechanism.effects:
                 places = (f"{channel}.{name}" for name in effect.joints for channel in ("q", "tau"))
                 spread = e.rate * math.hypot(*(lateness.get(place, 0.0) for place in places))
@@ -209,9 +209,8 @@ class ReducedRows(FitRows):
                 samples.add_effect(torque, effect, *point.of(effect))
                 squares[1:] += _of_a_share(spread) * np.diff(torque, axis=0) ** 2
             taps = Decimator.of(self.problem.motion.band.cutoff, e.rate).taps
-            if taps is not None:
-                squares = np.stack([np.convolve(x, taps**2, "same") for x in squares.T], axis=1)
-            variance[table.experiment == number] = squares[at]
+            rows = squares[at] if taps is None else multiplied(products(taps**2, at), squares)
+            variance[table.experiment == number] = rows
         return variance * table.scale**2
 
     def noise(self, scatter: np.ndarray, white: np.ndarray, now: Estimate) -> np.ndarray:

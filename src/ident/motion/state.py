@@ -128,13 +128,15 @@ class State:
     def at_samples(self, index: slice | np.ndarray) -> State:
         """Some samples only."""
         arrays = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        cut: dict[str, Any] = {
-            name: x[index]
+        series = {
+            name: x
             for name, x in arrays.items()
             if name not in ("still", "rest")
             and isinstance(x, np.ndarray)
             and len(x) == len(self)  # completed
         }
+        distinct = {id(x): x[index] for x in series.values()}  # q is y, in a tree
+        cut: dict[str, Any] = {name: distinct[id(x)] for name, x in series.items()}
         cut["extra"] = {name: x[index] for name, x in self.extra.items()}
         loop = None if self.loop is None else (self.loop[0][index], self.loop[1][index])
         return replace(self, **cut, loop=loop)
@@ -238,6 +240,8 @@ class State:
         """Return q, v and a (3, n, d) of joints' links less those of their motors, which are y."""
         swing = np.zeros((3, len(self), len(names)))
         if not self.q.shape[:1] == self.y.shape[:1] == (len(self),):  # not completed yet
+            return swing
+        if self.q is self.y and self.v is self.yd and self.a is self.ydd:
             return swing
         for i, joint in enumerate(mechanism.joint(name) for name in names):
             if joint.in_tree:
