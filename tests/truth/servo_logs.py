@@ -38,21 +38,22 @@ class Servos:
 
 def servo_log(
     truth=Servos(), seed=0, seconds=20.0, rate=200.0, bits=14, off=None, held=(), top=1.6,
-    sensed=(), twisted=False,
+    sensed=(), twisted=False, straight=False, step=STEP,
 ):  # fmt: skip
     """Columns of a log; `off`: a stretch of time [s] in which the drives have no torque; `held`:
     places of joints whose command stays; `top`: highest frequency of the commands [Hz]; `sensed`:
-    joints whose motors have a torque sensor; `twisted`: whether the twist of links is a column.
+    joints whose motors have a torque sensor; `twisted`: whether the twist of links is a column;
+    `straight`: whether commands go straight on between samples, or are held; `step` [s] of MuJoCo.
     """
     random = np.random.default_rng(seed)
-    model = model_of(truth)
+    model = model_of(truth, step)
     names = [model.joint(j).name for j in range(model.njnt)]
     motors = [j for j, name in enumerate(names) if not name.endswith(TWIST)]
     n, names = len(motors), [names[j] for j in motors]
     loaded = [(motors[names.index(joint)], mu) for joint, mu in truth.loaded.items()]
     data, kp, kd = mujoco.MjData(model), np.array(truth.kp), np.array(truth.kd)
-    t, hold = np.arange(seconds * rate) / rate, round(1 / rate / STEP)
-    late = np.array([round((truth.delay + truth.later.get(name, 0.0)) / STEP) for name in names])
+    t, hold = np.arange(seconds * rate) / rate, round(1 / rate / step)
+    late = np.array([round((truth.delay + truth.later.get(name, 0.0)) / step) for name in names])
     f, phase = random.uniform(0.15, top, (n, 4)), random.uniform(0, 2 * np.pi, (n, 4))
     size = random.uniform(0.1, 0.3, (n, 4)) / np.sqrt(1 + f) / np.maximum(1, f / 1.6)
     size[list(held)] = 0.0
@@ -63,12 +64,16 @@ def servo_log(
     twists = [j for j in range(model.njnt) if j not in motors]
     twist = np.empty((len(t), len(twists)))
     data.qpos[motors] = ref[0]
-    for _ in range(round(SETTLING / STEP) if twists else 0):
+    for _ in range(round(SETTLING / step) if twists else 0):
         data.qfrc_applied[motors] = kp * (ref[0] - data.qpos[motors]) - kd * data.qvel[motors]
         mujoco.mj_step(model, data)
     load = np.zeros(model.nv)
     for i in range(len(t) * hold):
-        command = ref[np.maximum(0, (i - late) // hold), np.arange(n)]
+        since, part = np.divmod(np.maximum(0, i - late), hold)
+        command = ref[since, np.arange(n)]
+        if straight:
+            after = ref[np.minimum(since + 1, len(ref) - 1), np.arange(n)]
+            command = command + part / hold * (after - command)
         torque = kp * (command - data.qpos[motors]) - kd * data.qvel[motors]
         if i % hold == 0:
             twist[i // hold] = data.qpos[twists]
@@ -89,10 +94,10 @@ def servo_log(
     return columns | ({f"on.{name}": on for name in names} if off else {})
 
 
-def model_of(truth):
+def model_of(truth, step=STEP):
     """The arm, with a hinge for the link of each joint that has a spring or play."""
     spec = mujoco.MjSpec.from_file(str(URDF))
-    spec.option.timestep, spec.option.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.timestep, spec.option.integrator = step, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     for joint, Ia in zip(list(spec.joints), truth.Ia, strict=True):
         joint.armature = Ia
         if joint.name not in {*truth.springs, *truth.plays}:
@@ -108,7 +113,7 @@ def model_of(truth):
     place = 0
     for j in range(model.njnt):
         name = model.joint(j).name
-        model.dof_solref[j] = 2 * STEP, 1.0
+        model.dof_solref[j] = 2 * step, 1.0
         if name.endswith(TWIST):
             joint = name.removesuffix(TWIST)
             if joint in truth.springs:
@@ -116,7 +121,7 @@ def model_of(truth):
             else:
                 half = truth.plays[joint] / 2
                 model.jnt_limited[j], model.jnt_range[j] = 1, (-half, half)
-                model.jnt_solref[j], model.jnt_solimp[j, :2] = (2 * STEP, 1.0), (0.99, 0.999)
+                model.jnt_solref[j], model.jnt_solimp[j, :2] = (2 * step, 1.0), (0.99, 0.999)
             continue
         model.dof_damping[j], model.dof_frictionloss[j] = truth.Fv[place], truth.Fc[place]
         place += 1

@@ -5,8 +5,8 @@ import pytest
 
 import ident
 from helpers import ROBOTS
+from ident.effects.command import held_samples, linear_samples
 from ident.errors import MotionError
-from ident.motion.commands import held_samples, linear_samples
 
 pl = pytest.importorskip("polars")
 ARM = ROBOTS / "servo_arm"

@@ -34,7 +34,7 @@ def log():
 def test_a_column_called_hold_moves_no_command(mechanism, log):
     (e,) = ident.complete(mechanism, log.with_columns(hold=pl.lit(1.0))).experiments
     assert np.all(e.extra["hold"] == 1.0)
-    assert e.extra[HOLD] == pytest.approx(0.005)
+    assert e.extra[HOLD + "yaw"] == pytest.approx(0.005)
 
 
 @pytest.fixture(scope="module")

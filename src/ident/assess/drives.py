@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from ident.effects import Effect
+from ident.effects.command import held_samples, linear_samples
+from ident.effects.servo import Drive
 from ident.errors import FitError
 from ident.fit import Fit
 from ident.fit.drives import with_sensors_first
@@ -23,7 +25,7 @@ from ident.fit.shapes import NoScale
 from ident.fit.values import absorbed_by
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
-from ident.motion.commands import ON_ABOVE, held_samples, linear_samples
+from ident.motion.commands import ON_ABOVE
 from ident.text import listed, percent, shortlist, significant
 
 INSEPARABLE = 0.98  # level: correlation of two estimates: each is five times as uncertain
@@ -183,12 +185,14 @@ def _command(drive: Effect, motion: Motion) -> str:
     name, column = drive.joints[0], drive.reads()[0]
     for e in motion.experiments[:1]:
         x, ms = e.extra[column], 1e3 / e.rate if e.rate else 0.0
+        straight = isinstance(drive, Drive) and drive.goes_straight(e.extra)
+        between = "straight on between them" if straight else "held between them"
         if (n := held_samples(x)) > 1:
             words.append(f"{column} constant for {n} samples ({n * ms:.3g} ms)")
         elif (n := linear_samples(x)) > 1:
-            words.append(f"{column} straight for {n} samples ({n * ms:.3g} ms)")
+            words.append(f"{column} straight for {n} samples ({n * ms:.3g} ms), {between}")
         else:
-            words.append(f"{column} new in each sample, held between them")
+            words.append(f"{column} new in each sample, {between}")
     off = [float((e.extra[f"on.{name}"] < ON_ABOVE).mean())
            for e in motion.experiments if f"on.{name}" in e.extra]  # fmt: skip
     if off and max(off) > 0:

@@ -21,6 +21,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ident.effects.command import late_command, linear_samples
 from ident.effects.drive import KHALIL
 from ident.effects.effect import NOWHERE, Bounds, Correcting, Correction, Shape, Signals, Unknown
 from ident.information import linear
@@ -31,8 +32,10 @@ SCALE_RANGE = 30.0  # range: times above and below its start that a drive's scal
 
 
 PREFIX = "command_delay."
-# column that is made, not logged: for how long [s] a command is held, one sample of the log
-HOLD = "(time that a command is held)"
+# begins a column that is made, not logged: for how long [s] a joint's command is held, 0 if it
+# goes straight on between samples, AS_IT_ACTS if the samples are what acts
+HOLD = "(time that a command is held) "
+AS_IT_ACTS = -1.0  # numerics
 
 
 class CommandDelay(Correcting):
@@ -66,23 +69,39 @@ class Drive(Correcting):
     implicit = True
     supplies_torque: ClassVar[bool] = True
     commands: ClassVar[tuple[str, ...]] = ()  # columns of the joint that it must have
-    settings: ClassVar[Mapping[str, float]] = {"limit": np.inf, "delay": 0.0}
+    late: ClassVar[tuple[str, ...]] = ()  # and of those that it may read, which act late
+    settings: ClassVar[Mapping[str, float]] = {
+        "limit": np.inf, "delay": 0.0, "linear": 0.0,
+    }  # fmt: skip
 
     def reads(self) -> tuple[str, ...]:
         return tuple(f"{command}.{self.joints[0]}" for command in self.commands)
 
     def command(self, s: Signals, name: str) -> np.ndarray | None:
-        """Return a command (n,) of the joint as its drive has it: late, straight between samples.
+        """Return a command (n,) of the joint as its drive has it: late, and held between samples.
 
-        One that is held from a sample to the next is on average half a sample late, which is what
-        is taken of the hold: filtered rows and motions of a machine show no more of its steps.
+        What filtered rows show of a command that is held; of one that was not completed yet, a
+        line half a sample late.
         """
         x = s.extra.get(f"{name}.{self.joints[0]}")
         if x is None or len(s.t) < 2:
             return x
-        hold = s.extra.get(HOLD)  # of the log: signals may have fewer samples than it
-        step = float(s.t[1] - s.t[0] if hold is None else hold[0])
-        return np.interp(s.t - self.delay(s) - 0.5 * step, s.t, x)
+        hold = s.extra.get(HOLD + self.joints[0])  # of the log: signals may have fewer samples
+        if hold is None:
+            return np.interp(s.t - self.delay(s) - 0.5 * (s.t[1] - s.t[0]), s.t, x)
+        if hold[0] == AS_IT_ACTS:
+            return x
+        return late_command(s.t, x, self.delay(s), float(hold[0]))
+
+    def goes_straight(self, columns: Mapping[str, np.ndarray]) -> bool:
+        """Whether the command goes straight on between samples: as stated, or as it does over
+        several samples of a log with these columns.
+        """
+        stated = self.values.get("linear")
+        commands = (columns.get(name) for name in self.reads())
+        if stated is None:
+            return any(x is not None and linear_samples(x) > 1 for x in commands)
+        return stated > 0.5
 
     def delay(self, s: Signals) -> float:
         """Return the time [s] by which the drive is late: its own, and that of its bus."""
@@ -181,8 +200,9 @@ class Servo(Drive):
     kind = "servo"
     noun = "servo drive"
     commands = ("ref",)
+    late = ("ref", "dref", "feedforward")
     scale = "kp"
-    settings: ClassVar = {"limit": np.inf, "delay": 0.0, "follows_velocity": 0.0}
+    settings: ClassVar = {**Drive.settings, "follows_velocity": 0.0}
     shapes = (
         Unknown("kp", ("N m/rad", "N/m"), "stiffness of the servo", True),
         Unknown("kd", ("N m s/rad", "N s/m"), "its damping, on q̇", True),
@@ -214,6 +234,7 @@ class MotorCurrent(Drive):
     kind = "motor_current"
     noun = "motor constant"
     commands = ("current",)
+    late = ("current",)
     scale = "kt"
     shapes = (Unknown("kt", ("N m/A", "N/A"), "torque constant at the joint", True),)
     equation = "τ = kt current"
@@ -221,6 +242,9 @@ class MotorCurrent(Drive):
     confused_with = ("all inertias and frictions at once, where no body is known",)
     remedy = "log once more with a known mass"
     source = KHALIL
+
+    def goes_straight(self, columns: Mapping[str, np.ndarray]) -> bool:
+        return True  # it is measured
 
     def error(self, s: Signals) -> np.ndarray:
         return s.extra[f"current.{self.joints[0]}"]
@@ -235,6 +259,7 @@ class MotorVoltage(Drive):
     kind = "motor_voltage"
     noun = "motor driven by volts"
     commands = ("voltage",)
+    late = ("voltage",)
     scale = "gain"
     shapes = (
         Unknown("gain", ("N m/V", "N/V"), "torque a volt, at standstill", True),
@@ -261,6 +286,7 @@ class MotorDuty(MotorVoltage):
     kind = "motor_duty"
     noun = "motor driven by a duty cycle"
     commands = ("duty",)
+    late: ClassVar[tuple[str, ...]] = ("duty", "supply")
     shapes = (
         Unknown("gain", ("N m", "N"), "torque at full duty, a volt where supply is logged", True),
         Unknown("kb", ("N m s/rad", "N s/m"), "torque that the back-EMF takes, a speed", True),

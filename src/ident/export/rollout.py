@@ -18,6 +18,7 @@ import numpy as np
 from lxml import etree
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
+from ident.effects.servo import HOLD
 from ident.equations.rows import Scene
 from ident.equations.unknowns import NOTHING
 from ident.errors import IdentError, MotionError, one_of
@@ -231,7 +232,8 @@ def _control(model: mujoco.MjModel, machine: Machine, e: State) -> Any:
                 raise MotionError(
                     f"{e.name}: has no column '{name}', which the drive of '{joint}' follows"
                 )
-            series.append(_held(e.t, e.extra[name]))
+            straight = not e.extra.get(HOLD + joint, np.ones(1))[0]
+            series.append((_straight if straight else _held)(e.t, e.extra[name]))
         elif joint in mechanism.driven:
             series.append(CubicSpline(e.t, e.tau[:, mechanism.driven.index(joint)]))
         else:
@@ -242,3 +244,8 @@ def _control(model: mujoco.MjModel, machine: Machine, e: State) -> Any:
 def _held(t: np.ndarray, x: np.ndarray) -> Any:
     """Return a command that stays until its next sample."""
     return lambda now: x[np.clip(np.searchsorted(t, now + 1e-9, side="right") - 1, 0, len(x) - 1)]
+
+
+def _straight(t: np.ndarray, x: np.ndarray) -> Any:
+    """Return a command that goes straight on between samples."""
+    return lambda now: np.interp(now, t, x)

@@ -7,6 +7,7 @@
     kd = 1.5                 # N m s/rad on q̇; follows = "velocity": on dref − q̇
     delay = 0.004            # s
     limit = 23.7             # N m
+    hold = "constant"        # of the command between samples, or "linear"; else as the log shows
 
 A drive is an effect that supplies the torque of its joint (`ident.effects.servo`): a position
 servo, a motor whose current is logged (`kt`), or one that is driven by volts (`gain`, `kb`).
@@ -22,10 +23,10 @@ from ident.errors import one_of
 from ident.files import TomlTable
 
 KEYS = {  # of a drive's kind, in mechanism.toml and --drive
-    "servo": ("kp", "kd", "delay", "limit", "follows"),
+    "servo": ("kp", "kd", "delay", "limit", "hold", "follows"),
     "motor_current": ("kt", "limit"),
-    "motor_voltage": ("gain", "kb", "delay", "limit"),
-    "motor_duty": ("gain", "kb", "delay", "limit"),
+    "motor_voltage": ("gain", "kb", "delay", "limit", "hold"),
+    "motor_duty": ("gain", "kb", "delay", "limit", "hold"),
 }
 SOURCES = {
     "servo": "servo",
@@ -33,6 +34,7 @@ SOURCES = {
     "voltage": "motor_voltage",
     "duty": "motor_duty",
 }
+HOLDS = ("constant", "linear")  # of a command between its samples
 POSITIVE = ("kp", "kt", "gain", "limit")  # that must be above zero
 
 
@@ -71,7 +73,7 @@ def drive_of(joint: str, table: TomlTable) -> Effect:
         gains = {kind: {*keys[:2]} - {"limit"} for kind, keys in KEYS.items()}
         kind = next((kind for kind, keys in gains.items() if keys & {*data}), "servo")
     table.check("source", *KEYS[kind])
-    values = {key: table.number(key) for key in data if key not in ("source", "follows")}
+    values = {key: table.number(key) for key in data if key not in ("source", "follows", "hold")}
     for key, value in values.items():
         if value < 0 or (key in POSITIVE and value == 0):
             valid = "a number above 0" if key in POSITIVE else "a number of 0 or more"
@@ -81,6 +83,11 @@ def drive_of(joint: str, table: TomlTable) -> Effect:
         if word not in ("position", "velocity"):
             raise table.error(f"follows = '{word}'; {one_of(word, ('position', 'velocity'))}")
         values["follows_velocity"] = float(word == "velocity")
+    if "hold" in data:
+        word = table.text("hold")
+        if word not in HOLDS:
+            raise table.error(f"hold = '{word}'; {one_of(word, HOLDS)}")
+        values["linear"] = float(word == "linear")
     return create(kind, joint, values)
 
 

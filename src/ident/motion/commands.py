@@ -30,7 +30,6 @@ ON_ABOVE = 0.5  # range: `on.` below it is off
 # held by its drive, one that goes farther has another command
 STANDS = 0.2
 SERVO_COLUMNS = ("ref", "dref", "feedforward", "kp", "on")  # of a joint
-HOLD_FROM = 1.5  # range: samples from which a command is held between its changes
 
 
 def check_commands(
@@ -261,22 +260,3 @@ def servo_cutoff(mechanism: Mechanism, experiments: Sequence[State]) -> float | 
             return None
         bands.append(float(np.sqrt(largest / share)) / (2 * np.pi))
     return max(bands)
-
-
-def held_samples(x: np.ndarray) -> int:
-    """Return for how many samples a command (n,) is held between its changes, 1 if for none."""
-    changes = np.flatnonzero(np.diff(x))
-    if len(changes) < 3:
-        return 1
-    usual = float(np.median(np.diff(changes)))
-    return round(usual) if usual > HOLD_FROM else 1
-
-
-def linear_samples(x: np.ndarray) -> int:
-    """Return over how many samples a command (n,) goes straight on between its bends, 1 if none."""
-    bend = np.abs(np.diff(x, 2))
-    bends = np.flatnonzero(bend > 1e-9 * max(float(np.ptp(x)), 1e-300))
-    if len(bends) < 3 or held_samples(x) > 1:
-        return 1
-    usual = float(np.median(np.diff(bends)))
-    return round(usual) if usual > HOLD_FROM else 1

@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.effects import Effect, Signals
 from ident.effects.effect import SAMPLED
-from ident.effects.servo import HOLD
+from ident.effects.servo import HOLD, Drive
 from ident.errors import MotionError, one_of
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
@@ -233,8 +233,13 @@ def measure(
     }
     columns |= {f"tau.{name}": x for name, x in supplied.items()}
     if mechanism.drives:
-        columns[HOLD] = np.full(len(log.t), float(np.median(np.diff(log.t))))
-        columns |= {SAMPLED + name: columns[HOLD] for name in supplied}
+        step = np.full(len(log.t), float(np.median(np.diff(log.t))))
+        columns |= {SAMPLED + name: step for name in supplied}
+        columns |= {
+            HOLD + name: 0.0 * step if drive.goes_straight(columns) else step
+            for name, drive in mechanism.drives.items()
+            if isinstance(drive, Drive)
+        }
     limits = torque_limits(columns) if limits is None else limits
     notes += _without_limits(columns, limits)
     log = replace(log, columns=columns)

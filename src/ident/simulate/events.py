@@ -58,6 +58,7 @@ class Integration:
     longest: float = np.inf  # a step may be [s]
     knots: np.ndarray | None = None  # times at which steps end, where an input is not smooth [s]
     near: np.ndarray | None = None  # (J,) coordinates from which whole turns are counted
+    jumps: np.ndarray | None = None  # times [s] from which an input has another value
 
     def __post_init__(self) -> None:
         self.plant = self.dynamics.plant
@@ -71,6 +72,10 @@ class Integration:
         self.evaluations = 0  # of the right side
         self.modes = np.zeros(len(self.names), dtype=int)
         self._most = 0.0
+        self._ends = np.unique(
+            np.concatenate([x for x in (self.knots, self.jumps, np.zeros(0)) if x is not None])
+        )
+        self._jump = np.inf  # [s] the next one: within a step inputs are those before it
         # speeds and accelerations (dry,) of the last evaluation, and whether stuck joints hold
         self._rates = np.empty(0), np.empty(0), True
 
@@ -100,7 +105,8 @@ class Integration:
                     self._sample(at, self._projected(at, states(at)) if at < t else x)
                 if on_progress:
                     on_progress("integrating", float((t - times[0]) / (end - times[0])))
-                if change is None and x is not solver.y:
+                jumped, self._jump = t >= self._jump, np.inf
+                if change is None and (jumped or x is not solver.y):
                     solver.y, solver.f = x, self._slope(t, x)
             if change is not None:
                 _, stopped, broke = change
@@ -134,7 +140,7 @@ class Integration:
                 "changes without end; a larger --tolerance, a shorter --duration or less stiff "
                 "effects help"
             )
-        m = self._terms(t, x)
+        m = self._terms(t if t < self._jump else np.nextafter(self._jump, -np.inf), x)
         b = self.dynamics.balance(m, self.modes)
         self._rates = self.plant.dry @ m.yd, b.rates, b.holding
         states = zip(self.plant.laws.states, m.z[:, None], strict=True)
@@ -144,9 +150,12 @@ class Integration:
     def _step(self, solver: OdeSolver) -> tuple[States, ModeChange | None]:
         """Make one step; return its states, and the first change of mode within it."""
         before, end = self._rates, solver.t_bound
-        if self.knots is not None:  # a step ends at the next sample of a rough input
-            later = self.knots[np.searchsorted(self.knots, solver.t, side="right") :]
-            solver.t_bound = min(end, *later[:1].tolist())
+        if len(self._ends):  # a step ends at the next sample of a rough input, and at a jump
+            at = np.searchsorted(self._ends, solver.t, side="right")
+            solver.t_bound = min(end, *self._ends[at : at + 1].tolist())
+        if self.jumps is not None:
+            at = np.searchsorted(self.jumps, solver.t, side="right")
+            self._jump = min([*self.jumps[at : at + 1].tolist(), np.inf])
         failure = solver.step()
         if solver.status == "failed" or not np.abs(solver.y).max() < WILD:
             raise MotionError(

@@ -30,7 +30,7 @@ from ident.motion import State, complete
 from ident.motion.closures import LoopSolver, best_conditioned, independent_joints
 from ident.motion.spline import noise_share
 from ident.motion.state import joint_coordinates
-from ident.simulate.commands import command_laws, commanded
+from ident.simulate.commands import command_laws, commanded, steps_of
 from ident.simulate.dynamics import STICK, Actuator, Dynamics
 from ident.simulate.events import Integration, Transition
 from ident.simulate.inverse import (
@@ -232,6 +232,7 @@ def integrate(
         raise MotionError(f"tolerance {tolerance:g}; valid: 1e-13 to 1e-3, as 1e-10")
     point = point_of(mechanism, values, pi)
     e = knots = None
+    played = isinstance(drive, Torques)
     name, longest, extra = "simulated", np.inf, dict[str, interp1d]()
     if drive is None:
         model = mechanism
@@ -243,7 +244,6 @@ def integrate(
         q, v = model.assembled, np.zeros(model.model.nv)
         t = _times(0.0, DURATION if duration is None else duration, RATE if rate is None else rate)
     else:
-        played = isinstance(drive, Torques)
         given = drive.log if isinstance(drive, Torques) else drive.reference
         motion = complete(mechanism, given, torques=played)
         scene = Scene.of(mechanism, NOTHING, motion.experiments[0], point, motion.band.cutoff)
@@ -271,7 +271,8 @@ def integrate(
         extra,
         0.0 if e is None else float(e.t[0]),
     )
-    integration = Integration(dynamics, tolerance, longest, knots)
+    jumps = None if e is None or not played else steps_of(command_laws(model, point, e))
+    integration = Integration(dynamics, tolerance, longest, knots, jumps=jumps)
     integration.run((q, v, np.zeros(len(plant.laws.states))), t, progress)
     series = [
         (m.q, m.v, b.a, b.tau, b.multipliers, b.friction, x) for m, b, x in integration.samples

@@ -24,7 +24,7 @@ from ident.fit.result import Fit
 from ident.information.blocks import Error, Squares
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, State
-from ident.simulate.commands import command_laws, commanded
+from ident.simulate.commands import command_laws, commanded, steps_of
 from ident.simulate.dynamics import Dynamics
 from ident.simulate.events import Integration
 from ident.simulate.integrate import STEPS, interpolated, rough_times, torque_series
@@ -168,6 +168,7 @@ def _replayed(
     z = np.stack(states, axis=1) if states else np.zeros((len(e), 0))
     measured = len(laws) < len(mechanism.driven)  # some torques are those of a log
     knots, since = rough_times(e) if measured else None, float(e.t[0])
+    jumps = steps_of(laws)
 
     simulated, starts, failures = np.full(e.y.shape, np.nan), [], []
     length = max(2, round(window * e.rate))
@@ -184,7 +185,7 @@ def _replayed(
         starts.append(a)
         times = e.t[a : stop + 1]
         dynamics = Dynamics(plant, torques, motion.independent, extra, since)
-        integration = Integration(dynamics, TOLERANCE, STEPS / e.rate, knots, e.y[a])
+        integration = Integration(dynamics, TOLERANCE, STEPS / e.rate, knots, e.y[a], jumps)
         try:
             integration.run((e.q[a], e.v[a], z[a]), times)
         except MotionError as error:

@@ -1,0 +1,110 @@
+"""Commands of a slow log are held, or go straight on, between its samples: fitted and played."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from servo_logs import Servos, servo_log
+
+import ident
+from helpers import ROBOTS
+from ident.assess.drives import check_drives
+from ident.effects.command import late_command
+from ident.errors import MechanismError
+
+pl = pytest.importorskip("polars")
+pytest.importorskip("mujoco")
+JOINTS = ("yaw", "shoulder", "elbow")
+RATE = 50.0  # Hz: a hold is 20 ms, a tenth of what the servos take to follow
+TRUTH = Servos(delay=0.006)
+
+
+def arm(*drives):
+    mechanism = ident.load(ROBOTS / "servo_arm").with_calibration("exact")
+    others = [e for e in mechanism.effects if not e.supplies_torque and e.kind != "command_delay"]
+    known = replace(mechanism, effects=tuple(others), unknown=())
+    return known.with_drives(*drives)
+
+
+def commanded(straight, rate=RATE, seconds=8.0):
+    return pl.DataFrame(servo_log(TRUTH, 6100, seconds, rate, 18, straight=straight))
+
+
+@pytest.fixture(scope="module")
+def held():
+    return commanded(straight=False)
+
+
+def planted(hold):
+    """The arm with all its values but bodies known."""
+    drives = [
+        f"{joint}:kp={kp},kd={kd},delay={TRUTH.delay},hold={hold}"
+        for joint, kp, kd in zip(JOINTS, TRUTH.kp, np.add(TRUTH.kd, TRUTH.Fv), strict=True)
+    ]
+    return arm(*drives)
+
+
+def values():
+    of = {"coulomb.{}.Fc": TRUTH.Fc, "rotor_inertia.{}.Ia": TRUTH.Ia}
+    return {name.format(j): x for name, row in of.items() for j, x in zip(JOINTS, row, strict=True)}
+
+
+def played(log, hold):
+    """Rms [rad] by which the planted values leave a log's motion, from its first second on."""
+    run = ident.integrate(planted(hold), ident.Torques(log), values=values(), tolerance=1e-6)
+    off = run.y - np.stack([np.interp(run.t, log["t"], log[f"q.{j}"]) for j in JOINTS], axis=1)
+    on_samples = np.abs(run.t - np.round(run.t * RATE) / RATE) < 1e-6
+    return float(np.sqrt(np.mean(off[(run.t > 1.0) & on_samples] ** 2)))
+
+
+@pytest.mark.parametrize("hold", [0.0, 0.005, 0.012])
+@pytest.mark.parametrize("late", [0.0, 0.0083])
+def test_what_a_filter_passes_of_a_held_sine(late, hold):
+    t, f = np.arange(2000) * 0.005, 9.0
+    y = late_command(t, np.sin(2 * np.pi * f * t), late, hold)
+    expected = np.sinc(f * hold) * np.sin(2 * np.pi * f * (t - late - hold / 2))
+    assert y[50:-50] == pytest.approx(expected[50:-50], abs=1e-4)
+
+
+def test_a_constant_and_a_step_far_away_stay_what_they_are():
+    t, x = np.arange(100) * 0.01, np.ones(100)
+    assert late_command(t, x, 0.033, 0.01) == pytest.approx(1.0, abs=1e-12)
+    x[:40] = 0.0
+    y = late_command(t, x, 0.033, 0.01)
+    assert y[20] == pytest.approx(0.0, abs=1e-6)
+    assert y[80] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_held_command_is_played_as_steps(held):
+    assert played(held, "constant") < 0.25e-3
+    assert played(held, "linear") > 1e-3
+
+
+def test_a_straight_command_is_played_as_lines():
+    log = commanded(straight=True)
+    assert played(log, "linear") < 0.25e-3
+    assert played(log, "constant") > 1e-3
+
+
+@pytest.mark.parametrize("hold", ["constant", "linear"])
+def test_gains_and_delay_with_each_hold(hold):
+    mechanism = arm("servo", f"hold={hold}")
+    log = commanded(straight=hold == "linear", rate=100.0, seconds=20.0)
+    values = ident.identify(mechanism, ident.complete(mechanism, log)).point.values
+    for joint, kp, kd in zip(JOINTS, TRUTH.kp, np.add(TRUTH.kd, TRUTH.Fv), strict=True):
+        assert values[f"servo.{joint}.kp"] == pytest.approx(kp, rel=0.01)
+        assert values[f"servo.{joint}.kd"] == pytest.approx(kd, rel=0.01)
+    # with the other hold it is half a sample off, 5 ms
+    assert values[f"command_delay.{','.join(JOINTS)}.d"] == pytest.approx(TRUTH.delay, abs=3e-4)
+
+
+def test_check_says_how_commands_are_held(held):
+    for hold, words in (("constant", "held between"), ("linear", "straight on between")):
+        mechanism = arm("kp=20,kd=0.5", f"hold={hold}")
+        checks = check_drives(mechanism, ident.complete(mechanism, held.head(400)))
+        assert all(words in check.command for check in checks)
+
+
+def test_another_word_is_refused():
+    with pytest.raises(MechanismError, match=r"hold = 'zero'.*constant"):
+        arm("hold=zero")
