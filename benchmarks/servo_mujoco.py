@@ -5,11 +5,12 @@
 Needs MuJoCo's extra: pip install 'mujoco[sysid]'. LOGS (default 3) logs of three servos, and one
 of twelve (four of these arms on one base), 20 s at 200 Hz, 14 bit encoders, no delay, made by
 `tests/truth/servo_logs.py` with seeds from 3000 on, at steps of 0.05 ms: MuJoCo's torque is half a
-step late, and at 0.2 ms this alone is 0.4 % of the damping and 0.07 mrad. Both are given the bodies, and find armature,
-frictionloss, damping with kd, and kp of each joint. `mujoco.sysid` starts 30 % off, with its
-default optimiser, `x_scale="jac"`, one thread and steps of 1 ms; `ident` has no start. Held out:
-other commands, 10 s, played by MuJoCo at 0.05 ms with the values of each, from the start to the end,
-against the exact motion. Processor time is that of one process with all its threads.
+step late, and at 0.2 ms this alone is 0.4 % of the damping and 0.07 mrad. Both are given the
+bodies, and find armature, frictionloss, damping with kd, and kp of each joint. `mujoco.sysid`
+starts 30 % off, with its default optimiser, `x_scale="jac"`, one thread and steps of 1 ms; `ident`
+has no start. Held out: other commands, 10 s, played by MuJoCo at 0.05 ms with the values of each,
+from the start to the end, against the exact motion. Processor time is that of one process with all
+its threads.
 """
 
 from __future__ import annotations

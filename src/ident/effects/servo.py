@@ -259,7 +259,7 @@ class MotorVoltage(Drive):
     kind = "motor_voltage"
     noun = "motor driven by volts"
     commands = ("voltage",)
-    late = ("voltage",)
+    late: ClassVar[tuple[str, ...]] = ("voltage",)
     scale = "gain"
     shapes = (
         Unknown("gain", ("N m/V", "N/V"), "torque a volt, at standstill", True),
@@ -286,7 +286,7 @@ class MotorDuty(MotorVoltage):
     kind = "motor_duty"
     noun = "motor driven by a duty cycle"
     commands = ("duty",)
-    late: ClassVar[tuple[str, ...]] = ("duty", "supply")
+    late = ("duty", "supply")
     shapes = (
         Unknown("gain", ("N m", "N"), "torque at full duty, a volt where supply is logged", True),
         Unknown("kb", ("N m s/rad", "N s/m"), "torque that the back-EMF takes, a speed", True),
