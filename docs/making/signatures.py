@@ -74,6 +74,7 @@ SHOWN: Mapping[str, Shown] = {
         "elbow", {"delta": 0.03}, "q.elbow", ("elbow", "shoulder"), moves=("elbow",)
     ),
     "gravity_tilt": Shown("", {"x": 0.03, "y": 0.02}, "q", ("yaw",), moves=("yaw",)),
+    "gravity_compensation": Shown("", {"k": 1.0}, "q", ("shoulder",), moves=("shoulder",)),
     "payload": Shown("hand", BODY, "q.elbow", ("elbow", "shoulder"), moves=("elbow",)),
     "elasticity": Shown(
         "yaw", {"compliance": 4e-4, "damping": 1.0}, "bend", ("yaw",), moves=("yaw",), pace=4

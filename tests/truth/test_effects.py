@@ -303,6 +303,7 @@ CORRECTIONS = {  # what s = 0.01 corrects
     "delay": lambda s, c: c.delay == {"a": 0.01},
     "encoder_offset": lambda s, c: c.dq == {"a": 0.01},
     "gravity_tilt": lambda s, c: c.tilt == (0.01, 0.01),
+    "gravity_compensation": lambda s, c: c.compensated == 0.01,
     "elasticity": lambda s, c: np.allclose(
         np.array([100.0, 0.01, 1.0]) @ -c.twist["a"],
         s.load[:, 0],  # K δ + D δ̇ + M δ̈, M = 1

@@ -779,3 +779,17 @@ def test_a_command_in_three_values_is_an_experiment():
     codes = [x.code for x in log_findings(p.mechanism, motion) if "tau.elbow" in x.where]
     assert codes == ["switched"]
     assert motion.experiments[0].usable.mean() > 0.9
+
+
+def test_an_encoder_behind_its_neighbours_gears_is_found():
+    """The wrist of an arm, whose axis is across the elbow's."""
+    p = planted("arm", seed=21)
+    c = dict(p.log.columns)
+    for letter in "qva":
+        c[f"{letter}.wrist"] = c[f"{letter}.wrist"] + c[f"{letter}.elbow"]
+    unlimited = tuple(replace(j, lower=-np.inf, upper=np.inf) for j in p.mechanism.joints)
+    mechanism = replace(p.mechanism, joints=unlimited)
+    judgement = judged(mechanism, Log.from_arrays("run.csv", p.log.t, c))
+    assert [(fault.code, fault.where[:2]) for fault in judgement.faults] == [
+        ("position from", ("q.elbow", "q.wrist"))
+    ]

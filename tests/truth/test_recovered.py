@@ -105,6 +105,8 @@ CASES = [
     Case("four_bar", "encoder_offset:crank", {"delta": 0.05}),
     Case("arm", "gravity_tilt", {"x": 0.03, "y": -0.02}),
     Case("five_bar", "gravity_tilt", {"x": 0.03, "y": -0.02}),
+    Case("arm", "gravity_compensation", {"k": 1.0}),
+    Case("slider_crank", "gravity_compensation", {"k": 0.8}),
     Case("arm", "payload:hand", TEN, bodies=False),
     Case("arm", "elasticity:elbow", {"compliance": 0.002, "damping": 2.0}),
     # with bodies that are unknown too the search stays in a neighbouring minimum

@@ -161,3 +161,21 @@ def test_ten_values_are_a_load_where_some_body_has_them():
     no_inertia = np.where(np.arange(10) < 4, values, 0.0)
     is_open[0], no_inertia[0] = 0.1, 0.1
     assert not has_mass(mechanism, no_inertia, is_open)
+
+
+# --- gravity that a controller has subtracted -----------------------------------------------------
+
+
+@pytest.mark.parametrize("subtracted", [True, False])
+def test_gravity_of_the_given_bodies_that_torques_lack_is_named(subtracted):
+    """Of bodies that are a tenth other than the true ones, which neither gravity nor none fits."""
+    model = grown(*FRICTION)
+    true = model.with_effect("gravity_compensation")
+    values = {name: 0.5 for effect in model.effects for name in effect.names}
+    values["gravity_compensation.k"] = float(subtracted)
+    sensors = (Noise("tau", 0.003, relative=True), Noise("q", 1e-5))
+    motion = motion_log("arm", 200.0, 10.0)
+    fit = plant(true, motion, values, noise=sensors, seed=3, spread=0.1).fit(mechanism=model)
+    diagnosis = ident.diagnose(fit)
+    named = diagnosis.best.kind if diagnosis.best else ""
+    assert named == ("gravity_compensation" if subtracted else "")

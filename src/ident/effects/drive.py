@@ -165,6 +165,7 @@ class Delay(Correcting):
 
 
 TILT = 0.35  # range: [rad] 20° of a base that is not level, or of an encoder's zero
+OVERCOMPENSATED = 1.5  # range: share of gravity that a controller with heavier bodies subtracts
 DISPLACED = 0.05  # range: [m] of an error of a drawing
 SOFTEST = 1e-4  # range: [m/N] of a closure: a millimetre at ten newtons
 
@@ -215,6 +216,33 @@ class GravityTilt(Correcting):
 
     def correction(self, s: Signals) -> Correction:
         return Correction(tilt=(s.shape["x"], s.shape["y"]))
+
+
+class GravityCompensation(Correcting):
+    """A controller that has subtracted the gravity of the bodies as given, as robots deliver it."""
+
+    kind = "gravity_compensation"
+    noun = "gravity that was subtracted from the torques"
+    rare = True
+    arity = 0
+    sits = "mechanism"
+    watched = "request"
+    fault = "compensated"
+    shapes = (
+        Unknown(
+            "k", ("1", "1"), "share of gravity that the torques lack", nonnegative=True,
+            range=(0.0, OVERCOMPENSATED),
+        ),
+    )  # fmt: skip
+    equation = "τ + k g(q), with the gravity g of the bodies as given"
+    signature = "torques feel the bodies' inertia, and hardly their weight"
+    confused_with = ("gravity_tilt", "rotor_inertia")
+    remedy = "hold the machine in two postures: torques that hardly differ lack gravity"
+    not_integrable = "the log's torques lack gravity, which no simulated drive does"
+    source = "Haddadin et al., IEEE Robot. Autom. Mag. 29(2), 2022: the Panda's interface"
+
+    def correction(self, s: Signals) -> Correction:
+        return Correction(compensated=s.shape["k"])
 
 
 class Geometry(Correcting):

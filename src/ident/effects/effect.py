@@ -180,6 +180,7 @@ class Correction:
     twist: Mapping[str, np.ndarray] = field(default_factory=dict)
     delay: Mapping[str, float] = field(default_factory=dict)  # by joint, of its torque [s]
     tilt: tuple[float, float] = (0.0, 0.0)  # rotation of the base about x and y [rad]
+    compensated: float = 0.0  # share of the given bodies' gravity that torques lack
     displaced: Mapping[str, float] = field(default_factory=dict)  # by place, displacement [m]
     gap: Mapping[str, float] = field(default_factory=dict)  # by closure, C in Φ = C λ [m/N]
     torque: Mapping[str, np.ndarray] = field(default_factory=dict)  # by joint, of its drive (n,)

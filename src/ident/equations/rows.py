@@ -1,6 +1,6 @@
 """Rows of the equations, filtered, of states and mechanisms that effects have corrected.
 
-    y → y + δy     τ(t) → τ(t + d)     g → Rᵀ g     placements + Δ     q → q + K⁺ [C λ; 0]
+    y → y + δy     τ(t) → τ(t + d) + k g(q)     g → Rᵀ g     placements + Δ     q → q + K⁺ [C λ; 0]
 
 A corrected state is one like any other; no equation needs to know of it. The columns of a
 correction's shapes are S = −∂r/∂s, r = b − A x, by differences over corrections at s and s + h.
@@ -46,7 +46,7 @@ from ident.information.cubic import late
 from ident.information.evidence import PARSIMONY
 from ident.information.time_bases import Basis, Chunk
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import row_spans, supports
+from ident.mechanism.parameters import rigid_forces, row_spans, supports
 from ident.motion.closures import integrate
 from ident.motion.signals import runs
 from ident.motion.state import State
@@ -131,6 +131,10 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             tau = e.tau.copy()
             tau[:, mechanism.driven.index(name)] += torque - before
             e = e.with_torques(tau)
+        if what.compensated:
+            none = np.zeros_like(e.v)
+            gravity = rigid_forces(base.mechanism.model, e.q, none, none, base.mechanism.prior)
+            e = e.with_forces(what.compensated * gravity)
         if what.clock:
             f = 1 + what.clock
             e = replace(e, v=e.v / f, yd=e.yd / f, still=e.still / f)

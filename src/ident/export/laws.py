@@ -35,7 +35,8 @@ SECONDS, RATE = 6.0, 200.0  # range: [s], [Hz] of the nominal motion
 SAMPLES = 200  # work: of a motion, at which the torque of gravity is taken
 FREQUENCY = 0.5  # range: [Hz] of its first joint; each further one is a little faster
 FRICTIONS = ("dry", "level", "state")  # `Unknown.acts` of friction
-OF_THE_LOG = ("delay",)  # kinds that tell how a log was made, not how the machine moves
+# kinds that tell how a log was made, not how the machine moves
+OF_THE_LOG = ("delay", "gravity_compensation")
 DRIVES = ("servo", "motor_current", "motor_voltage", "command_delay")
 
 

@@ -36,7 +36,7 @@ from ident.threads import on_one_thread
 FAULTS = {  # codes of findings that explain a log better than any effects that were found
     "sign", "swapped", "axis", "position sign", "position scale", "position from",
     "position swapped", "joints swapped", "motors", "time", "gravity", "another run", "units",
-    "logs disagree", "changed within the log", "computed", "compensated",
+    "logs disagree", "changed within the log", "computed",
 }  # fmt: skip
 MODELS = {  # by cause of a verdict: code, meaning and remedy of torques that are a model's
     "computed": (
@@ -57,8 +57,9 @@ MODELS = {  # by cause of a verdict: code, meaning and remedy of torques that ar
         "all torques are explained without gravity (to {left}; with it to {before}): the "
         "controller has subtracted its own model of gravity, as robots' interfaces do, or gravity "
         "in mechanism.toml is not that of the machine",
-        "log the torque with gravity, or write gravity = [0.0, 0.0, 0.0] at the top of "
-        "mechanism.toml: then what the controller's model misses of it is left",
+        "log the torque with gravity, or take it into account: --with gravity_compensation, which "
+        "subtracts the gravity of the bodies as given, or, where the controller knows the machine "
+        "better than that, gravity = [0.0, 0.0, 0.0] at the top of mechanism.toml",
     ),
 }
 DEAD = {"constant", "zero", "noise_only"}  # codes of findings on channels that measure nothing
@@ -143,8 +144,9 @@ class DataChecks(FaultSearch):
     def _of_models(self) -> list[Finding]:
         """Return the findings on torques that a model has computed or corrected."""
         channels = dict[TorqueVerdict, list[str]]()
+        described = {effect.fault for effect in self.mechanism.effects}  # by the model itself
         for joint, verdict in self.problem.motion.torques.items():
-            if verdict.cause in MODELS:
+            if verdict.cause in MODELS and verdict.cause not in described:
                 channels.setdefault(verdict, []).append(f"tau.{joint}")
         name = self.mechanism.urdf.name or "the model"
         findings = []

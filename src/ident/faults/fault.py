@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -195,6 +195,16 @@ def _positions(
             if set(joints) & set(poor):
                 state = with_positions({j: row})
                 yield none.replaced("position from", *row.values(), joints=joints, state=state)
+        # encoders behind a neighbour's gears, whatever its axis, as in wrists
+        pairs = (pair for pair in mechanism.sites.geared if name in pair)
+        for other in sorted({*chain.from_iterable(pairs)} - {name}):
+            if other in names and other not in dict(joints_before(mechanism, name)):
+                for sign in (1.0, -1.0) if {name, other} & {*poor} else ():
+                    row = {j: 1.0, names.index(other): sign}
+                    state = with_positions({j: row})
+                    yield none.replaced(
+                        "position from", 1.0, sign, joints=(name, other), state=state
+                    )
     count = len(names)
     orders = [{i: j, j: i} for i, j in combinations(range(count), 2)]
     if count > 2 and set(names) <= set(driven):  # a column too few, or another sorting
@@ -309,8 +319,8 @@ WORDS = {  # by kind: in a rival's place, what it is, and the remedy
     ),
     "position from": (
         "taking {sum} for {first}",
-        "{first}: counted from the world or another link, not from the link before: {sum} in its "
-        "place,",
+        "{first}: counted from the world or another link, not from the link before, or through a "
+        "neighbour's gears: {sum} in its place,",
         "write {sum} into {first}, velocity alike",
     ),
     "motors": (
