@@ -83,6 +83,23 @@ class Budget:
         """Covariance (n, n) of the marginal estimate, of noise and calibration."""
         return self.noise + self.parts @ self.parts.T
 
+    def shares(
+        self, gradient: np.ndarray, by_noise: np.ndarray, parts: np.ndarray
+    ) -> dict[str, float]:
+        """Return the share of each cause, and of `noise`, in the variance of a value, the largest
+        first.
+
+        Args:
+            gradient: (n,) of the value by the base parameters.
+            by_noise: (n, n) covariance of these by all but the calibration.
+            parts: (n, c) their change by one standard deviation of each cause.
+        """
+        squares, noise = (gradient @ parts) ** 2, float(gradient @ by_noise @ gradient)
+        total = noise + float(squares.sum()) or 1.0
+        shares = {"noise": noise / total}
+        shares |= {c.name: float(x) / total for c, x in zip(self.causes, squares, strict=True)}
+        return dict(sorted(shares.items(), key=lambda share: -share[1]))
+
     def findings(self) -> Iterator[Finding]:
         """Report causes that the data put far outside of their priors."""
         far = np.flatnonzero(np.abs(self.values) > CERTAIN)

@@ -21,7 +21,7 @@ the same in each of K periods, which are then not independent: the variance of a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -269,6 +269,14 @@ class Periods:
     def variance(self, seconds: float) -> float:
         """Return by how much variances over so many seconds are larger than of white residuals."""
         return 1 + max(self.periods(seconds) - 1, 0.0) * self.repeated
+
+    def with_less(self, remaining: np.ndarray) -> Periods:
+        """Return the same where shares (d,) of the residual's squares remain, of what does not
+        repeat: errors of the calibration are in each period.
+        """
+        shares = zip(self.rho.items(), remaining, strict=True)
+        rho = {name: 1 - (1 - rho) / max(share, 1e-12) for (name, rho), share in shares}
+        return replace(self, rho=rho)
 
     def finding(self, seconds: float) -> Finding:
         """Return what a person should know of logs of so many seconds."""

@@ -344,9 +344,7 @@ class Fit(Charted):
         bias = self.estimate.base.combined(change)
         wider, again = 1.0, self.repeated
         if again is not None:  # of what is left, the rest is the same in each period
-            shares = zip(again.rho.items(), self.budget.remaining, strict=True)
-            rho = {name: 1 - (1 - rho) / max(share, 1e-12) for (name, rho), share in shares}
-            wider = replace(again, rho=rho).variance(self.motion.duration)
+            wider = again.with_less(self.budget.remaining).variance(self.motion.duration)
         fixed = prior_covariance(self.estimate, self.problem.plausible)
         return self.budget.noise * wider + fixed + np.outer(bias, bias) + self.checks.at_limits
 
@@ -376,12 +374,9 @@ class Fit(Charted):
         gradient = self._three[0].gradient(name, self.mechanism)
         if gradient is None or not np.isfinite(self.covariance).all():
             return {}
-        total = float(gradient @ self.covariance @ gradient) or 1.0
-        squares = (gradient @ self._by_calibration) ** 2 / total
-        causes = self.budget.causes if self.budget else ()
-        shares = {"noise": float(gradient @ self._by_noise @ gradient) / total}
-        shares |= {c.name: float(x) for c, x in zip(causes, squares, strict=True)}
-        return dict(sorted(shares.items(), key=lambda share: -share[1]))
+        if self.budget is None:
+            return {"noise": 1.0}
+        return self.budget.shares(gradient, self._by_noise, self._by_calibration)
 
     @property
     def known_errors(self) -> Covariance | None:

@@ -5,6 +5,10 @@ at its last value, and its standard error grows by
 
     exp(Δt/2T)        the root of what an equation's weight exp(−Δt/T) leaves of its information
 
+Standard errors hold errors of the calibration as those of a fit do (`fit.calibration`), which are
+fitted within their priors. That budget is made where a snapshot is asked for, of samples that are
+kept (`streams.excerpt`), and made anew where a share NEW of the equations is new.
+
 The closures' forces at a sample follow from all of its rows A x = b, without the measured torques
 of the independent joints; C is the covariance of the base parameters, σ_s the noise of a further
 drive s. What torques do not determine stays at its prior: λ may depend on it, unseen.
@@ -29,15 +33,17 @@ from ident.errors import FitError, IdentError, LogError, MotionError, one_of
 from ident.faults.data_checks import TIMES
 from ident.finding import Finding
 from ident.fit import Fit, identify
+from ident.fit.calibration import Budget
 from ident.fit.prediction import identifiable_multipliers
 from ident.fit.shapes import working_point
-from ident.fit.values import BaseValue, ParameterValues, Value
-from ident.information.blocks import Error, Squares
+from ident.fit.values import BaseValue, ParameterValues, Value, with_noise
+from ident.information.blocks import Error, Information, Squares
 from ident.information.chance import covariance, prior_covariance
-from ident.information.estimate import estimate
+from ident.information.estimate import Estimate, estimate
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.motion.spline import noise_level
+from ident.streams.excerpt import NEW, SampleExcerpt, budget_of_samples
 from ident.streams.samples import DataWatch, Sample, SampleParser, Since, log_of
 from ident.streams.stream import (
     LATENCY,
@@ -71,6 +77,50 @@ class Forces(Displayed):
         return len(self.t)
 
 
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The unknowns of all rows by now.
+
+    Attributes:
+        values: with the covariance of noise and calibration, errors of which are fitted.
+        by_noise: (n, n) what noise makes of that covariance.
+        logged: values that predict the torques as they are logged, with errors by noise.
+        budget: of the calibration; None where it is exact.
+    """
+
+    values: ParameterValues
+    by_noise: np.ndarray
+    logged: ParameterValues
+    budget: Budget | None = None
+
+    @property
+    def base(self) -> tuple[BaseValue, ...]:
+        """The base parameters."""
+        noise = replace(self.values, cov=self.by_noise)
+        return with_noise(self.values.base, noise.base, self.logged.base)
+
+    def parameters(self, mechanism: Mechanism, point: Point) -> tuple[Value, ...]:
+        """Return unknown dynamic parameters, then those of effects, linear about a point."""
+        noise, every = replace(self.values, cov=self.by_noise), []
+        for values in (self.values, noise, self.logged):
+            at = point.at(mechanism, values.columns, values.estimate.x)
+            of_effects = [v for effect in values.effects(at) for v in effect.parameters]
+            unknown = [v for v in of_effects if v.name in values.columns.index]
+            every.append((*values.rigid(mechanism), *unknown))
+        return with_noise(*every)
+
+    def shares(self, name: str, mechanism: Mechanism) -> dict[str, float]:
+        """Return the share of each cause, and of `noise`, in the variance of a value; none of one
+        that the rows do not determine.
+        """
+        gradient = self.values.gradient(name, mechanism)
+        if gradient is None or not np.isfinite(self.values.cov).all():
+            return {}
+        if self.budget is None:
+            return {"noise": 1.0}
+        return self.budget.shares(gradient, self.by_noise, self.budget.parts)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Snapshot(Displayed):
     """Parameters, reaction forces and errors after some samples. Made by `Online.snapshot`.
@@ -80,7 +130,8 @@ class Snapshot(Displayed):
         samples: how many have come; rows: how many equations a coordinate count, old ones less.
         parameters: unknown dynamic parameters, then those of effects. One that is not identifiable
             stays at its prior or, where it was known and its information is forgotten, at its last
-            value, with a standard error that grows.
+            value, with a standard error that grows. `stderr` is of noise and calibration,
+            `stderr_noise` of noise alone.
         base_parameters: the combinations that the rows determine.
         held: names of the parameters that are held at their last value.
         multipliers: λ of the last sample; none for a tree.
@@ -103,7 +154,17 @@ class Snapshot(Displayed):
     rank: int
     condition_number: float
     lag: float
+    mechanism: Mechanism
+    solved: Solved
     notes: tuple[str, ...] = ()
+
+    def shares(self, name: str) -> dict[str, float]:
+        """Return the share of each cause of calibration errors, and of `noise`, in the variance of
+        a parameter or base parameter; as `Fit.shares`.
+        """
+        if name not in {value.name for value in self.base_parameters}:
+            self[name]
+        return self.solved.shares(name, self.mechanism)
 
     def __getitem__(self, name: str) -> Value:
         """Return a parameter by its name."""
@@ -129,7 +190,8 @@ class Online:
     The equations are those of `identify` with the estimator least-squares. Where nothing is
     filtered and positions, velocities and accelerations are given, parameters are the same after
     every sample; else they are a fixed lag late. Errors of the data are looked for once in the
-    first 20 s or 5000 samples, as `identify` does; standard errors hold what a named one does.
+    first 20 s or 5000 samples, as `identify` does; standard errors hold what a named one does, and
+    errors of the calibration.
 
     Args:
         mechanism: with what is unknown and which effects it has.
@@ -174,7 +236,10 @@ class Online:
         self._resting = 0  # samples before the machine moved
         self._stream: Stream | None = None  # after the warm-up
         # values of unknowns, squares that they leave, parameters and those of effects, at the last
-        self._solved: tuple[ParameterValues, Squares, list[Value]] | None = None
+        self._solved: tuple[Solved, Squares, tuple[Value, ...]] | None = None
+        # the last one, of which base parameters and when [s]; and why there is none
+        self._budget: tuple[Budget | None, tuple[int, ...], float] | None = None
+        self._no_budget = ""
         self.left_out: list[tuple[int, str]] = []  # (row, why) of samples of the last `update`
         self.findings: list[Since] = []  # new ones
         self._early: list[np.ndarray] | None = []  # samples not yet looked at for errors
@@ -279,11 +344,13 @@ class Online:
         stream = self._stream or self._start()
         self._absorb(stream, stream.flush(last=True))
         self._judge(stream, stream.last[:0], ended=True)
+        self._budget = None
         return self._snapshot_of(stream)
 
     def _judge(self, stream: Stream, X: np.ndarray, ended: bool = False) -> None:
         """Look for errors of the data in further samples (n, columns); `over`: no more come."""
         self.findings, mechanism = [], stream.mechanism
+        self._kept.add(X)
         if self._early is not None:  # once, what `identify` says of the first samples
             self._early += [X] if len(X) else []
             self._early_count += len(X)
@@ -314,9 +381,10 @@ class Online:
         return not fitting or max(finding.number, 1 / finding.number) > TIMES
 
     def _snapshot_of(self, stream: Stream) -> Snapshot:
-        known, squares, parameters, outdated = self._solve(stream)
-        joints, (lost, why) = stream.recipe.independent, stream.lost
-        left_out = [f"{lost} samples are left out, the last since {why}"] if lost else []
+        solved, squares, parameters, outdated = self._solve(stream)
+        joints, (lost, reason) = stream.recipe.independent, stream.lost
+        left_out = [f"{lost} samples are left out, the last since {reason}"] if lost else []
+        left_out += [self._no_budget] if self._no_budget else []
         if self._resting:
             left_out += [f"{self._resting} samples before the machine moved are left out"]
         units = [stream.mechanism.joint(name).force_unit for name in joints]
@@ -325,14 +393,16 @@ class Online:
             samples=self.samples,
             rows=float(squares.all_rows[2].mean()),
             parameters=tuple(parameters),
-            base_parameters=known.base,
+            base_parameters=solved.base,
             held=tuple(outdated),
             multipliers=self._forces(stream, [self._last] if self._last else []),
             errors=squares.errors(joints, units),
             noise=dict(zip(joints, self._floor.tolist(), strict=True)),
-            rank=known.estimate.base.rank,
-            condition_number=known.estimate.base.condition_number,
+            rank=solved.values.estimate.base.rank,
+            condition_number=solved.values.estimate.base.condition_number,
             lag=stream.lag,
+            mechanism=stream.mechanism,
+            solved=solved,
             notes=(*self.notes, *map(str, self._watch.known.values()), *left_out),
         )
 
@@ -378,6 +448,8 @@ class Online:
         self._most = 0  # base parameters that were known at once
         self._last: SampleWindow | None = None
         self._watch = DataWatch(mechanism, motion, stream.columns_of_samples)
+        self._like, cutoff = replace(motion, experiments=(), logs=()), motion.band.cutoff
+        self._kept = SampleExcerpt(first.rate, cutoff, self._T)
         self._stream = stream
         return stream
 
@@ -388,9 +460,9 @@ class Online:
         for rows in parts:
             self._accumulator.absorb(rows)
 
-    def _solve(self, stream: Stream) -> tuple[ParameterValues, Squares, list[Value], list[str]]:
-        """Return values of the unknowns, squares that they leave, parameters, and the names of
-        those that are held at their last value: all of them if no row informed lately.
+    def _solve(self, stream: Stream) -> tuple[Solved, Squares, list[Value], list[str]]:
+        """Return the unknowns, squares that they leave, parameters, and the names of those that are
+        held at their last value: all of them if no row informed lately.
         """
         old, now = self._solved, self._accumulator.now
         informed = not (old and self._T and now - self._accumulator.informed > self._T)
@@ -398,44 +470,75 @@ class Online:
             mechanism, columns = stream.mechanism, stream.columns
             total = self._accumulator.information(len(columns))
             # what is forgotten stays where it was
-            prior = old[0].estimate.x if old and self._T else columns.prior
+            prior = old[0].logged.estimate.x if old and self._T else columns.prior
             sensible = plausible_of(mechanism, columns, total)
             fitted = estimate(total.totals, prior, total.rms_torque, sensible)
-            cov = covariance(total, fitted) + prior_covariance(fitted, sensible)
-            if self._repeated is not None:
-                cov *= self._repeated.variance(total.rows / total.d * stream.period)
-            if self._bias is not None:
-                bias = fitted.base.combined(self._bias)
-                cov = cov + np.outer(bias, bias)
-            known = ParameterValues(columns, fitted, cov)
-            values = [*known.rigid(mechanism)]
-            for effect in known.effects(stream.point.at(mechanism, columns, fitted.x)):
-                values += [value for value in effect.parameters if value.name in columns.index]
-            old = self._solved = known, total.squares(fitted.x), values
-        known, squares, solved = old
-        values, outdated, rank = [], [], known.estimate.base.rank
+            solved = self._with_errors(stream, total, fitted, sensible)
+            parameters = solved.parameters(mechanism, stream.point)
+            old = self._solved = solved, total.squares(fitted.x), parameters
+        solved, squares, current = old
+        rank = solved.values.estimate.base.rank
+        values, outdated = list[Value](), list[str]()
         if informed and rank >= self._most:  # as much is known as ever: none is lost
             self._most, self._known = rank, {}
-        for value in solved:
+        for value in current:
             if value.identifiable and informed:
                 self._known[value.name] = value, now
             elif self._T and value.name in self._known:
                 last, t = self._known[value.name]
                 growth = float(np.exp((now - t) / (2 * self._T)))
-                stderr = growth * (last.stderr or 0.0)
-                value = replace(last, stderr=stderr, identifiable=False)
+                stderr, of_noise = (growth * (x or 0.0) for x in (last.stderr, last.stderr_noise))
+                value = replace(last, stderr=stderr, stderr_noise=of_noise, identifiable=False)
                 outdated.append(value.name)
             values.append(value)
-        return known, squares, values, outdated
+        return solved, squares, values, outdated
+
+    def _with_errors(
+        self, stream: Stream, total: Information, fitted: Estimate, sensible: np.ndarray
+    ) -> Solved:
+        """Return an estimate by all rows with its errors, as `Fit` has them."""
+        seconds, again = total.rows / total.d * stream.period, self._repeated
+        by_priors, bias = prior_covariance(fitted, sensible), np.zeros(fitted.base.rank)
+        if self._bias is not None:
+            bias = fitted.base.combined(self._bias)
+        scatter = covariance(total, fitted) + by_priors
+        wider = 1.0 if again is None else again.variance(seconds)
+        logged = ParameterValues(stream.columns, fitted, scatter * wider + np.outer(bias, bias))
+        budget = self._budget_by_now(stream, total, fitted)
+        if budget is None:
+            return Solved(logged, logged.cov, logged)
+        wider = 1.0 if again is None else again.with_less(budget.remaining).variance(seconds)
+        by_noise = budget.noise * wider + by_priors + np.outer(bias, bias)
+        x = fitted.x.copy()
+        x[fitted.base.independent] += budget.shift
+        cov = by_noise + budget.parts @ budget.parts.T
+        values = ParameterValues(stream.columns, fitted.at(x), cov)
+        return Solved(values, by_noise, logged, budget)
+
+    def _budget_by_now(self, stream: Stream, total: Information, fitted: Estimate) -> Budget | None:
+        """Return the budget of all rows by now, or the last one where few of them are new."""
+        now, base = self._accumulator.now, tuple(fitted.base.independent.tolist())
+        if self._budget is not None:
+            last, of_base, t = self._budget
+            if of_base == base and (now - t) * total.d < NEW * total.rows * stream.period:
+                return last
+        budget, self._no_budget = None, ""
+        try:
+            budget = budget_of_samples(stream, self._like, self._kept, total, fitted)
+        except (IdentError, np.linalg.LinAlgError) as error:
+            text = f"errors of the calibration are not in the standard errors: {error}"
+            self._no_budget = text
+        self._budget = budget, base, now
+        return budget
 
     def _forces(self, stream: Stream, windows: Sequence[SampleWindow]) -> Forces | None:
         """λ of the samples of some windows by the last solution; None where there is none."""
         mechanism, cutoff = stream.mechanism, stream.recipe.band.cutoff
         if self._solved is None or not mechanism.closures or not windows:
             return None
-        known, kinematics = self._solved[0], mechanism.kinematics
-        x, cov, base = known.estimate.x, known.cov, known.estimate.base
-        m, parts = len(kinematics.multipliers), []
+        solved, kinematics = self._solved[0], mechanism.kinematics
+        x, cov = solved.logged.estimate.x, solved.values.cov
+        base, m, parts = solved.logged.estimate.base, len(kinematics.multipliers), []
         for around, part in windows:
             scene = Scene.of(mechanism, stream.columns, around, stream.point, cutoff)
             e, equations, s = scene.e, scene.terms(part, full=True), scene.samples.generalised(part)

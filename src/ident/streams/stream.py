@@ -181,7 +181,7 @@ class Stream:
         window = 2 * (half + self._around + self._decimator.factor) + SHORTEST
         first = int(np.searchsorted(X[:, 0], end - window * dt))
         try:
-            e = self._state(X)
+            e = self._state(X, self._t0, self._q)
         except MotionError as error:
             self._lose(new, str(error))
             self._X = self._X[stop:]
@@ -193,11 +193,30 @@ class Stream:
         self._X, self._old = self._X[first:], stop - first
         return made
 
-    def _state(self, X: np.ndarray) -> State | None:
-        """Return the state over a window (n, columns); None if no sample of it is usable."""
+    def state_of(self, X: np.ndarray) -> State | None:
+        """Return the state over samples (n, columns) that follow each other, as of a log of its
+        own, without those at which torques are at their limits; None if none of them is usable.
+        """
+        try:
+            e = self._state(X, float(X[0, 0]), None) if len(X) > SHORTEST else None
+        except MotionError:
+            return None
+        return None if e is None else replace(e, usable=e.usable & ~self._clipped(e))
+
+    def _clipped(self, e: State) -> np.ndarray:
+        """Return (n,) at which samples a torque is at its limit."""
+        drives, endless = self.mechanism.driven, (-np.inf, np.inf)
+        ends = [self.recipe.limits.get(f"tau.{name}", endless) for name in drives]
+        low, high = np.array(ends).reshape(-1, 2).T
+        return np.asarray(((e.tau <= low) | (e.tau >= high)).any(axis=1))
+
+    def _state(self, X: np.ndarray, t0: float, near: np.ndarray | None) -> State | None:
+        """Return the state over a window (n, columns) of a run that begins at t0 [s], `near` a
+        configuration; None if no sample of it is usable.
+        """
         columns = dict(zip(self._parser.columns[1:], X.T[1:], strict=True))
         log = Log(self.mechanism.name, columns, X[:, 0])
-        clock = Clock(self._t0, self._dt, 0, Clock.of(log).even)
+        clock = Clock(t0, self._dt, 0, Clock.of(log).even)
         t = clock.within(log)
         if len(t) < 2:
             return None
@@ -209,9 +228,7 @@ class Stream:
             y = np.array([columns[f"q.{name}"][0] for name in self.recipe.logged])
             places, q = self._places
             nearest = q[int(np.abs(places - y).max(axis=1).argmin())]
-            mechanism = mechanism.with_same_kinematics(
-                start=nearest if self._q is None else self._q
-            )
+            mechanism = mechanism.with_same_kinematics(start=nearest if near is None else near)
         return part_of(mechanism, signals, replace(self.recipe, clock=clock))
 
     def _made(self, e: State, until: float) -> Iterator[Rows]:
@@ -221,10 +238,7 @@ class Stream:
         if not new.any():
             return
         self._done = float(e.t[new][-1])
-        drives, endless = self.mechanism.driven, (-np.inf, np.inf)
-        ends = [self.recipe.limits.get(f"tau.{name}", endless) for name in drives]
-        low, high = np.array(ends).reshape(-1, 2).T
-        clipped = ((e.tau <= low) | (e.tau >= high)).any(axis=1)
+        clipped = self._clipped(e)
         e = replace(e, usable=e.usable & ~clipped)
         for bad, why in (
             (clipped, "a torque is at its limit"),
