@@ -22,8 +22,8 @@ print("LOADED", *loaded)
 SCIENTIFIC = ["numpy", "scipy", "polars", "pinocchio", "casadi", "matplotlib", "bokeh"]
 SLOW = [
     "scipy.optimize", "scipy.special", "scipy.interpolate", "scipy.stats", "scipy.signal",
-    "scipy.ndimage", "polars", "matplotlib", "bokeh", "jinja2", "joblib", "ident.diagnosis.null",
-    "ident.streams.gather",
+    "scipy.ndimage", "polars", "matplotlib", "bokeh", "jinja2", "joblib", "yaml",
+    "ident.diagnosis.null", "ident.streams.gather",
 ]  # fmt: skip
 
 

@@ -14,18 +14,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import pinocchio as pin
-import yaml
 from lxml import etree
 
 from ident.errors import MechanismError, one_of
 from ident.files import regular
+from ident.lazy import lazy
 from ident.mechanism.chains import AXES, replace_joint
 from ident.mechanism.description import UNLIMITED, Extension, align_z, attribute, refuse
 from ident.mechanism.urdf import place_table
+
+if TYPE_CHECKING:
+    import yaml
+else:
+    yaml = lazy("yaml")
 
 LARGEST = 1_000_000  # work: bytes of a robot.yaml
 BALL = "spherical"  # in names of joints, by the convention of the format's own generator
