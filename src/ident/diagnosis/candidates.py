@@ -436,7 +436,7 @@ class ColumnStore:
     ) -> np.ndarray:
         """Adds the columns of an effect at shapes, or those known; returns which they are."""
         if known is None:
-            C, felt = self.table.effect_columns(effect, shapes)
+            C, felt = self.table.start_columns(effect, shapes)
             known = {u: C[self.rows[u], place] for place, u in enumerate(felt.tolist())}
         new = np.arange(self.count, self.count + next(iter(known.values())).shape[1])
         for coordinate, block in known.items():

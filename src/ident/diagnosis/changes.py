@@ -23,6 +23,7 @@ from ident.diagnosis.candidates import Contest, absorbed, possible
 from ident.diagnosis.null import judging, null_shares
 from ident.diagnosis.selection import MAIN_CAUSE, Ranking
 from ident.finding import Finding
+from ident.fit import Fit
 from ident.information.evidence import CERTAIN, PARSIMONY, SURROGATES, exceeding, paired
 from ident.information.hypotheses import Array, Gains, PartialRegression, Refit
 from ident.text import listed
@@ -62,6 +63,7 @@ class Cause:
     gate: Gate = _on  # how much of it acts, by the time since the change
     lasts: float = np.inf  # for so long [s]
     kind: str = ""  # of friction that changes steadily
+    effect: str = ""  # its label
     values: tuple[float, ...] = ()  # of its parameters in the fit, over the whole log
 
     @property
@@ -218,13 +220,32 @@ def change_within(first: Ranking) -> Change | None:
         or paired(least, change.loss) < contest.decision.rival_se
     ):
         return None
-    return _with_others(contest, change, causes) if change.cause.kind else change
+    return _with_values(_with_others(contest, change, causes), contest.fit)
+
+
+def _with_values(change: Change, fit: Fit) -> Change:
+    """Return a change of friction with the values of the fit, which are made where they are said:
+    errors of the calibration are in them.
+    """
+    if not change.cause.kind:
+        return change
+    values = {
+        effect.effect.label: tuple(x.value for x in effect.parameters) for effect in fit.effects
+    }
+
+    def valued(cause: Cause) -> Cause:
+        return replace(cause, values=values.get(cause.effect, ()))
+
+    others = tuple((valued(cause), numbers) for cause, numbers in change.others)
+    return replace(change, cause=valued(change.cause), others=others)
 
 
 def _with_others(contest: Contest, change: Change, causes: Sequence[Cause]) -> Change:
     """Return a change with further friction that changes over the same time, one after the other,
     as long as each predicts time left out clearly better.
     """
+    if not change.cause.kind:
+        return change
     number = next(n for n, s in enumerate(contest.table.scenes) if s.e.name == change.log)
     since, bare = _since(contest, number, change.time), contest.regression.bare
     chosen = [change.cause]
@@ -321,10 +342,8 @@ def _courses(contest: Contest, cause: Cause) -> Iterator[Cause]:
     units = tuple(f"{unit}/s" for unit in cause.units)
     names = ("rate",) if kind == "torque_offset" else tuple(f"{n} rate" for n in cause.names)
     of_friction = kind if kind in WARMING else ""
-    fitted = {x.effect.label: x for x in contest.fit.effects}.get(cause.words)
-    values = tuple(x.value for x in fitted.parameters) if fitted and of_friction else ()
     course = replace(cause, words=words, names=names, units=units, gate=_growing)
-    yield replace(course, kind=of_friction, values=values)
+    yield replace(course, kind=of_friction, effect=cause.words if of_friction else "")
     if kind != "torque_offset":
         return
     table = contest.table

@@ -16,10 +16,6 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.equations.terms import CHUNK, NEARBY, Samples
-from ident.mechanism.parameters import rigid_tangents
-
-MOST_BYTES = 100_000_000  # work: of derivatives that are kept with a state
-FEWEST = 30  # work: samples from which one pass of derivatives is faster than several of forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +42,7 @@ class Nearby:
         self, part: slice, pi: np.ndarray, steps: np.ndarray, moved: np.ndarray
     ) -> np.ndarray:
         """Return the change (nv, n) of Γ π along steps (3, nv, samples), of some samples."""
-        base, key = self.base, ("tangents", part.start, part.stop, pi.tobytes())
-        if key not in base.memo:
-            e = base.e
-            base.memo[key] = rigid_tangents(
-                base.mechanism.model, e.q[part], e.v[part], e.a[part], pi
-            )
-        tangents, total = base.memo[key], np.zeros(steps[0, :, part].shape)
+        tangents, total = self.base.tangents(part, pi), np.zeros(steps[0, :, part].shape)
         for order, j in zip(*np.nonzero(moved), strict=True):
             total += tangents[order, :, j] * steps[order, j, part]
         return total
@@ -78,8 +68,8 @@ def linearized(s: Samples, base: Samples) -> Samples:
     possible and pays.
     """
     e, near, model = s.e, base.e, base.mechanism.model
-    usual = s.mechanism.model is model and model.nq == model.nv and len(e) == len(near)
-    if s is base or not usual or not FEWEST <= len(e) <= MOST_BYTES / (24 * model.nv**2):
+    usual = s.mechanism.model is model and len(e) == len(near) and base.few_tangents
+    if s is base or not usual:
         return s
     if e.q is near.q and e.v is near.v and e.a is near.a:
         return s  # forces of rigid bodies are shared already

@@ -19,7 +19,7 @@ Or the paper's stack [Γ E | JᵀB] (eq. 7-8): all rows, multipliers expanded in
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,6 +31,7 @@ from ident.equations.nearby import linearized
 from ident.equations.terms import (
     NODES,
     RIGID,
+    SLIGHTLY,
     Samples,
     Terms,
     effect_terms,
@@ -70,24 +71,14 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         same = tuple(x for x in every[::-1] if x.kind == only.kind and x.label == only.label)[:1]
         every = tuple(x for x in every if x in same or in_drive(only, x))
     for effect in every:
-        if not effect.corrects:
+        if not effect.corrects or (shape := _acting_shape(base, effect)) is None:
             continue
-        _, shape = base.point.of(effect)
-        if effect.supplies_torque and not e.extra.keys() >= {*effect.reads()}:
-            continue  # a motion that was made up has no commands
-        if len(shape) < len(effect.shapes):
-            continue
-        if not any(shape.values()) and not effect.margin:
-            continue
-        if not (share := base.share_of(effect)):
-            continue
-        shape = {name: share * value for name, value in shape.items()}
         what = effect.correction(replace(base.signals(effect.acting), shape=shape))
         corrections.append((effect.margin, what))
         swings = any(x.ndim == 2 and name in e.logged for name, x in what.twist.items())
         twisting += [(effect, shape)] if swings else []
         mechanism = mechanism.corrected(what)
-    known = e.known(mechanism)
+    known, every_correction = e.known(mechanism), [what for _, what in corrections]
     for margin, what in corrections:
         for name, d in what.delay.items() if not e.poses else ():
             tau, channel = e.tau.copy(), mechanism.driven.index(name)
@@ -106,11 +97,10 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         for name, twist in what.twist.items():
             if name in e.logged:
                 known[:, :, e.logged.index(name)] += _rates(e, twist, cutoff)
-    if any(
-        what.dq or what.twist or what.displaced for _, what in corrections
-    ):  # once: all are of the data as logged
+    if any(what.dq or what.twist or what.displaced for what in every_correction):
+        # once: all are of the data as logged
         motors = e
-        e = _with_motors(mechanism, e.at(mechanism, known), motors, corrections)
+        e = _with_motors(mechanism, e.at(mechanism, known), motors, every_correction)
         # loads of the links, where they are by now; not where a swing, hardly damped in a loop,
         # would grow by each pass
         size = float(np.linalg.norm(known - motors.known(mechanism)))
@@ -122,7 +112,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             if size > RUNS_AWAY * last:
                 break
             known += change
-            e = _with_motors(mechanism, motors.at(mechanism, known), motors, corrections)
+            e = _with_motors(mechanism, motors.at(mechanism, known), motors, every_correction)
     memo = _memo(base, mechanism, e)
     for _, what in corrections:
         for name, d in what.late.items() if len(e) > 1 else ():
@@ -147,10 +137,60 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             transmits = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
             q = integrate(mechanism.model, e.q, transmits[0])
             closed = e.at(mechanism, motion=(q, e.v + transmits[1], e.a + transmits[2]))
-            e, memo = _with_motors(mechanism, closed, e, corrections), {}
+            e, memo = _with_motors(mechanism, closed, e, every_correction), {}
     if e is base.e and mechanism is base.mechanism:
         return base
     return Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
+
+
+def _acting_shape(base: Samples, effect: Effect) -> dict[str, float] | None:
+    """Return the shape of a correcting effect in a log; None where it corrects nothing."""
+    _, shape = base.point.of(effect)
+    if effect.supplies_torque and not base.e.extra.keys() >= {*effect.reads()}:
+        return None  # a motion that was made up has no commands
+    if len(shape) < len(effect.shapes):
+        return None
+    if not any(shape.values()) and not effect.margin:
+        return None
+    share = base.share_of(effect)
+    return {name: share * value for name, value in shape.items()} if share else None
+
+
+def twist_slopes(base: Samples, name: str) -> np.ndarray:
+    """Return the slopes of r (n, d, 3) along position, rate and acceleration of the link of a
+    logged joint, whose motor stays where it is, in a whole state.
+    """
+    key, e = ("twist slopes", name), base.e
+    if key in base.memo:
+        return np.asarray(base.memo[key])
+    implicit = any(effect.implicit for effect in base.mechanism.effects)
+    if e.loop is None and base.few_tangents and not implicit:
+        joint, pi = base.mechanism.joint(name).index, base.dynamic_parameters
+        parts = (slice(i, min(i + CHUNK, len(e))) for i in range(0, len(e), CHUNK))
+        every = [-base.tangents(part, pi)[:, :, joint].transpose(2, 1, 0) for part in parts]
+        base.memo[key] = np.concatenate(every)
+        return np.asarray(base.memo[key])
+    known, slopes = e.known(base.mechanism), list[np.ndarray]()
+    turned = (Correction(twist={name: np.zeros(0)}),)
+    for order, step in enumerate((SLIGHTLY, SLIGHTLY, 1.0)):  # linear in accelerations
+        moved = known.copy()
+        moved[order, :, e.logged.index(name)] += step
+        state = _with_motors(base.mechanism, e.at(base.mechanism, moved), e, turned)
+        at = Samples(base.mechanism, state, slice(None), base.point)
+        slopes.append((residual(at) - residual(base)) / step)
+    base.memo[key] = np.stack(slopes, axis=2)
+    return np.asarray(base.memo[key])
+
+
+def twist_of(base: Samples, effect: Effect, cutoff: float | None) -> np.ndarray:
+    """Return by what the position, rate and acceleration (3, n) of its joint's link are changed by
+    an effect that twists it, at the point of `base`.
+    """
+    shape, (name,) = _acting_shape(base, effect), effect.joints
+    if shape is None or name not in base.e.logged:
+        return np.zeros((3, len(base.e)))
+    what = effect.correction(replace(base.signals(effect.acting), shape=shape))
+    return _rates(base.e, what.twist.get(name, 0.0), cutoff)
 
 
 def _earlier(now: Samples, base: Samples, d: float) -> Samples:
@@ -174,12 +214,12 @@ def in_drive(only: Effect, effect: Effect) -> bool:
 
 
 def _with_motors(
-    mechanism: Mechanism, e: State, before: State, corrections: Sequence[tuple[float, Correction]]
+    mechanism: Mechanism, e: State, before: State, corrections: Iterable[Correction]
 ) -> State:
     """Return a state in which joints whose links twist are where their motors are: friction and
     rotor are those of the motor, and bodies, whose coordinates are q, move with the link.
     """
-    names = {name for _, what in corrections for name in what.twist if name in e.logged}
+    names = {name for what in corrections for name in what.twist if name in e.logged}
     if not names:
         return e
     at = [mechanism.joint_index[name] for name in names]
@@ -226,11 +266,17 @@ def perturbed(
     base: Samples, effect: Effect, name: str, cutoff: float | None, only: Effect | None = None
 ) -> tuple[float, Samples]:
     """h [the shape's unit] and the state corrected with one shape of an effect at s + h."""
+    h, further = slightly_further(base, effect, name)
+    return h, corrected(further, cutoff, only)
+
+
+def slightly_further(base: Samples, effect: Effect, name: str) -> tuple[float, Samples]:
+    """h [the shape's unit] and the samples at the point where one shape of an effect is s + h."""
     _, shape = base.point.of(effect)
     low, high = effect.bounds(replace(base.signals(effect.acting), shape=shape))[name]
     h = STEP * (high - low)
     point = base.point.with_values({effect.full[name]: shape.get(name, 0.0) + h})
-    return h, corrected(replace(base, point=point), cutoff, only)
+    return h, replace(base, point=point)
 
 
 def residual(at: Samples) -> np.ndarray:

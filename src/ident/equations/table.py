@@ -16,7 +16,17 @@ import numpy as np
 from ident.effects import Effect, Signals
 from ident.equations.filter import Decimator, Product, multiplied, products
 from ident.equations.nearby import difference, linearized
-from ident.equations.rows import Rows, Scene, corrected, perturbed, residual, rows
+from ident.equations.rows import (
+    Rows,
+    Scene,
+    corrected,
+    perturbed,
+    residual,
+    rows,
+    slightly_further,
+    twist_of,
+    twist_slopes,
+)
 from ident.equations.terms import Samples
 from ident.equations.thinning import SplineProduct, multiplied_splines, spline_products
 from ident.equations.unknowns import Columns, Point
@@ -188,6 +198,48 @@ class Table(Rows):
                 columns.append(self._in_rows(number, S))
         return [np.concatenate(columns) * self.scale for columns in series]
 
+    def start_columns(
+        self, effect: Effect, starts: Sequence[Mapping[str, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return `effect_columns` at the starts of a search: those of links that twist to first
+        order in the twist, which tells which starts are good.
+        """
+        twists = effect.corrects and effect.extent in {p.name for p in effect.searched}
+        if not twists or not all(start[effect.extent] for start in starts):
+            return self.effect_columns(effect, starts)
+        (name,), names, series = effect.joints, [p.name for p in effect.searched], []
+        d, cutoff = self.b.shape[1], self.motion.band.cutoff
+        for number, base in enumerate(self.thin):
+            if name not in base.e.logged:
+                series.append(np.zeros((len(self._products[number][0]), d, len(starts) * len(names))))
+                continue
+            slopes, pieces = twist_slopes(base, name), []
+            step = max(1, AT_ONCE // (d * len(names)))
+            for first in range(0, len(starts), step):
+                some = starts[first : first + step]
+                twists = [x for start in some for x in self._twists(effect, start, base)]
+                S = -slopes @ np.stack(twists, axis=-1).transpose(1, 0, 2)
+                pieces.append(self._in_rows(number, S.reshape(len(S), -1)))
+            of_log = [x.reshape(len(x), d, -1) for x in pieces]
+            series.append(np.concatenate(of_log, axis=2))
+        return np.concatenate(series) * self.scale[:, :, None], np.arange(d)
+
+    def _twists(
+        self, effect: Effect, shape: Mapping[str, float], base: Samples
+    ) -> list[np.ndarray]:
+        """Return the twists (3, n) a unit of an effect's extent, and by its other shapes."""
+        cutoff = self.motion.band.cutoff
+        full = {effect.full[p.name]: shape[p.name] for p in effect.shapes}
+        bare = replace(base, point=self.point.with_values(full))
+        twist, twists = twist_of(bare, effect, cutoff), []
+        for parameter in effect.searched:
+            if parameter.name == effect.extent:
+                twists.append(twist / shape[effect.extent])
+            else:
+                h, further = slightly_further(bare, effect, parameter.name)
+                twists.append((twist_of(further, effect, cutoff) - twist) / h)
+        return twists
+
     def _in_rows(self, number: int, S: np.ndarray) -> np.ndarray:
         """Return a smooth series of an experiment's `thin` samples, in its rows (N_e, d)."""
         bare, t = self.thin[number], self.scenes[number].e.t
@@ -297,7 +349,8 @@ class Table(Rows):
 
     def pooled(self, effect: Effect) -> Signals:
         """Return the effect's signals of all experiments joined: for ranges, not for time."""
-        signals = [s.signals(effect.acting) for s in self.samples]
+        of_links = effect.corrects and effect.extent  # made at few samples, as their columns are
+        signals = [s.signals(effect.acting) for s in (self.thin if of_links else self.samples)]
         if len(signals) == 1:
             return signals[0]
 

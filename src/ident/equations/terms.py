@@ -29,7 +29,7 @@ from ident.effects import Effect, Signals
 from ident.equations.thinning import interpolated
 from ident.equations.unknowns import Columns, Point
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import regressor, rigid_forces
+from ident.mechanism.parameters import regressor, rigid_forces, rigid_tangents
 from ident.motion.closures import integrate
 from ident.motion.state import State
 
@@ -37,6 +37,8 @@ STEP = 1e-3  # numerics: of the range of a shape parameter, for differences
 SLIGHTLY = 1e-5  # numerics: [rad | m | per second] step along a coordinate, for differences
 # work: bytes of Γ at all samples of a state, up to which it is kept unfiltered
 GAMMA_BYTES = 48_000_000
+MOST_BYTES = 100_000_000  # work: of derivatives that are kept with a state
+FEWEST = 30  # work: samples from which one pass of derivatives is faster than several of forces
 CHUNK = 4096  # work: samples whose regressor is in memory at once
 UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
@@ -125,6 +127,29 @@ class Samples:
             made[key] = None if step == 1 else _from_nodes(e, step, make)
         stored: np.ndarray | None = made[key]
         return stored
+
+    def tangents(self, part: slice, pi: np.ndarray) -> np.ndarray:
+        """Return ∂(Γ π)/∂(q, v, a) (3, nv, nv, n) in other samples of the state, made once."""
+        key = "tangents", part.start, part.stop, pi.tobytes()
+        if key not in self.memo:
+            e, model = self.e, self.mechanism.model
+            self.memo[key] = rigid_tangents(model, e.q[part], e.v[part], e.a[part], pi)
+        return np.asarray(self.memo[key])
+
+    @property
+    def few_tangents(self) -> bool:
+        """Return whether `tangents` of the whole state pay and can be kept."""
+        model, n = self.mechanism.model, len(self.e)
+        return model.nq == model.nv and FEWEST <= n <= MOST_BYTES / (24 * model.nv**2)
+
+    @property
+    def dynamic_parameters(self) -> np.ndarray:
+        """Dynamic parameters (10 · bodies,) with the loads on links."""
+        pi = self.point.pi.copy()
+        for effect in (effect for effect in self.mechanism.effects if effect.loaded_link):
+            link = self.mechanism.bodies.columns(str(effect.loaded_link))
+            pi[link] += self.share_of(effect) * self.point.of(effect)[0]
+        return pi
 
     @cached_property
     def wrench(self) -> np.ndarray | None:
@@ -372,10 +397,12 @@ class Samples:
 
     def _load_slopes(self, joints: tuple[str, ...]) -> np.ndarray:
         """The same of the whole state."""
-        e, pi, model = self.e, self.point.pi.copy(), self.mechanism.model
-        for effect in (effect for effect in self.mechanism.effects if effect.loaded_link):
-            link = self.mechanism.bodies.columns(str(effect.loaded_link))
-            pi[link] += self.share_of(effect) * self.point.of(effect)[0]
+        e, pi, model = self.e, self.dynamic_parameters, self.mechanism.model
+        if e.loop is None and self.few_tangents:
+            at = [self.mechanism.joint(name).index for name in joints]
+            parts = (slice(i, min(i + CHUNK, len(e))) for i in range(0, len(e), CHUNK))
+            every = [self.tangents(part, pi)[:, at, at].transpose(0, 2, 1) for part in parts]
+            return np.concatenate(every, axis=1)
         now, slopes = rigid_forces(model, e.q, e.v, e.a, pi), np.zeros((3, len(e), len(joints)))
         slopes[2] = 1.0
         for i, name in enumerate(joints):

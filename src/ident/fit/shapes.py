@@ -198,7 +198,7 @@ def _started(mechanism: Mechanism, motion: Motion, point: Point, effect: Effect)
     rest = replace(mechanism, effects=others)
     table = Table.of(rest, Columns.of(rest), motion, point)
     starts = table.starts(effect)
-    columns, felt = table.effect_columns(effect, starts)
+    columns, felt = table.start_columns(effect, starts)
     C = np.zeros((*table.b.shape, len(starts) * u))
     C[:, felt] = columns
     sizes = np.sqrt((table.tau**2).mean(axis=0)), np.sqrt((table.b**2).mean(axis=0))
