@@ -205,3 +205,25 @@ def test_what_chance_makes_negative_is_zero_with_its_standard_error():
     assert value.value == 0
     assert value.at_bound
     assert value.stderr > 0
+
+
+@pytest.mark.parametrize(("robot", "joint"), [("servo_arm", "elbow"), ("five_bar", "right")])
+def test_columns_at_starts_are_those_of_the_whole_way_to_first_order(robot, joint):
+    """In a tree from derivatives of all bodies, in a loop from differences, where the whole way's
+    passes run away for some starts.
+    """
+    mechanism = ident.load(ROBOTS / robot).with_calibration("exact")
+    log = frame(SPRING, seconds=5.0) if joint == "elbow" else ROBOTS / robot / "run.csv"
+    fit = ident.identify(mechanism, ident.complete(mechanism, log))
+    table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+    for kind in ("elasticity", "backlash"):
+        every = fit.mechanism.candidates((joint,), set())
+        effect = next(e for e in every if e.label == f"{kind}:{joint}")
+        starts = table.starts(effect)
+        first, exact = (
+            columns(effect, starts)[0].reshape(-1, len(starts) * len(effect.searched))
+            for columns in (table.start_columns, table.effect_columns)
+        )
+        sizes = np.linalg.norm(first, axis=0) * np.linalg.norm(exact, axis=0)
+        alike = (first * exact).sum(axis=0)[sizes > 0] / sizes[sizes > 0]
+        assert np.median(alike) > (0.99 if joint == "elbow" else 0.95)

@@ -19,7 +19,7 @@ Or the paper's stack [Γ E | JᵀB] (eq. 7-8): all rows, multipliers expanded in
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 

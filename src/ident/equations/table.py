@@ -204,24 +204,24 @@ class Table(Rows):
         """Return `effect_columns` at the starts of a search: those of links that twist to first
         order in the twist, which tells which starts are good.
         """
-        twists = effect.corrects and effect.extent in {p.name for p in effect.searched}
-        if not twists or not all(start[effect.extent] for start in starts):
+        of_links = effect.corrects and effect.extent in {p.name for p in effect.searched}
+        if not of_links or not all(start[effect.extent] for start in starts):
             return self.effect_columns(effect, starts)
-        (name,), names, series = effect.joints, [p.name for p in effect.searched], []
-        d, cutoff = self.b.shape[1], self.motion.band.cutoff
+        (name,), d = effect.joints, self.b.shape[1]
+        series, width = list[np.ndarray](), len(effect.searched)
+        step = max(1, AT_ONCE // (d * width))
         for number, base in enumerate(self.thin):
-            if name not in base.e.logged:
-                series.append(np.zeros((len(self._products[number][0]), d, len(starts) * len(names))))
-                continue
-            slopes, pieces = twist_slopes(base, name), []
-            step = max(1, AT_ONCE // (d * len(names)))
+            pieces = list[np.ndarray]()
             for first in range(0, len(starts), step):
                 some = starts[first : first + step]
                 twists = [x for start in some for x in self._twists(effect, start, base)]
-                S = -slopes @ np.stack(twists, axis=-1).transpose(1, 0, 2)
-                pieces.append(self._in_rows(number, S.reshape(len(S), -1)))
-            of_log = [x.reshape(len(x), d, -1) for x in pieces]
-            series.append(np.concatenate(of_log, axis=2))
+                if name in base.e.logged:
+                    S = -twist_slopes(base, name) @ np.array(twists).transpose(2, 1, 0)
+                else:  # closures place it
+                    S = np.zeros((len(base.e), d, len(twists)))
+                piece = self._in_rows(number, S.reshape(len(S), -1))
+                pieces.append(piece.reshape(len(piece), d, -1))
+            series.append(np.concatenate(pieces, axis=2))
         return np.concatenate(series) * self.scale[:, :, None], np.arange(d)
 
     def _twists(
