@@ -28,6 +28,7 @@ from ident.fit.drives import (
     with_reversal_pulses,
     with_sensors_first,
     without_held_drives,
+    without_long_pulses,
     without_negative_delay,
 )
 from ident.fit.files import Saved
@@ -172,7 +173,8 @@ def _solved(
     """Return the equations at their working point, rows at rest among them, and least squares."""
     point = working_point(mechanism, motion, start, shapes)
     problem = Problem.of(mechanism, motion, point, equations)
-    return with_rest(problem, estimate_of(problem))
+    problem, estimate = with_rest(problem, estimate_of(problem))
+    return problem, without_long_pulses(problem, estimate)
 
 
 def estimate_of(problem: Problem) -> Estimate:
