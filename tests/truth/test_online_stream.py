@@ -12,7 +12,9 @@ from helpers import ROBOTS
 from ident import FitError, Log, LogError, MotionError, Noise
 from ident.equations.rows import Scene, rows
 from ident.equations.unknowns import Columns, Point
+from ident.log import Column
 from ident.motion.signals import measure
+from ident.streams.samples import SampleParser
 from ident.streams.stream import Stream
 from identification import motion_log, plant, robot
 
@@ -54,6 +56,17 @@ def test_rows_of_a_batch(name, cutoff, how):
     assert_same(found, batch(case.mechanism, motion, columns))
     assert stream.lost == (0, "")
     assert stream.samples == len(case.log.t)
+
+
+def test_a_sample_is_read_under_the_robots_names_and_under_idents():
+    mapping = {"q.a": Column("encoder", 2.0, 0.5), "q.b": Column("q.a")}
+    parser = SampleParser("arm", mapping, ("q.a", "q.b"))
+    for t, sample in enumerate([
+        {"encoder": 1.0, "q.a": 3.0}, {"encoder": 1.0, "q.b": 3.0}, {"q.a": 3.0, "encoder": 1.0}
+    ]):  # fmt: skip
+        assert parser({"t": t, **sample}).tolist() == [[t, 2.5, 3.0]]
+    with pytest.raises(MotionError, match="no column 'encoder'"):  # "q.a" is the robot's, of q.b
+        parser({"t": 3.0, "q.a": 3.0, "q.b": 3.0})
 
 
 def test_friction_in_a_closures_own_joint_and_measured_wrenches():

@@ -69,10 +69,15 @@ def _away_in_log(table: Table, number: int, guard: float) -> np.ndarray:
     top = np.quantile(np.abs(e.yd[e.usable]), 0.98, axis=0)
     slow = np.abs(e.yd) < np.maximum(SLOW * top, e.still)
     slow &= top > e.still  # a joint that never moves has no reversals
-    from scipy.ndimage import maximum_filter1d  # takes 0.1 s to import
+    near = _within(slow, at, int(guard * e.rate))
+    return of_joints(scene.samples.reduced(at), ~near, largest_transmission(e))
 
-    near = maximum_filter1d(slow.astype(np.uint8), 2 * int(guard * e.rate) + 1, axis=0)
-    return of_joints(scene.samples.reduced(at), ~near[at].astype(bool), largest_transmission(e))
+
+def _within(flags: np.ndarray, at: np.ndarray, samples: int) -> np.ndarray:
+    """Return (N, J) whether any of `flags` (n, J) is true within so many samples of `at` (N,)."""
+    count = np.concatenate([np.zeros((1, flags.shape[1]), dtype=int), np.cumsum(flags, axis=0)])
+    first, stop = np.maximum(at - samples, 0), np.minimum(at + samples + 1, len(flags))
+    return np.asarray(count[stop] > count[first])
 
 
 def clear_of_limits(table: Table) -> np.ndarray:
@@ -83,16 +88,14 @@ def clear_of_limits(table: Table) -> np.ndarray:
 def _clear_in_log(table: Table, number: int) -> np.ndarray:
     scene, at = table.scenes[number], table.sample[table.experiment == number]
     e, mechanism = scene.e, table.mechanism
-    clipped = np.zeros(e.yd.shape, dtype=np.uint8)
+    clipped = np.zeros(e.yd.shape, dtype=bool)
     for name, torque in zip(mechanism.driven, e.tau.T, strict=True):
         clipped[:, mechanism.joint_index[name]] = at_limit(torque)
     if not clipped.any():
         return np.ones((len(at), len(table.motion.independent)), dtype=bool)
     taps = Decimator.of(table.motion.band.cutoff, e.rate).taps
-    from scipy.ndimage import maximum_filter1d  # takes 0.1 s to import
-
-    near = maximum_filter1d(clipped, 1 if taps is None else len(taps), axis=0)
-    return of_joints(scene.samples.reduced(at), ~near[at].astype(bool), largest_transmission(e))
+    near = _within(clipped, at, 0 if taps is None else len(taps) // 2)
+    return of_joints(scene.samples.reduced(at), ~near, largest_transmission(e))
 
 
 def misfit_at_reversals(table: Table, calm_rows: np.ndarray, x: np.ndarray) -> np.ndarray:

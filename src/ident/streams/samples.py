@@ -57,14 +57,10 @@ class SampleParser:
         self._ahead: np.ndarray | None = None  # the sample that waits
         ranges = [(usual or {}).get(name, (0.0, np.inf)) for name in self.columns]
         self._centre, self._range = np.array(ranges).reshape(-1, 2).T
-        # by column of one sample: where it stands in it, and [log]'s scale and offset
-        sources = [self._mapping.get(name) for name in self.columns]
-        self._keys = tuple(
-            source.column if source else name
-            for name, source in zip(self.columns, sources, strict=True)
-        )
-        self._scale = np.array([source.scale if source else 1.0 for source in sources])
-        self._offset = np.array([source.offset if source else 0.0 for source in sources])
+        self._names: frozenset[str] = frozenset()  # of the last sample that came alone
+        # by column of such a sample: where it stands in it, and [log]'s scale and offset
+        self._keys: tuple[str, ...] = ()
+        self._scale, self._offset = np.ones(0), np.zeros(0)
         self._absurd = 0  # samples in a row that are no measurements
         # (row, why) of samples of the last call; of one that waited since before, row −1
         self.left_out: list[tuple[int, str]] = []
@@ -124,6 +120,10 @@ class SampleParser:
         """Return one sample (1, columns) in which nothing is to be looked at; None for others."""
         if self._any or self._ahead is not None or isinstance(sample, Log):
             return None
+        if sample.keys() != self._names:
+            self._look_at(sample)
+        if not self._keys:
+            return None
         try:
             x = np.array([sample[key] for key in self._keys], dtype=float)
         except (KeyError, TypeError, ValueError):
@@ -137,6 +137,18 @@ class SampleParser:
             return None
         self.last, self._absurd, self.left_out = t, 0, []
         return x[None]
+
+    def _look_at(self, sample: Mapping[str, Any]) -> None:
+        """Note where the columns stand in a sample: under this robot's names, or ident's."""
+        self._names, logged = frozenset(sample), [self._mapping.get(name) for name in self.columns]
+        sources = [source if source and source.column in sample else None for source in logged]
+        both = zip(self.columns, sources, strict=True)
+        self._keys = tuple(source.column if source else name for name, source in both)
+        robots = {source.column for source in self._mapping.values()}
+        if any(name in robots for name, x in zip(self.columns, sources, strict=True) if x is None):
+            self._keys = ()  # a name that the robot has for another column
+        self._scale = np.array([source.scale if source else 1.0 for source in sources])
+        self._offset = np.array([source.offset if source else 0.0 for source in sources])
 
     def _ordered(self, t: np.ndarray, row: np.ndarray) -> np.ndarray:
         """(n,) samples whose times increase."""
