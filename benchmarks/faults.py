@@ -303,7 +303,7 @@ class Outcome:
     @property
     def wrong(self) -> bool:
         """A name or a set, and the truth is not in it."""
-        return bool(self.suspects) and not self.fixed
+        return bool(self.suspects) and not self.held
 
 
 def faulted(trained: Trained, fault: Fault, seed: int, scale: float) -> Outcome:
@@ -363,7 +363,7 @@ def row(head: Mapping[str, object], mine: Sequence[Outcome]) -> dict[str, object
         "delay [s]": float(np.median(seen)) if seen else None,
         "to its name [s]": float(np.median(called)) if called else None,
         "first name right": sum(o.first for o in mine),
-        "in the set": sum(o.fixed for o in mine),
+        "in the set": sum(o.held for o in mine),
         "wrong": sum(o.wrong for o in mine),
         "cannot tell": sum(o.verdict == "cannot tell" for o in mine),
         "set": float(np.mean([len(o.suspects) for o in mine if o.suspects] or [0])),

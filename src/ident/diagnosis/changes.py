@@ -21,10 +21,10 @@ import numpy as np
 
 from ident.diagnosis.candidates import Contest, absorbed, possible
 from ident.diagnosis.null import judging, null_shares
-from ident.diagnosis.selection import MAIN_CAUSE, Ranking
+from ident.diagnosis.selection import Ranking
 from ident.finding import Finding
 from ident.fit import Fit
-from ident.information.evidence import CERTAIN, PARSIMONY, SURROGATES, exceeding, paired
+from ident.information.evidence import CERTAIN, MAIN_CAUSE, PARSIMONY, SURROGATES, exceeding, paired
 from ident.information.hypotheses import Array, Gains, PartialRegression, Refit
 from ident.text import listed
 

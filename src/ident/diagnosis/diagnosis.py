@@ -20,15 +20,7 @@ from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import with_noise
 from ident.diagnosis.result import Diagnosis, Explanation, Law, announced, announced_with, errors_of
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import (
-    MAIN_CAUSE,
-    NEGATIVE,
-    Evidence,
-    Ranking,
-    can_be,
-    has_mass,
-    simplicity,
-)
+from ident.diagnosis.selection import NEGATIVE, Evidence, Ranking, can_be, has_mass, simplicity
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
 from ident.effects import Effect
@@ -43,7 +35,7 @@ from ident.fit.findings import DRIVING
 from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
 from ident.information.estimate import MATERIAL
-from ident.information.evidence import ALPHA, EXCESS, EXPLAINED_BELOW, RIVAL, Decision
+from ident.information.evidence import ALPHA, EXCESS, EXPLAINED_BELOW, MAIN_CAUSE, RIVAL, Decision
 
 FORMULAS_TRIED = 3  # work: rivals of a formula whose constants are not determined
 SHOWN = 3  # shown: candidates that are listed though they are not credible

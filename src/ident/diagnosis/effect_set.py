@@ -21,7 +21,6 @@ import numpy as np
 from ident.diagnosis.candidates import ColumnStore, Contest
 from ident.diagnosis.law_search import refined
 from ident.diagnosis.selection import (
-    MAIN_CAUSE,
     PARSIMONY,
     Evidence,
     Ranking,
@@ -36,7 +35,7 @@ from ident.effects import Effect
 from ident.effects.curve import PastSpeed
 from ident.effects.formula import Formula
 from ident.information import linear
-from ident.information.evidence import limit_by_coordinate
+from ident.information.evidence import MAIN_CAUSE, limit_by_coordinate
 from ident.information.hypotheses import Index, PartialRegression
 from ident.information.projection import EXACT
 

@@ -15,12 +15,12 @@ from ident.diagnosis.effect_set import Member, past_responses
 from ident.diagnosis.grammar import PLAIN_WAVE, PROBE
 from ident.diagnosis.law_search import FittedFormula, LawSearch, OnProgress, at_most
 from ident.diagnosis.search import Selection
-from ident.diagnosis.selection import MAIN_CAUSE, Ranking
+from ident.diagnosis.selection import Ranking
 from ident.display import part
 from ident.effects.curve import Curve
 from ident.effects.formula import Formula, Term
 from ident.equations.rows import IMMOBILE, largest_transmission
-from ident.information.evidence import EXCESS, PARSIMONY, paired
+from ident.information.evidence import EXCESS, MAIN_CAUSE, PARSIMONY, paired
 from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.information.projection import EXACT
 

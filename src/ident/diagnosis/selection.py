@@ -39,7 +39,6 @@ from ident.information.evidence import (
 from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
 from ident.mechanism.mechanism import Mechanism
 
-MAIN_CAUSE = 0.5  # level: of a joint's squares: what explains less of them is not its main cause
 # level: cosine of what two candidates explain: half of the squares are the same part
 SAME_PART = 0.7
 THIRD = 1 / 3  # range: of a length, by which no drawing is off

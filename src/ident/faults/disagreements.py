@@ -19,19 +19,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 
 from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns
 from ident.faults.channel_fits import DOUBT, HALF
-from ident.faults.search import AS_WELL
 from ident.finding import Finding
 from ident.information import linear
 from ident.information.blocks import Information, Squares
 from ident.information.chance import FEWEST_SQUARES, held_out, long_run, scores
 from ident.information.estimate import Estimate, estimate
-from ident.information.evidence import ALPHA, PARSIMONY
+from ident.information.evidence import ALPHA, credible, leaves_as_little, nearly_best, surprise
 from ident.text import percent, shortlist
 
 SAME = 1e-6  # numerics: of the largest fall of squared error, within which two are the same
@@ -39,7 +39,6 @@ TOLD_APART = 1e7  # numerics: condition number of the columns that one log tells
 UNKNOWN = 1e-12  # numerics: of H's largest eigenvalue, below which nothing is determined
 BELIEVED = 0.5  # tuned: of ν: far out in the tail it counts that ν itself is estimated
 LEAST_NOISE = 0.01, 1e-3  # numerics: of σ² of a log's rows, of the joint residual
-LEAST_ERROR = 1e-6  # numerics: relative error below which a fit is exact
 
 
 @dataclass(frozen=True)
@@ -210,11 +209,12 @@ class _Logs:
             own_rows = (D.T @ r) @ linear.pinv(D.T @ P @ D, rcond=1e-9, hermitian=True) @ (D.T @ r)
             shares[name] = float(np.clip(own_rows / fall, 0.0, 1.0)) if fall > 0 else 0.0
         best = max(shares.values(), default=0.0)
-        near = [name for name, x in shares.items() if x >= best - PARSIMONY]
+        near = [*compress(shares, nearly_best([*shares.values()]))]
         explained = delta**2 * h  # of multiples of each other the first
         j = int((explained >= (1 - SAME) * explained.max()).argmax())
+        clear = credible(surprise(chance), surprise(least))
         odd = Disagreement(
-            chance, chance < least, self.columns.names[known[j]], float(delta[j]), float(stderr[j]),
+            chance, clear, self.columns.names[known[j]], float(delta[j]), float(stderr[j]),
             self.columns.units[known[j]], tuple(sorted(near, key=lambda n: -shares[n])), best,
         )  # fmt: skip
         return odd, fall
@@ -248,10 +248,9 @@ def differing_logs(problem: Problem, reference: Callable[[], np.ndarray]) -> Ite
         np.sqrt(x.in_motion[0] / np.maximum(x.in_motion[2], 1)) / torque for x in (together, apart)
     )
     u = int((before - after).argmax())
-    if before[u] < DOUBT or after[u] > HALF * before[u]:
+    if not credible(before[u], DOUBT, remaining=after[u], most=HALF * before[u]):
         return
-    most = AS_WELL * np.maximum(reference(), LEAST_ERROR)
-    if np.log(np.maximum(after, LEAST_ERROR) / most).mean() >= 0:
+    if not leaves_as_little(after, reference()):
         return  # an effect that is missing in all of them explains it
     names = motion.names
     differ = disagreements(information, fits.weighed, problem.columns)

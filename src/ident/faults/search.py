@@ -34,15 +34,21 @@ from ident.faults.fault import (
 from ident.faults.motors import WIDTH, MotorCoordinates, motor_faults, nearest_nice
 from ident.faults.small_errors import away_from_reversals
 from ident.information.estimate import Estimate
-from ident.information.evidence import EXCESS, EXPLAINED_BELOW, RIVAL, surely_t, zscore
+from ident.information.evidence import (
+    EXCESS,
+    EXPLAINED_BELOW,
+    RIVAL,
+    credible,
+    leaves_as_little,
+    rivals_of,
+    surely_t,
+    zscore,
+)
 from ident.information.hypotheses import Array
 from ident.mechanism.mechanism import Mechanism
 
 LEAST_FACTOR = 1.5  # tuned: a smaller one is an effect's: a gain, a load-dependent friction
 POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
-# tuned: times the error that all effects of the library leave: a fault leaves no more (with 1.25 a
-# wrong gravity has no name any more: tests/mistakes)
-AS_WELL = 1.5
 CLOSEST = 6  # work: hypotheses that are looked at in detail
 MOTION_SAMPLES = 300  # work: samples that tell a right motion from a wrong one
 CALM = 0.5  # level: of a fall of errors, which a delay must bring away from reversals, too
@@ -85,6 +91,10 @@ class FaultTrial:
     def error(self) -> float:
         """Their mean where the fault is felt."""
         return rms(self.noise[self.rows])
+
+    def ahead_of(self, other: FaultTrial) -> float:
+        """Standard errors by which it predicts blocks that were left out better than another."""
+        return zscore((self.held_out_density - other.held_out_density).sum(axis=1))
 
     @cached_property
     def held_out_density(self) -> Array:
@@ -240,7 +250,7 @@ class FaultSearch:
                 continue
             others = [FaultTrial(fault, equations, last.before) for fault in faults]
             best = max(others, key=lambda x: float(x.held_out_density.sum()))
-            z = zscore((best.held_out_density - last.held_out_density).sum(axis=1))
+            z = best.ahead_of(last)
             rest = [x for x in trials if x is not trial]
             if z >= RIVAL:
                 turned |= {*joints}
@@ -344,7 +354,7 @@ class FaultSearch:
                 other
                 for other in closest
                 if (other.fault.kind, other.fault.number) == ("motors", best.fault.number)
-                and zscore((best.held_out_density - other.held_out_density).sum(axis=1)) < RIVAL
+                and best.ahead_of(other) < RIVAL
             ]
             best = min([best, *alike], key=lambda x: faults.index(x.fault))
             others = [other for other in closest if other is not best]
@@ -356,16 +366,14 @@ class FaultSearch:
             x = best.fault.number[0]
             best = trial(refined(best.fault, (x / WIDTH, x * WIDTH), trial))
             usual = trial(best.fault.at(nearest_nice(best.fault.number[0])))  # type: ignore[misc]
-            apart = (best.held_out_density - usual.held_out_density).sum(axis=1)
-            best = usual if zscore(apart) < surely_t(len(faults), len(base)) else best
+            best = usual if best.ahead_of(usual) < surely_t(len(faults), len(base)) else best
         rows, D = best.rows, best.held_out_density - base
         t = min(zscore(D.sum(axis=1)), zscore(D[:, rows].sum(axis=1)))
         identity = best.fault.kind, best.fault.joints
         # the best of each kind at the same joints
         rivals_by_kind = dict[tuple[object, ...], Fault]()
-        for other in others:
-            if zscore((best.held_out_density - other.held_out_density).sum(axis=1)) < RIVAL:
-                rivals_by_kind.setdefault((other.fault.kind, other.fault.joints), other.fault)
+        for other in rivals_of(best, others, best.ahead_of):
+            rivals_by_kind.setdefault((other.fault.kind, other.fault.joints), other.fault)
         if (alike_joints := rivals_by_kind.get(identity)) and best.fault.kind == "motors":
             same = [x.state.signs for x in (best.fault, alike_joints)]  # type: ignore[union-attr]
             if same[0] == same[1]:  # but for a ratio
@@ -378,7 +386,8 @@ class FaultSearch:
         if len(before_rows) == 1 or any(rival.kind != best.fault.kind for rival in rivals):
             most = DOUBT  # nothing else holds it, or nobody can tell by which of two faults
         fault = _determined(best, trial)
-        if fault is None or t <= surely_t(len(faults), len(base)) or best.error > most:
+        chance = surely_t(len(faults), len(base))
+        if fault is None or not credible(t, chance, remaining=best.error, most=most):
             return None
         return replace(best, fault=fault, before_fault=before, rivals=rivals)
 
@@ -389,7 +398,7 @@ class FaultSearch:
         """
         if last.fault.kind == "motors":
             return self._better_coordinates(last, every)
-        if np.log(last.noise).mean() >= np.log(AS_WELL * self.reference).mean():
+        if not leaves_as_little(last.noise, self.reference):
             return False
         kinds = {effect.kind for effect in self.effects if not effect.common}
         with_kinds = (self._with_common(every, kind) for kind in sorted(kinds))
@@ -404,7 +413,7 @@ class FaultSearch:
         They have as few unknowns as the log as it is, so that this is a fair comparison.
         """
         rest = every.noise(every.as_logged)  # in the same rows: those of a motion have no filter
-        if np.log(last.noise).mean() >= np.log(AS_WELL * rest).mean():
+        if not leaves_as_little(last.noise, rest):
             return False
         for kind in sorted({effect.kind for effect in self.effects if not effect.common}):
             with_kind = self._with_common(every, kind)
@@ -455,7 +464,7 @@ def _determined(best: FaultTrial, trial: Callable[[Fault], FaultTrial]) -> Fault
             return None
         return replace(fault, number=(equations.refined_delay(fault),))
     for neighbour in (trial(fault.at(f * fault.number[0])) for f in (0.5, 2.0)) if fault.at else ():
-        if zscore((best.held_out_density - neighbour.held_out_density).sum(axis=1)) < RIVAL:
+        if best.ahead_of(neighbour) < RIVAL:
             # a factor takes the joint out
             return None
         if fault.kind == "time" and neighbour.error < EXCESS * best.error:

@@ -31,7 +31,7 @@ from ident.faults.channel_fits import HALF, ROUNDS, SMALL, SQUARES_ROUNDING, col
 from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.estimate import MATERIAL, Estimate
-from ident.information.evidence import RIVAL, surely_t, zscore
+from ident.information.evidence import RIVAL, credible, surely_t, zscore
 from ident.information.hypotheses import Array, PartialRegression
 from ident.information.projection import RANK
 from ident.motion.signals import SLOW, at_limit
@@ -181,9 +181,10 @@ def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
     products = products[np.unique(table.blocks[use.any(axis=1)])]
     delay = abs(products.sum()) / max(float(column @ column), 1e-300)
     shares = delay * np.sqrt((late**2).sum(axis=0) / np.maximum(squares, 1e-300))
-    if len(products) < 2 or shares.max() <= HALF * SMALL:
+    if len(products) < 2:
         return False
-    return abs(zscore(products)) > surely_t(1, len(products))
+    z, chance = abs(zscore(products)), surely_t(1, len(products))
+    return credible(z, chance, size=shares.max(), least=HALF * SMALL)
 
 
 def common_delay(
@@ -224,7 +225,8 @@ def common_delay(
 
     late = column(table.A[:, :, :rigid] @ x[:rigid] + known)
     refit = model.refit_with(late)
-    if zscore(refit.D) <= surely_t(1, model.blocks):
+    z, chance = zscore(refit.D), surely_t(1, model.blocks)
+    if not credible(z, chance):
         return None
     unit = np.eye(d)
     others = [model.refit_with([x * (1 - e[u]) for u, x in enumerate(late)]) for e in unit]
@@ -232,7 +234,8 @@ def common_delay(
     delay = float(refit.theta[0])
     shares = [abs(delay) * float(np.linalg.norm(x)) for x in late] / np.sqrt(squares)
     everywhere = min(zscore(refit.D) for refit in others) > RIVAL
-    if not everywhere or refit.G < HALF * with_own_delays.G or shares.max() < SMALL:
+    in_common = everywhere and refit.G >= HALF * with_own_delays.G
+    if not credible(z, chance, size=shares.max(), least=SMALL, possible=in_common):
         return None
     # the slope along the delay's columns, the model projected out, without each block
     along, y = refit.direction[:, None], np.concatenate([y[:, :1] for y in model.residual])

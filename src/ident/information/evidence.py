@@ -30,7 +30,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import exp
+from math import exp, log
 from numbers import Real
 from statistics import NormalDist
 from typing import TypeVar
@@ -52,12 +52,20 @@ SURROGATES = 100  # work: random series with the spectrum of the residual
 EXCESS = 1.25  # tuned: times a noise or an error, from which something is more than that
 # tuned: share of what is explained, or left, that is worth no further number and no name
 PARSIMONY = 0.1
+# level: share of what is to be explained, in squares or of an error as it is said, less of which no
+# main cause explains
+MAIN_CAUSE = 0.5
 MATTERS = 0.05  # tuned: share of an error or of its squares, from which its cause is reported
 # tuned: times what is known (a noise, a named change), beyond which there is more; residuals of
 # good logs are 0.5 to 1.3 times the sensors' noise
 BEYOND = 3.0
 # tuned: relative error at which nothing is explained: no cause or closure leaves it
 EXPLAINED_BELOW = 0.3
+# tuned: times the error that all effects of the library leave: what takes their place leaves no
+# more (with 1.25 a wrong gravity has no name any more: tests/mistakes)
+AS_WELL = 1.5
+LEAST_ERROR = 1e-6  # numerics: relative error below which a fit is exact
+TINY = 1e-300  # numerics: of a chance: no logarithm of zero
 DIFFERENT = 1e-9  # numerics: of squares, up to which two differ by rounding alone
 SHARE_ROUNDING = 1e-12  # numerics: of a share, from one
 
@@ -119,6 +127,19 @@ def credible(
         possible: whether there can be such a cause, and no other one stands for it.
     """
     return bool(possible and gain > chance and size > least and remaining <= most)
+
+
+def surprise(p: float) -> float:
+    """−log of a chance, as a gain: a cause must surprise by more than `surprise(ALPHA)`."""
+    return -log(max(p, TINY))
+
+
+def leaves_as_little(errors: Array, others: Array) -> bool:
+    """Return whether a cause leaves relative errors (d,) hardly larger than those that other causes
+    together leave, of which each has numbers of its own: geometric means, within `AS_WELL`.
+    """
+    ratios = np.maximum(errors, LEAST_ERROR) / (AS_WELL * np.maximum(others, LEAST_ERROR))
+    return bool(np.log(ratios).mean() < 0)
 
 
 def rivals_of(

@@ -19,10 +19,11 @@ from ident.assess.verdict import (
 )
 from ident.diagnosis.changes import CODE
 from ident.diagnosis.result import Diagnosis, Explanation
-from ident.diagnosis.selection import MAIN_CAUSE, Evidence
+from ident.diagnosis.selection import Evidence
 from ident.effects import Effect
 from ident.effects.library import named
 from ident.fit.findings import DRIVING, NEGATIVE_VALUE
+from ident.information.evidence import MAIN_CAUSE
 from ident.show.headline import causes_words, error_words, remainder_sentence
 from ident.show.laws import numbers
 from ident.text import listed, percent, places, shortlist, significant

@@ -3,7 +3,7 @@
 A second cause h joins a first one g where, fitted together,
 
     G_gh − G_g ≥ A′,  G_gh − G_h ≥ A′     A′: gain that a cause must have, in the noise that is left
-    z_gh,g, z_gh,h ≥ APART                 so the two beat each of them alone
+    z_gh,g, z_gh,h ≥ CERTAIN               so the two beat each of them alone
     |θ| ≥ δ in one parameter of each       a change that is watched for
     rest_gh ≤ rest_g / 2                   beyond noise and the error of the reference
 
@@ -18,11 +18,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ident.information.evidence import CERTAIN, MAIN_CAUSE, credible
 from ident.streams.charts import NormalRunning, WatchedInterval
-from ident.streams.suspects import APART, EARLIER, Naming, Reading, Suspect, name_change, onset
+from ident.streams.suspects import EARLIER, Naming, Reading, Suspect, name_change, onset
 
 LEADERS = 3  # work: likeliest causes with which every other one is tried
-HALF = 0.5  # level: share of what the best single cause leaves that two causes may leave
 
 
 def name_together(
@@ -50,7 +50,7 @@ def name_together(
         again, since = naming, list(window)
     parts = {effect.label for effect in naming.best.suspect.effects}
     alone = [r for r in again.readings if {e.label for e in r.suspect.effects} < parts]
-    both = again.sound and again.surplus <= max(HALF * single.surplus, 0.0)
+    both = again.sound and again.surplus <= max(MAIN_CAUSE * single.surplus, 0.0)
     needed = all(needs_both(again, part, normal) for part in alone)
     return (again, since) if both and needed and grows_in_each(again, normal) else None
 
@@ -79,7 +79,7 @@ def needs_both(naming: Naming, part: Reading, normal: NormalRunning) -> bool:
     assert naming.best is not None
     gained = naming.best.gain - part.gain
     z, _ = naming.best.apart_from(part, normal.typical)
-    return bool(gained >= naming.least * max(naming.remains, 1.0) and z >= APART)
+    return credible(gained, naming.least * max(naming.remains, 1.0), possible=z >= CERTAIN)
 
 
 def grows_in_each(naming: Naming, normal: NormalRunning) -> bool:

@@ -11,11 +11,11 @@ else is arithmetic on the triangle R of the intervals, in all columns:
                                      of nested ones the smaller if z < 3
 
 If g is the truth, F_g − F_h scatters with twice the distance of the two predictions, so z is the
-evidence for g over h in its own standard errors (Vuong, Econometrica 57(2), 1989, with the noise
-known from normal running); one that is APART of all others leads alone. z is d/2 ± 1 if g is the
-truth and −d/2 ± 1 if h is, so in the end h is no rival where z + d/2, of which d/2 counts up to
-z + 1, is APART. What the best leaves is compared with noise and the error δ of x_ref, which the
-normal rows A_n hold:
+evidence for g over h in its own standard errors, with the noise known from normal running
+(`information.evidence`); one that is CERTAIN against all others leads alone, as each interval asks
+again. z is d/2 ± 1 if g is the truth and −d/2 ± 1 if h is, so in the end h is no rival where
+z + d/2, of which d/2 counts up to z + 1, is CERTAIN. What the best leaves is held against noise and
+the error δ of x_ref, which the normal rows A_n hold:
 
     rest = min |r − R δ|² + |A_n δ|²          r: what g leaves
 
@@ -30,7 +30,7 @@ What a change Δx does to them is Δλ = −K⁺ᵀ_λ A Δx.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 
@@ -48,7 +48,7 @@ from ident.fit import Fit
 from ident.information import linear
 from ident.information.blocks import Block, Information
 from ident.information.cone import Limit, nearest, svec
-from ident.information.evidence import NEGATIVE
+from ident.information.evidence import CERTAIN, NEGATIVE, credible, rivals_of, zscore_in_noise
 from ident.information.hypotheses import PartialRegression
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
@@ -59,7 +59,6 @@ from ident.streams.charts import FELT, MARGIN, NormalRunning, WatchedInterval
 
 WATCHED = tuple(kind for kind, cls in KINDS.items() if cls.watched == "always")
 DIRECT = 4  # range: columns of a suspect that have charts: a payload's mass and first moments
-APART = 3.0  # level: standard errors within which two suspects are not told apart
 RANK = 1e-4  # numerics: of unit columns' largest singular value: below, it is not asked for
 SURPLUS = 2.5  # level: standard errors by which what is left may exceed noise
 EXPLAINS = 0.999  # numerics: or share beyond noise that is explained: no model is that exact
@@ -259,10 +258,9 @@ class Reading:
         return cls(suspect, theta, np.where(alone, error, np.nan), root, fall, gain, predicted)
 
     def apart_from(self, other: Reading, phi2: float) -> tuple[float, float]:
-        """Return z over another and d; if both predict nearly the same, their gain alone counts."""
-        distance = float(np.linalg.norm(self.predicted - other.predicted)) / np.sqrt(phi2)
-        d = max(distance, 1.0)
-        return (self.gain - other.gain) / (2.0 * d), d
+        """Return z over another, and d."""
+        d = float(np.linalg.norm(self.predicted - other.predicted)) / np.sqrt(phi2)
+        return zscore_in_noise(self.gain - other.gain, d), d
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +269,7 @@ class Naming:
 
     readings: tuple[Reading, ...]  # best first
     rivals: tuple[Reading, ...]  # of the best one
-    alone: bool  # whether the best is APART of all others
+    alone: bool  # whether the best is CERTAIN against all others
     excess: float  # standard errors by which what the best leaves exceeds noise …
     surplus: float  # … and the error of x_ref
     explained: float  # share of the squares beyond noise that it removes
@@ -286,8 +284,10 @@ class Naming:
     @property
     def sound(self) -> bool:
         """Whether the best is likely enough by itself, and leaves nothing to be explained."""
-        likely = self.best is not None and self.best.gain >= self.least
-        return likely and self.explained >= (MOSTLY if self.surplus < SURPLUS else EXPLAINS)
+        explains = MOSTLY if self.surplus < SURPLUS else EXPLAINS
+        return self.best is not None and credible(
+            self.best.gain, self.least, remaining=1 - self.explained, most=1 - explains
+        )
 
 
 def name_change(
@@ -306,7 +306,7 @@ def name_change(
     readings = sorted(filter(None, fitted), key=lambda reading: -reading.gain)
     for smaller in readings[1:]:
         contained = readings[0].suspect.contains(smaller.suspect)
-        if contained and readings[0].apart_from(smaller, phi2)[0] < APART:
+        if contained and readings[0].apart_from(smaller, phi2)[0] < CERTAIN:
             readings.remove(smaller)  # as good with fewer numbers
             readings.insert(0, smaller)
             break
@@ -320,20 +320,25 @@ def name_change(
         normal.beyond_error(triangle.R, e - best.predicted if best else e) + triangle.rho**2
     )
     louder = max(1.0, unexplained / expected / MARGIN) ** 0.5  # than normal running with its margin
-    z, d = (
-        np.array([readings[0].apart_from(reading, phi2) for reading in readings]).reshape(-1, 2).T
-    )
+    apart = {id(reading): readings[0].apart_from(reading, phi2) for reading in readings}
 
-    def others(evidence: np.ndarray, bound: float) -> tuple[Reading, ...]:
-        """Of less evidence against them; what is another one and more is no other."""
-        near = [reading for reading, x in zip(readings[1:], evidence[1:], strict=True) if x < bound]
+    def behind(reading: Reading) -> float:
+        return apart[id(reading)][0]
+
+    def behind_in_the_end(reading: Reading) -> float:
+        z, d = apart[id(reading)]
+        return z + min(z + 1.0, max(d, 1.0) / 2)
+
+    def others(behind: Callable[[Reading], float], within: float) -> tuple[Reading, ...]:
+        """Rivals, without those that contain the best, or another one: they are no other causes."""
+        near = rivals_of(readings[0], readings, behind, within) if readings else []
         less = [*readings[:1], *near]
         return tuple(e for e in near if not any(e.suspect.contains(x.suspect) for x in less))
 
     return Naming(
         readings=tuple(readings),
-        rivals=others(z + np.minimum(z + 1.0, d / 2), APART * louder),
-        alone=not others(z, APART),
+        rivals=others(behind_in_the_end, CERTAIN * louder),
+        alone=not others(behind, CERTAIN),
         excess=(rest - expected) / scatter,
         surplus=(unexplained - expected) / scatter,
         explained=(squares - rest) / max(squares - expected, TINY),
