@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from weakref import WeakKeyDictionary
 
-from numpy.linalg import LinAlgError, norm
+from numpy.linalg import LinAlgError
 
 from ident.assess.verdict import joints_at_reversals
 from ident.diagnosis.experiment import (
@@ -18,7 +18,6 @@ from ident.diagnosis.experiment import (
     attempts,
     concerned,
     contenders,
-    orthonormal,
     proposal,
     questions,
 )
@@ -28,8 +27,8 @@ from ident.diagnosis.trials import Move, Trial, present, trials
 from ident.effects import KINDS, Effect
 from ident.effects.library import by_kind, separating
 from ident.errors import IdentError
-from ident.excite.excitation import SAME_COSINE
-from ident.information.evidence import PARSIMONY
+from ident.information.evidence import PARSIMONY, SAME_SHARE
+from ident.information.separation import share_apart
 from ident.request import Step
 
 SHOWS = 0.02  # level: visible share from which an effect can be seen
@@ -352,20 +351,14 @@ def separable_pair(
         return ()
     rivals.sort(key=lambda effect: effect.kind != best.kind)
     probe = Probe.of(d, trial) if trial else None
-    apart = (x for x in rivals if probe is None or cosine(probe, best, x) < SAME_COSINE)
+    apart = (x for x in rivals if probe is None or _apart(probe, best, x))
     rival = next(apart, None)
     return (best.label, rival.label) if rival else ()
 
 
-def cosine(probe: Probe, a: Effect, b: Effect) -> float:
-    """Return the largest canonical correlation of two effects' columns beside the model, 1 where
-    they have a torque in common; 1 where it cannot be computed.
-    """
+def _apart(probe: Probe, a: Effect, b: Effect) -> bool:
+    """Return whether a trial shows two effects apart; not where it cannot be computed."""
     with suppress(IdentError, LinAlgError, ValueError):
-        spans = [
-            orthonormal(C - probe.Q @ (probe.Q.T @ C))
-            for C in (probe.columns(x, [])[0] for x in (a, b))
-        ]
-        if all(span.size for span in spans):
-            return float(norm(spans[0].T @ spans[1], 2))
-    return 1.0
+        one, other = (probe.spans(effect, [])[0] for effect in (a, b))
+        return bool(one.size and other.size) and share_apart(one, [other]) > SAME_SHARE
+    return False

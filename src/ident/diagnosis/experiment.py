@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, compress
 
 import numpy as np
 
@@ -17,10 +17,9 @@ from ident.equations.table import Table
 from ident.equations.terms import Samples, unbalanced
 from ident.errors import IdentError
 from ident.faults.small_errors import away_from_reversals
-from ident.information import linear
 from ident.information.estimate import MATERIAL
-from ident.information.evidence import PARSIMONY
-from ident.information.projection import RANK
+from ident.information.evidence import APART_SE, SAME_SHARE, TINY, TOLD_APART_SE, nearly_best
+from ident.information.separation import beside, orthonormal, share_apart
 from ident.motion import Motion, State, complete
 from ident.motion.motion import left_out
 
@@ -29,12 +28,10 @@ from ident.motion.motion import left_out
 #
 #     s_A = C_A θ_A     separation² = min_s Σ ((I − P) s_A / σ)²,  P onto [A, C_B(s)]
 #
-# σ is the noise of the present log; sums are scaled to its length. Half of a separation is what
-# blocks of held-out errors would show, in their standard errors.
+# σ is the noise of the present log; sums are scaled to its length (`information.separation`).
 
 
 NEARBY = (0.7, 0.85, 1.2, 1.4)  # work: times a formula's constant, where it may do the same
-TOLD_APART_SE = 7.0  # level: standard errors by which rivals are told apart, with chance against it
 # range: times the log's largest ‖K⁺‖: no trial goes nearer to a singular position
 SINGULAR_RATIO = 10.0
 
@@ -48,7 +45,7 @@ class Probe:
     weight: np.ndarray  # (d,) 1/σ
     Q: np.ndarray  # (M, rank) the model's columns, orthonormal
     memo: dict[str, list[np.ndarray]] = field(default_factory=dict)
-    spans: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    memo_of_spans: dict[str, list[np.ndarray]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, d: Diagnosis, trial: Trial) -> Probe | None:
@@ -98,14 +95,16 @@ class Probe:
     def _difference(self, a: Evidence, b: Evidence) -> tuple[float, float]:
         C = self.columns(a.effect, [a.shape])[0]
         names = a.effect.unknowns or a.effect.searched
-        signal = _without(self.Q, C @ a.refit.theta[: len(names)])
+        signal = beside(self.Q, C @ a.refit.theta[: len(names)])[:, None]
         size = float(np.linalg.norm(signal))
-        if b.effect.label not in self.spans:  # beside the model, at every shape
-            columns = self.columns(b.effect, [b.shape])
-            self.spans[b.effect.label] = [orthonormal(_without(self.Q, C)) for C in columns]
-        spans = self.spans[b.effect.label]
-        remaining = min(float(np.linalg.norm(_without(Q, signal))) for Q in spans)
-        return remaining, remaining / max(size, 1e-300)
+        if b.effect.label not in self.memo_of_spans:  # at every shape
+            self.memo_of_spans[b.effect.label] = self.spans(b.effect, [b.shape])
+        share = share_apart(signal / max(size, TINY), self.memo_of_spans[b.effect.label])
+        return share * size, share
+
+    def spans(self, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
+        """What an effect's columns span beside the model, orthonormal, at each shape."""
+        return [orthonormal(beside(self.Q, C)) for C in self.columns(effect, shapes)]
 
     def visible(self, effect: Effect) -> float:
         """The largest share of an effect's columns that the model does not have; none where the
@@ -117,7 +116,7 @@ class Probe:
         largest = np.array([min(p.largest, ends.get(p.name, np.inf)) for p in parameters])
         shares = [0.0]
         for C in self.columns(effect, []):
-            projected = _without(self.Q, C)
+            projected = beside(self.Q, C)
             size, remaining = (np.linalg.norm(x, axis=0) for x in (C, projected))
             nonzero = remaining > 1e-9 * np.sqrt(len(C))
             if np.any(remaining[nonzero] * largest[nonzero] > TOLD_APART_SE):
@@ -171,7 +170,6 @@ def _length(motion: Motion) -> float:
 # First question: at which place, of effects of one kind. Second: of which kind.
 
 
-APART_SE = 1.0  # level: from which a longer log tells them apart
 AMPLE = 10.0  # work: beyond which more is worth nothing
 RIVALS_COMPARED = 12  # work: that are looked at
 FORMULAS = 3  # work: rivals of a law, the simplest first
@@ -202,9 +200,9 @@ class Attempt:
     separations: dict[Pair, tuple[float, float]]  # standard errors, share that differs
 
     def separation(self, pair: Pair) -> float:
-        """Standard errors; none where the two are the same but for rounding."""
+        """Standard errors; none where one can do what the other does."""
         x, share = self.separations[pair]
-        return x if share > MATERIAL else 0.0
+        return x if share > SAME_SHARE else 0.0
 
     def worth(self, pairs: Sequence[Pair]) -> float:
         """Value of the trial for these pairs: squared standard errors, up to AMPLE each."""
@@ -280,8 +278,8 @@ def proposal(
     worth = [
         (attempt.worth(pairs), attempt) for attempt in attempts_made if attempt.trial.kind != "same"
     ]
-    most = max((one for one, _ in worth), default=0.0)
-    best = next((attempt for one, attempt in worth if one >= (1 - PARSIMONY) * most), None)
+    good = nearly_best([one for one, _ in worth])
+    best = next((attempt for _, attempt in compress(worth, good)), None)
     if best is None or not (pairs_apart := [p for p in pairs if best.separation(p) >= APART_SE]):
         return None
     worst = min(pairs_apart, key=best.separation)
@@ -296,20 +294,3 @@ def proposal(
             best.trial.seconds, length * max(1.0, (TOLD_APART_SE / best.separation(worst)) ** 2)
         ),
     )
-
-
-def _without(Q: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """(I − QQᵀ) X."""
-    return X - Q @ (Q.T @ X)
-
-
-def orthonormal(A: np.ndarray) -> np.ndarray:
-    """A basis (M, rank) of the columns' span."""
-    size = np.linalg.norm(A, axis=0)
-    nonzero = size > 1e-12 * size.max(initial=0.0)
-    A = A[:, nonzero] / size[nonzero]
-    if not A.size:
-        return np.zeros((len(A), 0))
-    Q, R = np.linalg.qr(A)
-    U, s, _ = linear.svd(R)
-    return Q @ U[:, s > RANK * s[0]]

@@ -30,7 +30,9 @@ from ident.excite.trajectory import MotionRows
 from ident.fit.values import base_names
 from ident.information import linear
 from ident.information.estimate import TOLERANCE, rank_revealing, solve
+from ident.information.evidence import SAME_SHARE
 from ident.information.linear import Triangle
+from ident.information.separation import beside, orthonormal, share_apart
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 
@@ -111,19 +113,20 @@ class ExpectedValue:
         return self.stderr < self.largest
 
 
-# level: of two effects' predictions, from which a motion does not separate them
-SAME_COSINE = 0.999
-
-
 @dataclass(frozen=True)
 class Separation:
     """How well a motion distinguishes two effects."""
 
     first: str  # first, second: their labels
     second: str
-    cosine: float  # the largest of what both predict, all else projected out; 1: no difference
+    share: float  # of what one predicts beside all else, that the other cannot do, at least
     stderr: tuple[float, float]  # of each one's first unknown when everything is refitted
     units: tuple[str, str]
+
+    @property
+    def cosine(self) -> float:
+        """The largest of what both predict, all else projected out; 1: no difference."""
+        return float(np.sqrt(1.0 - self.share**2))
 
     def __str__(self) -> str:
         (ea, eb), (ua, ub) = self.stderr, self.units
@@ -131,7 +134,7 @@ class Separation:
             f"{self.first} and {self.second}: cosine {self.cosine:.4g} beside all else; expected "
             f"standard errors {ea:.2g} {ua} and {eb:.2g} {ub}"
         )
-        if self.cosine < SAME_COSINE:
+        if self.share > SAME_SHARE:
             return text
         return (
             f"{text}. This motion does not separate them: one can do what the other does. Give "
@@ -204,7 +207,7 @@ class Determined:
         self.columns, self.W = columns, W.reshape(-1, len(columns))  # (N, k) those that inform
         factor = Triangle.of(self.W, np.zeros(len(self.W)))
         self.base = rank_revealing(factor, TOLERANCE)
-        R = factor.restricted(self.base.independent).R
+        R = self.R = factor.restricted(self.base.independent).R
         self.log_det = 2 * float(np.log(np.abs(R.diagonal())).sum())  # of the information
         self.C = solve(factor, self.base).C  # (r, r) covariance of base parameters
         self.stderr = np.sqrt(self.C.diagonal())
@@ -240,20 +243,18 @@ class Determined:
         )
 
     def separation(self, pair: tuple[str, str]) -> Separation:
-        """Return how well two effects are distinguished: by the canonical correlation of their
-        estimates, that of their predictions beside all else.
-        """
+        """Return how well two effects are distinguished, by their predictions beside all else."""
         columns, place = self.columns, {i: k for k, i in enumerate(self.base.independent.tolist())}
         places = [determined_places(columns, label, place) for label in pair]
         a, b = ([place[i] for i in columns_of_one if i in place] for columns_of_one in places)
         e, f = (float(self.stderr[place[i]]) if i in place else np.inf for i, *_ in places)
-        cosine = 1.0
+        share = 0.0
         if np.isfinite(e + f):
-            A, B = (np.linalg.cholesky(self.C[np.ix_(x, x)]) for x in (a, b))
-            M = np.linalg.solve(A, np.linalg.solve(B, self.C[np.ix_(b, a)]).T)
-            cosine = float(np.linalg.norm(M, 2))
+            Q = orthonormal(np.delete(self.R, [*a, *b], axis=1))
+            one, other = (orthonormal(beside(Q, self.R[:, x])) for x in (a, b))
+            share = share_apart(one, [other])
         units = columns.units[places[0][0]], columns.units[places[1][0]]
-        return Separation(*pair, cosine, (e, f), units)
+        return Separation(*pair, share, (e, f), units)
 
 
 def determined_places(columns: Columns, label: str, independent: Collection[int]) -> list[int]:

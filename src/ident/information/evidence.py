@@ -48,6 +48,13 @@ NEGATIVE = 2.0  # level: standard errors from zero at which a value has a sign
 # level: standard errors that are no accident: of a sign that cannot be, of what is asked for again
 # and again as time passes
 CERTAIN = 3.0
+# level: by how many standard errors a planned log is to show more than RIVAL: 93 in 100 logs do
+POWER = 1.5
+TOLD_APART_SE = 2 * (RIVAL + POWER)  # level: distance of two rivals that are told apart
+APART_SE = 1.0  # level: the same from which a longer log tells them apart
+# level: share of what one cause predicts, up to which another one can do it in its place, as a
+# sine; its cosine is 0.999
+SAME_SHARE = 0.045
 SURROGATES = 100  # work: random series with the spectrum of the residual
 EXCESS = 1.25  # tuned: times a noise or an error, from which something is more than that
 # tuned: share of what is explained, or left, that is worth no further number and no name

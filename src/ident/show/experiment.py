@@ -22,13 +22,13 @@ from ident.assess.experiment import (
     reached_moves,
     without_motion,
 )
-from ident.diagnosis.experiment import TOLD_APART_SE
 from ident.diagnosis.result import Diagnosis
 from ident.diagnosis.trials import Move, Trial
 from ident.display import renders
 from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.effects.library import by_kind, named
+from ident.information.evidence import TOLD_APART_SE
 from ident.mechanism.mechanism import Mechanism
 from ident.text import listed, places, two_digits
 
