@@ -32,14 +32,13 @@ from ident.equations.unknowns import Point
 from ident.errors import FitError, one_of
 from ident.fit import Fit, identify
 from ident.information.blocks import Error
-from ident.information.evidence import Chance
+from ident.information.evidence import RIVAL, Chance, credible
 from ident.log import Log
 from ident.mechanism import Mechanism
 from ident.motion import Motion, complete
 
 File = str | os.PathLike[str]
 Logs = Log | File | Sequence[Log | File]
-CREDIBLE_Z = 2.0  # level: standard errors from which a gain is one
 LEAST_GAIN = 0.01  # work: of the held-out squares: a shape that gains less is not refined
 
 
@@ -78,7 +77,8 @@ class PredictedGain:
     @property
     def sure(self) -> bool:
         """Whether the error falls by more than chance makes it, with values that can be."""
-        return self.fall is not None and self.z > CREDIBLE_Z and (self.present or self.gain >= 0)
+        possible = self.fall is not None and (self.present or self.gain >= 0)
+        return credible(self.z, RIVAL, possible=possible)
 
 
 def rows_of(

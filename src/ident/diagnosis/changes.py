@@ -24,7 +24,16 @@ from ident.diagnosis.null import judging, null_shares
 from ident.diagnosis.selection import Ranking
 from ident.finding import Finding
 from ident.fit import Fit
-from ident.information.evidence import CERTAIN, MAIN_CAUSE, PARSIMONY, SURROGATES, exceeding, paired
+from ident.information.evidence import (
+    CERTAIN,
+    MAIN_CAUSE,
+    PARSIMONY,
+    SURROGATES,
+    credible,
+    exceeding,
+    paired,
+    surprise,
+)
 from ident.information.hypotheses import Array, Gains, PartialRegression, Refit
 from ident.text import listed
 
@@ -189,14 +198,14 @@ def change_within(first: Ranking) -> Change | None:
     gains = regression.explained(measured.by)
     best = int(gains.argmax())
     share = float(regression.explained_by_coordinate(measured.by[best]).max())
-    if share < MAIN_CAUSE:
+    if share <= MAIN_CAUSE:
         return None
-    p = _chance(float(gains[best]), regression, measured)
-    if not p < contest.decision.alpha:
+    chance, p = surprise(contest.decision.alpha), _chance(float(gains[best]), regression, measured)
+    if not credible(surprise(p), chance):
         # a spectrum that holds the change itself makes much of it: that of what it leaves
         rest = judging(contest.with_model(regression.extended(groups[best]).bare)).regression
         p = _chance(float(gains[best]), rest, rest.gains(groups))
-    if not p < contest.decision.alpha:
+    if not credible(surprise(p), chance, size=share, least=MAIN_CAUSE):
         return None
     # the times of the best ones, and the simplest of those that do as well
     timed = dict[int, Change]()
@@ -215,11 +224,11 @@ def change_within(first: Ranking) -> Change | None:
     change = min(equal, key=lambda change: (len(change.cause.names), -change.gain))
     always = [e.refit.loss[:, change.coordinate] for e in first.evidence]
     least = min(always, key=lambda loss: float(loss.sum()), default=None)
-    if least is not None and (
-        change.loss.sum() > MAIN_CAUSE * least.sum()
-        or paired(least, change.loss) < contest.decision.rival_se
-    ):
-        return None
+    if least is not None:
+        z, most = paired(least, change.loss), MAIN_CAUSE * float(least.sum())
+        left = float(change.loss.sum())
+        if not credible(z, contest.decision.rival_se, remaining=left, most=most):
+            return None
     return _with_values(_with_others(contest, change, causes), contest.fit)
 
 

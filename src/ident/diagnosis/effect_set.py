@@ -35,7 +35,7 @@ from ident.effects import Effect
 from ident.effects.curve import PastSpeed
 from ident.effects.formula import Formula
 from ident.information import linear
-from ident.information.evidence import MAIN_CAUSE, limit_by_coordinate
+from ident.information.evidence import MAIN_CAUSE, credible, limit_by_coordinate
 from ident.information.hypotheses import Index, PartialRegression
 from ident.information.projection import EXACT
 
@@ -223,12 +223,12 @@ def past_responses(last: Ranking) -> tuple[Ranking, list[Response]]:
         regression, columns = regression.added(last.contest.columns(response, {}))
         responses.append((response, columns))
     shares = regression.shares([columns for _, columns in responses])
-    credible = [
+    beyond_chance = [
         (response, columns, float(more))
         for (response, columns), more in zip(responses, shares, strict=True)
         if more > limit(regression.place(columns))
     ]
-    return replace(last, contest=last.contest.with_model(regression)), credible
+    return replace(last, contest=last.contest.with_model(regression)), beyond_chance
 
 
 def _curve(member: Member, last: Ranking) -> Effect | None:
@@ -360,9 +360,8 @@ def evaluate_member(
         place = last.regression.place(member.columns)
         p, limit = last.chance.p(share, place), last.chance.limit(place)
         p = max(p, member.path or 0.0)
-        e = replace(
-            e, refit=refit, gain=share, limit=limit, p=p, credible=share > limit and e.sensible
-        )
+        believed = credible(share, limit, possible=e.sensible)
+        e = replace(e, refit=refit, gain=share, limit=limit, p=p, credible=believed)
     member = replace(member, evidence=e, gain=effect_set.rise(bare))
     curve = _curve(member, last) or _past(member, *past)
     return replace(member, curve=curve, impossible=_impossible(member, bare.regression, last))

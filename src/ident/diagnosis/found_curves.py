@@ -22,7 +22,7 @@ from ident.effects.curve import Curve
 from ident.effects.formula import Formula, file_name_of
 from ident.fit.values import Value
 from ident.information import linear
-from ident.information.evidence import PARSIMONY
+from ident.information.evidence import nearly_best
 from ident.information.hypotheses import Array, PartialRegression
 
 PIECES = (2, 3, 5, 8, 12, 20)  # work: that are compared
@@ -112,7 +112,7 @@ def curve_of(
     if G.max() <= least:
         return None
     curves = [candidate.effect for candidate in candidates if isinstance(candidate.effect, Curve)]
-    near = [i for i in range(len(candidates)) if G[i] >= (1 - PARSIMONY) * G.max()]
+    near = np.flatnonzero(nearly_best(G)).tolist()
     curve = curves[min(near, key=lambda i: (len(curves[i].depends_on), -G[i]))]
     contest = contest.with_model(regression)
     trials = []

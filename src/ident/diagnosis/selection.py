@@ -1,13 +1,14 @@
 """The rule of evidence: which candidates are credible, which one is preferred, which are rivals.
 
-A candidate is credible if
+A candidate is credible (`information.evidence`) if
 
 * its gain g exceeds the (1 − alpha) quantile of the largest gain over all candidates on residuals
-  in which nothing is missing. Waves of position must pass the filter at many speeds, not only
-  around reversals, where friction that is not quite sign(v) looks like some wave;
+  in which nothing is missing;
 * its torque exceeds the share `material` of its joint's;
-* its values are such as this kind of effect can have, a body with a mass among them, and differ
-  from those that the model has of it beyond the errors of both.
+* it can be: its values are such as this kind of effect can have, a body with a mass among them, and
+  differ from those that the model has of it beyond the errors of both. Waves of position must pass
+  the filter at many speeds, not only around reversals, where friction that is not quite sign(v)
+  looks like some wave.
 
 Of candidates that explain the same part within PARSIMONY of the best gain, the one with the fewest
 numbers is chosen, unless the best one is better by `rival_se` standard errors of the paired
@@ -32,8 +33,10 @@ from ident.information.evidence import (
     PARSIMONY,
     SURROGATES,
     Chance,
+    credible,
     limit_by_coordinate,
     paired,
+    rivals_of,
     zscore,
 )
 from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
@@ -336,13 +339,13 @@ def weigh(
     resolved = (
         not effect.waves or contest.passed(effect.joints[0], shape[effect.waves]) > STANDS_FOR
     )
-    credible = passed and plausible and massive and resolved and size > contest.decision.material
-    credible = credible and differs(contest, effect, refit.theta, stderr)
+    possible = plausible and massive and resolved and differs(contest, effect, refit.theta, stderr)
+    believed = credible(gain, limit, size=size, least=contest.decision.material, possible=possible)
     own_gain, p = regression.gain(refit), ranking.chance.p(gain, place)
     for u, share in enumerate(ranking.by_coordinate.get(effect.label, ())):
         p = float(np.fmin(p, ranking.chance.p(float(share), place + 1 + u)))
     return Evidence(
-        effect, shape, columns, tuple(C), refit, own_gain, limit, p, size, plausible, credible,
+        effect, shape, columns, tuple(C), refit, own_gain, limit, p, size, plausible, believed,
         start,
     )  # fmt: skip
 
@@ -476,19 +479,19 @@ def simplest(ranking: Ranking) -> Evidence | None:
     """The credible candidate with the fewest numbers among those as good as the best; of those with
     the same columns in a loop that of a drive, whose gears and bearings carry more.
     """
-    credible = [
+    believed = [
         candidate
         for candidate in ranking.credible
         if candidate.determined or not any(_nested(small, candidate) for small in ranking.credible)
     ]
-    if not credible:
+    if not believed:
         return None
-    equal = as_good(credible[0], credible, ranking.contest)
+    equal = as_good(believed[0], believed, ranking.contest)
     best, driven = min(equal, key=simplicity), {*ranking.contest.fit.mechanism.driven}
     same = [e for e in equal if _same_columns(e, best) and e.numbers == best.numbers]
     best = min(same, key=lambda e: (not driven & {*e.effect.joints}, *simplicity(e)))
     constant = (
-        e for e in credible if _nested(e, best) and e.gain >= (1 - PARSIMONY**2) * best.gain
+        e for e in believed if _nested(e, best) and e.gain >= (1 - PARSIMONY**2) * best.gain
     )
     return next(constant, best) if best.effect.of_position else best
 
@@ -499,13 +502,15 @@ def rivals(best: Evidence, ranking: Ranking) -> tuple[Evidence, ...]:
     An effect that only describes a curve names no cause: a law that is a special case of it is a
     rival however much better the curve is.
     """
+    within = ranking.contest.decision.rival_se
+    near = rivals_of(best, ranking.credible, lambda e: behind(e, best), within)
     return tuple(
         candidate
         for candidate in ranking.credible
         if candidate is not best
         and same_part(candidate, best)
         and (
-            behind(candidate, best) < ranking.contest.decision.rival_se
+            any(candidate is rival for rival in near)
             or (best.effect.descriptive and _nested(candidate, best))
         )
         and not (_nested(best, candidate) and behind(best, candidate) < 1.0)

@@ -6,7 +6,7 @@ left out, and whole regions of a joint's position and direction, beside stretche
 
     D_k = |e_k without the effect|² − |e_k with it|²        e_k: errors of the left-out part k
 
-An effect is carried by a log if one of its values is CARRIED_SE standard errors from zero, if D is
+An effect is carried by a log if one of its values is CERTAIN standard errors from zero, if D is
 RIVAL standard errors above zero over stretches of time, or over phases where the motion repeats, if
 regions that were left out are not predicted worse with it, and if what it takes from the error of
 some joint is CARRIED_SHARE of that joint's torque, or most of that error: what a diagnosis would
@@ -24,12 +24,10 @@ import numpy as np
 from ident.diagnosis.effect_set import EffectSet, Member
 from ident.fit.residual_maps import period_of
 from ident.information.blocks import Part
-from ident.information.evidence import PARSIMONY, RIVAL, paired
+from ident.information.evidence import CERTAIN, MAIN_CAUSE, PARSIMONY, RIVAL, paired
 from ident.information.hypotheses import Array, PartialRegression
 
-CARRIED_SE = 3.0  # level: standard errors of one of its values
 CARRIED_SHARE = 0.01  # level: of a joint's torque (rms), that an effect takes from its error
-CARRIED_MOST = 0.5  # level: of the squares that are left in a joint, whatever its torque
 PHASES = 10  # work: of a period, that are left out in turn
 REGIONS = 5  # work: of a joint's positions, each in both directions
 
@@ -57,9 +55,9 @@ class Unseen:
             without, losses = self._losses(self.phases, member)
         sure = paired(without.sum(axis=1), losses.sum(axis=1))
         worst = max(
-            1 - self.standard_errors[member.label] / CARRIED_SE,
+            1 - self.standard_errors[member.label] / CERTAIN,
             1 - sure / RIVAL,
-            1 - max(size / CARRIED_SHARE, share / CARRIED_MOST),
+            1 - max(size / CARRIED_SHARE, share / MAIN_CAUSE),
         )
         in_motion = member.effect.joints and not member.effect.corrects
         if worst <= 0 and in_motion and (regions := self._regions(member)) is not None:

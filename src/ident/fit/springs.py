@@ -24,12 +24,11 @@ from ident.fit.drives import HELD_AT_ZERO
 from ident.fit.shapes import refitted, shape_bounds
 from ident.information.chance import covariance
 from ident.information.estimate import Estimate
-from ident.information.evidence import CERTAIN, EXCESS, PARSIMONY
+from ident.information.evidence import CERTAIN, EXCESS, PARSIMONY, RIVAL
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.text import listed, percent, significant
 
-AS_GOOD = 2.0  # level: standard errors within which two fits are as good
 TRIED = (0.0, 0.1, 0.3, 1.0)  # work: of the largest damping
 TIMES = (0.5, 0.75, 1.33, 2.0)  # work: of the compliance
 
@@ -267,6 +266,6 @@ def _as_good(problem: Problem, estimate: Estimate, effect: Effect, name: str) ->
             continue
         nearby = point.with_values({effect.full[name]: other})
         loss = refitted(mechanism, problem.motion, nearby, first)[1]
-        if loss - best < AS_GOOD**2 * inflation:
+        if loss - best < RIVAL**2 * inflation:
             far = abs(other - value)
     return far
