@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from ident.assess.errors import NOISY, too_large
 from ident.assess.good_enough import scale_doubts
-from ident.faults.channel_fits import HALF
 from ident.faults.data_checks import Health
 from ident.faults.fault import UNITS
 from ident.finding import Finding
@@ -18,6 +17,7 @@ from ident.fit.findings import DRIVING
 from ident.fit.residual import Failure
 from ident.information.blocks import Error
 from ident.information.estimate import MATERIAL
+from ident.information.evidence import MAIN_CAUSE
 
 if TYPE_CHECKING:  # a fit is judged without what a diagnosis needs
     from ident.diagnosis.result import Diagnosis
@@ -118,7 +118,7 @@ def joints_at_reversals(d: Diagnosis) -> list[str]:
 def formulas_explain(d: Diagnosis) -> bool:
     """Return whether the formulas take more than half of the error of each of their joints."""
     before, after = (d.laws[0].before, d.laws[-1].after) if d.laws else ({}, {})
-    return all(after[law.felt].rms < HALF * before[law.felt].rms for law in d.laws)
+    return all(after[law.felt].rms < MAIN_CAUSE * before[law.felt].rms for law in d.laws)
 
 
 def noisy_joints(errors: Mapping[str, Error], floor: Mapping[str, float]) -> Sequence[str]:

@@ -13,9 +13,9 @@ from itertools import combinations
 
 import numpy as np
 
-from ident.faults.channel_fits import HALF, SMALL
+from ident.faults.channel_fits import SMALL
 from ident.finding import Finding
-from ident.information.evidence import BEYOND
+from ident.information.evidence import BEYOND, MAIN_CAUSE
 from ident.information.linear import Array
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
@@ -359,7 +359,7 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
 def late_rates(log: Log, mechanism: Mechanism) -> Iterator[Finding]:
     """Report a velocity and a position of a joint of which one is late.
 
-    v(t) ≈ q̇(t − l),  l = −Σ (v − q̇) q̈ / Σ q̈²     where l takes off HALF of v − q̇
+    v(t) ≈ q̇(t − l),  l = −Σ (v − q̇) q̈ / Σ q̈²     where l takes off half of v − q̇
     """
     late: dict[str, float] = {}
     for joint in mechanism.joint_index:
@@ -378,7 +378,7 @@ def late_rates(log: Log, mechanism: Mechanism) -> Iterator[Finding]:
             slope = np.gradient(shifted, t)
             lag -= float((v - shifted) @ slope) / max(float(slope @ slope), 1e-300)
         after = float(np.linalg.norm(v - np.interp(t - lag, t, rate)))
-        if after < HALF * before and abs(lag) > max(step, LEAST_LAG):
+        if after < MAIN_CAUSE * before and abs(lag) > max(step, LEAST_LAG):
             late[joint] = lag
     if late:
         lag = max(late.values(), key=abs)

@@ -33,7 +33,6 @@ FAR = 7  # work: shifts round the log by so many parts of it: torques of another
 IN_MEMORY = 30_000_000  # work: numbers of all Gram matrices, a quarter of a gigabyte
 LONGEST = 0.1  # range: s; a torque that is later still is another log's
 NODES = 12  # work: shifts on either side, from one sample up to LONGEST
-HALF = 0.5  # level: of the relative error: what explains less of it is an effect, no fault
 SMALL = 0.01  # tuned: relative error below which no channel is blamed, none is better
 # tuned: correlation of what is alike: periods of a motion, torques (URDFs 15 % off: 0.998, a load:
 # 0.92)

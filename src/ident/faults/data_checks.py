@@ -19,14 +19,21 @@ from ident.equations.problem import Problem
 from ident.equations.table import Table
 from ident.faults import small_errors
 from ident.faults.channel_checks import LATE_RATES, log_findings
-from ident.faults.channel_fits import DOUBT, HALF, SAME_SHAPE, SMALL, columns_of
+from ident.faults.channel_fits import DOUBT, SAME_SHAPE, SMALL, columns_of
 from ident.faults.disagreements import differing_logs
 from ident.faults.fault import exact_factor, fault_finding, log_entry
 from ident.faults.search import FaultSearch
 from ident.finding import Finding
 from ident.information.chance import FEWEST_EQUATIONS
 from ident.information.estimate import MATERIAL, Estimate
-from ident.information.evidence import BEYOND, EXCESS, EXPLAINED_BELOW, PARSIMONY
+from ident.information.evidence import (
+    BEYOND,
+    EXCESS,
+    EXPLAINED_BELOW,
+    MAIN_CAUSE,
+    PARSIMONY,
+    credible,
+)
 from ident.information.hypotheses import Array
 from ident.mechanism.parameters import rigid_forces
 from ident.motion.torque_class import TorqueVerdict
@@ -295,7 +302,7 @@ class DataChecks(FaultSearch):
         if good and not small_errors.delay_shows(self.estimate, self.table, self.use):
             return
         late = small_errors.common_delay(self.estimate, self.table, self.use, self.common)
-        if late is None or (not good and late.after > HALF * late.before):
+        if late is None or (not good and late.after > MAIN_CAUSE * late.before):
             return
         if 2 * np.log(late.after) < np.log(self._unexplained).mean():
             names = self.mechanism.driven
@@ -470,7 +477,8 @@ class DataChecks(FaultSearch):
         scaled = equations.as_logged.replaced("scale", gain=factors)
         mine, both = equations.rows_of(scaled), (equations.as_logged, scaled)
         before, after = (float(np.exp(np.log(equations.noise(x)[mine]).mean())) for x in both)
-        return None if before < DOUBT or after > HALF * before else (before, after)
+        explained = credible(before, DOUBT, remaining=after, most=MAIN_CAUSE * before)
+        return (before, after) if explained else None
 
     def _magnitude(
         self, code: str, gains: Mapping[str, float], least: float,

@@ -25,13 +25,20 @@ import numpy as np
 
 from ident.equations.problem import Problem
 from ident.equations.unknowns import Columns
-from ident.faults.channel_fits import DOUBT, HALF
+from ident.faults.channel_fits import DOUBT
 from ident.finding import Finding
 from ident.information import linear
 from ident.information.blocks import Information, Squares
 from ident.information.chance import FEWEST_SQUARES, held_out, long_run, scores
 from ident.information.estimate import Estimate, estimate
-from ident.information.evidence import ALPHA, credible, leaves_as_little, nearly_best, surprise
+from ident.information.evidence import (
+    ALPHA,
+    MAIN_CAUSE,
+    credible,
+    leaves_as_little,
+    nearly_best,
+    surprise,
+)
 from ident.text import percent, shortlist
 
 SAME = 1e-6  # numerics: of the largest fall of squared error, within which two are the same
@@ -248,7 +255,7 @@ def differing_logs(problem: Problem, reference: Callable[[], np.ndarray]) -> Ite
         np.sqrt(x.in_motion[0] / np.maximum(x.in_motion[2], 1)) / torque for x in (together, apart)
     )
     u = int((before - after).argmax())
-    if not credible(before[u], DOUBT, remaining=after[u], most=HALF * before[u]):
+    if not credible(before[u], DOUBT, remaining=after[u], most=MAIN_CAUSE * before[u]):
         return
     if not leaves_as_little(after, reference()):
         return  # an effect that is missing in all of them explains it

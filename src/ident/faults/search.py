@@ -21,7 +21,7 @@ from ident.effects import Effect
 from ident.equations.problem import Problem
 from ident.equations.table import Table
 from ident.errors import IdentError
-from ident.faults.channel_fits import DOUBT, HALF, SMALL, ChannelEquations, limits_of_machines
+from ident.faults.channel_fits import DOUBT, SMALL, ChannelEquations, limits_of_machines
 from ident.faults.fault import (
     CLOCKS,
     Fault,
@@ -37,6 +37,7 @@ from ident.information.estimate import Estimate
 from ident.information.evidence import (
     EXCESS,
     EXPLAINED_BELOW,
+    MAIN_CAUSE,
     RIVAL,
     credible,
     leaves_as_little,
@@ -382,7 +383,7 @@ class FaultSearch:
             rivals_by_kind.pop(identity, None)
         rivals = tuple(rivals_by_kind.values())
         before = rms(before_rows[rows])
-        most = min(EXPLAINED_BELOW, max(HALF * before, DOUBT))
+        most = min(EXPLAINED_BELOW, max(MAIN_CAUSE * before, DOUBT))
         if len(before_rows) == 1 or any(rival.kind != best.fault.kind for rival in rivals):
             most = DOUBT  # nothing else holds it, or nobody can tell by which of two faults
         fault = _determined(best, trial)

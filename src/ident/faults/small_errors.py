@@ -27,11 +27,11 @@ from ident.effects import Effect
 from ident.equations.filter import Decimator
 from ident.equations.rows import largest_transmission, of_joints
 from ident.equations.table import Table
-from ident.faults.channel_fits import HALF, ROUNDS, SMALL, SQUARES_ROUNDING, columns_of
+from ident.faults.channel_fits import ROUNDS, SMALL, SQUARES_ROUNDING, columns_of
 from ident.information import linear
 from ident.information.blocks import Part
 from ident.information.estimate import MATERIAL, Estimate
-from ident.information.evidence import RIVAL, credible, surely_t, zscore
+from ident.information.evidence import MAIN_CAUSE, RIVAL, credible, surely_t, zscore
 from ident.information.hypotheses import Array, PartialRegression
 from ident.information.projection import RANK
 from ident.motion.signals import SLOW, at_limit
@@ -164,7 +164,7 @@ class CommonDelay:
 def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
     """Return whether the residual of a good fit may contain a delay of all torques (score test) in
     the rows `use` (N, d): products of the residual with the delay's column, projected off the
-    model's, must be no chance from block to block, and it must make HALF of SMALL of some torque.
+    model's, must be no chance from block to block, and it must make half of SMALL of some torque.
     """
     x, rigid, free = estimate.solution.x, len(table.columns.rigid), ~estimate.fixed
     squares = (np.where(use, table.tau, 0.0) ** 2).sum(axis=0)
@@ -184,7 +184,7 @@ def delay_shows(estimate: Estimate, table: Table, use: np.ndarray) -> bool:
     if len(products) < 2:
         return False
     z, chance = abs(zscore(products)), surely_t(1, len(products))
-    return credible(z, chance, size=shares.max(), least=HALF * SMALL)
+    return credible(z, chance, size=shares.max(), least=MAIN_CAUSE * SMALL)
 
 
 def common_delay(
@@ -192,7 +192,7 @@ def common_delay(
 ) -> CommonDelay | None:
     """Return the delay that all torques have in common; None if there is none that matters.
 
-    It must predict left-out blocks better, also where any one joint does not have it, explain HALF
+    It must predict left-out blocks better, also where any one joint does not have it, explain half
     of what a delay of its own in each joint does, and make more than SMALL of some torque. Its
     standard error is that of a jackknife over blocks, and by how much it moves where friction is
     late as well. Rows `use` (N, d) of the table count; further linear effects are refitted.
@@ -234,7 +234,7 @@ def common_delay(
     delay = float(refit.theta[0])
     shares = [abs(delay) * float(np.linalg.norm(x)) for x in late] / np.sqrt(squares)
     everywhere = min(zscore(refit.D) for refit in others) > RIVAL
-    in_common = everywhere and refit.G >= HALF * with_own_delays.G
+    in_common = everywhere and refit.G >= MAIN_CAUSE * with_own_delays.G
     if not credible(z, chance, size=shares.max(), least=SMALL, possible=in_common):
         return None
     # the slope along the delay's columns, the model projected out, without each block
