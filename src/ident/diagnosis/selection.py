@@ -386,9 +386,8 @@ def can_be(mechanism: Mechanism, effect: Effect, values: Array, stderr: Array) -
     length = np.inf
     if effect.sits == "place" and effect.joints:
         length = abs(mechanism.lengths.get(effect.joints[0], np.inf))
-    return not any(
-        abs(value) > min(parameter.largest, THIRD * length)
-        or (parameter.nonnegative and value < -max(NEGATIVE * error, rounding))
+    return all(
+        parameter.possible(value, max(error, rounding), THIRD * length)
         for parameter, value, error in zip(
             effect.unknowns or effect.searched, values, stderr, strict=False
         )

@@ -22,6 +22,7 @@ from typing import ClassVar
 import numpy as np
 
 from ident.errors import MechanismError, one_of
+from ident.information.evidence import NEGATIVE
 
 UNITS: Mapping[str, tuple[str, str]] = {  # at a rotational and at a linear joint
     "q": ("rad", "m"), "v": ("rad/s", "m/s"), "a": ("rad/s²", "m/s²"), "t": ("s", "s"),
@@ -148,6 +149,14 @@ class Unknown:
     acts: str = "torque"
     range: tuple[float, float] | None = None  # of a shape that signals do not decide
     negative: str = ""  # what a negative value means, in words, where its name says the opposite
+
+    def possible(self, value: float, error: float, largest: float = np.inf) -> bool:
+        """Return whether there can be a value with a standard error: none above its largest size,
+        or another one here, none clearly below zero that must not be.
+        """
+        if abs(value) > min(self.largest, largest):
+            return False
+        return not (self.nonnegative and value < -NEGATIVE * error)
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ from ident.fit import Fit
 from ident.information import linear
 from ident.information.blocks import Block, Information
 from ident.information.cone import Limit, nearest, svec
-from ident.information.evidence import CERTAIN, NEGATIVE, credible, rivals_of, zscore_in_noise
+from ident.information.evidence import CERTAIN, credible, rivals_of, zscore_in_noise
 from ident.information.hypotheses import PartialRegression
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
@@ -249,10 +249,8 @@ class Reading:
             if gain <= 0:
                 return None
         values = zip(suspect.parameters, x[suspect.places] + theta, error, load, strict=True)
-        for parameter, value, se, of_load in values:
-            below = parameter.nonnegative and value < -NEGATIVE * se
-            if not of_load and (below or abs(value) > parameter.largest + se):
-                return None
+        if any(not (of_load or p.possible(value, se)) for p, value, se, of_load in values):
+            return None
         predicted = C @ theta
         fall = float(e @ e - np.sum((e - predicted) ** 2))
         return cls(suspect, theta, np.where(alone, error, np.nan), root, fall, gain, predicted)
