@@ -12,6 +12,7 @@ from ident.effects.drive import RotorInertia
 from ident.effects.effect import Signals
 from ident.effects.servo import LATEST_COMMAND, PREFIX, CommandDelay, Drive
 from ident.equations.problem import Problem
+from ident.equations.terms import Samples
 from ident.equations.unknowns import Point
 from ident.errors import FitError
 from ident.finding import Finding
@@ -262,20 +263,16 @@ def without_long_pulses(problem: Problem, estimate: Estimate) -> Estimate:
         return estimate
     short = 1 / (2 * np.pi * cutoff)
     place = {name: at for at, name in enumerate(problem.columns.names)}
-    levels = {
-        effect.joints[0]: place[effect.full[unknown.name]]
-        for effect, places in problem.columns.effects if len(effect.joints) == 1
-        for unknown, at in zip(effect.unknowns, places, strict=False)
-        if unknown.acts == "level" and at >= 0
-    }  # fmt: skip
+    dry = _dry_friction(problem, [effect.joints[0] for effect in pulses])
     while True:
         longest, worst = 1.0, None
         for effect in pulses:
             at = [place[effect.full[unknown.name]] for unknown in effect.unknowns]
-            joint = effect.joints[0]
-            if joint not in levels or estimate.fixed[at].any():
+            (joint,) = effect.joints
+            if joint not in dry or estimate.fixed[at].any():
                 continue
-            level = max(float(estimate.x[levels[joint]]), 0.0)
+            places, friction = dry[joint]
+            level = float(np.sqrt(np.mean((friction @ estimate.x[places]) ** 2)))
             most = level * short ** np.arange(1, len(at) + 1)
             over = np.abs(estimate.x[at]) / np.maximum(most, np.finfo(float).tiny)
             if over.max() > longest:
@@ -285,6 +282,30 @@ def without_long_pulses(problem: Problem, estimate: Estimate) -> Estimate:
         fixed = estimate.fixed.copy()
         fixed[worst] = True
         estimate = problem.estimate(sigma=estimate.sigma, fixed=fixed)
+
+
+def _dry_friction(
+    problem: Problem, joints: Sequence[str]
+) -> dict[str, tuple[list[int], np.ndarray]]:
+    """Return the places in x (k,) of a joint's dry friction, and its columns (n, k), by joint."""
+    dry = dict[str, tuple[list[int], list[np.ndarray]]]()
+    for effect, places in problem.columns.effects:
+        if not effect.jumps or effect.in_rows_alone or len(effect.joints) != 1:
+            continue
+        (joint,) = effect.joints
+        if joint not in joints:
+            continue
+        shape = problem.point.of(effect)[1]
+        columns = np.concatenate([
+            Samples(problem.mechanism, e, slice(None), problem.point).columns(effect, shape)[:, 0]
+            for e in problem.motion.experiments
+        ])  # fmt: skip
+        at, friction = dry.setdefault(joint, ([], []))
+        for place, column in zip(places, columns.T, strict=False):
+            if place >= 0:
+                at.append(int(place))
+                friction.append(column)
+    return {joint: (at, np.stack(x, axis=1)) for joint, (at, x) in dry.items() if at}
 
 
 def narrow_intervals(problem: Problem) -> list[Finding]:

@@ -139,6 +139,9 @@ def _held_unknowns(
     """Report what the data know too badly, but for the names that others have `reported`."""
     number = np.arange(len(columns))
     rigid, shapes = number < len(columns.rigid), np.isin(number, columns.shapes)
+    # what stands in rows alone is nobody's parameter
+    of_rows = {name for e, _ in columns.effects if e.in_rows_alone for name in e.full.values()}
+    reported = {*reported, *of_rows}
     for kind, where in (
         (rigid, "held at the prior"),
         (shapes, "left where the search ended"),
