@@ -28,6 +28,7 @@ from ident.motion.torque_class import (
     STAIRCASE_SAMPLES,
     TorqueVerdict,
     held_samples,
+    is_compared,
     torque_verdict,
 )
 from ident.text import shortlist, significant, stamp, two_digits
@@ -75,7 +76,9 @@ class LoggedChannel:
         if self.log.poses:
             return np.full(len(self.x), np.ptp(self.log.columns[f"q.{self.joint.name}"]) > NIL)
         at = self.mechanism.joint_index[self.joint.name]
-        speed = np.abs(np.interp(self.t, self.state.t, self.state.yd[:, at]))
+        speed = np.abs(self.state.yd[:, at])
+        if not np.array_equal(self.t, self.state.t):
+            speed = np.abs(np.interp(self.t, self.state.t, self.state.yd[:, at]))
         least = 0.1 * float(np.sqrt(np.mean(speed**2)))
         return np.asarray(speed > max(float(self.state.still[at]), least))
 
@@ -88,8 +91,8 @@ class LoggedChannel:
     def verdict(self) -> TorqueVerdict:
         """The class of a torque."""
         used = {source.column for source in self.mechanism.columns.values()}
-        every = {name: self.log.series(name)[1] for name in self.log.columns}
-        return torque_verdict(self.name, self.x, self.moving, every, used)
+        others = {x: self.log.series(x)[1] for x in self.log.columns if is_compared(x)}
+        return torque_verdict(self.name, self.x, self.moving, others, used)
 
     @property
     def left_out(self) -> str:
@@ -183,9 +186,11 @@ def alternating(c: LoggedChannel) -> Judgement:
     if len(turning) <= SHORTEST or not turning.any():
         return None
     flips = float((np.sign(turning[1:]) * np.sign(turning[:-1]) < 0).mean())
+    if flips <= ALTERNATES:  # no medians are needed
+        return None
     jump = float(np.median(np.abs(turning)))
     step = float(np.median(np.abs(c.x[2:] - c.x[:-2])))
-    wild = flips > ALTERNATES and jump > BEYOND * step and jump > SMALL * float(np.ptp(c.x))
+    wild = jump > BEYOND * step and jump > SMALL * float(np.ptp(c.x))
     text = (
         f"jumps by {significant(2 * jump)} and back from row to row: two publishers in one topic, "
         "or two logs in one"
@@ -315,7 +320,7 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             t, x = log.series(name)
             measured = np.abs(x) < LARGEST
             measured[absurd_samples(x)] = False  # the motion names them and leaves them out
-            t, x = t[measured], x[measured]
+            t, x = (t, x) if measured.all() else (t[measured], x[measured])
             channel = LoggedChannel(
                 name, kind, mechanism.joint(joint), t, x, log, state, mechanism, motion
             )

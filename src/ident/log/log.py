@@ -384,7 +384,7 @@ class Log(Displayed):
             raise LogError(f"{self.name}: no column {name!r}; {one_of(name, self.columns)}")
         x = self.columns[name]
         known = np.isfinite(x)
-        return self.t[known], x[known]
+        return (self.t, x) if known.all() else (self.t[known], x[known])
 
     @property
     def duration(self) -> float:

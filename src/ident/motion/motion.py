@@ -37,7 +37,7 @@ from ident.motion.recipe import (
 )
 from ident.motion.signals import LogSignals, measure, runs, without_repeats
 from ident.motion.smoothing import AS_LOGGED, Derived, derive, together
-from ident.motion.spline import Smoothed, grain, noise_level
+from ident.motion.spline import Smoothed, grain
 from ident.motion.state import State, wrenches
 from ident.motion.torque_class import (
     MEASURED,
@@ -472,7 +472,7 @@ def state_of(
         name=log, t=signals.t, tau=tau, usable=usable, logged=names, independent=names,
         extra={k: x for k, x in columns.items() if not k.startswith(("q.", "v.", "a."))},
         noise={} if signals.log.poses
-        else {k: noise_level(signals.even(k)[0]) for k in noisy if k in columns},
+        else {k: signals.noise(k) for k in noisy if k in columns},
         smooth=derived.smooth, channels=tuple(derived.table), ends=derived.ends,
         poses=signals.log.poses,
     )  # fmt: skip

@@ -140,11 +140,28 @@ class LogSignals:
         """The median step of a column's times [s], most of which are those of the whole log."""
         return self._clock_step if len(at) == len(self.log.t) else float(np.median(np.diff(at)))
 
+    @cached_property
+    def _own_clock(self) -> bool:
+        """Whether the clock's times are the log's."""
+        return np.array_equal(self.t, self.log.t)
+
+    @cached_property
+    def _levels(self) -> dict[str, float]:
+        return {}
+
+    def noise(self, name: str) -> float:
+        """The noise of a column (`spline.noise_level`), found once."""
+        if name not in self._levels:
+            self._levels[name] = noise_level(self.even(name)[0])
+        return self._levels[name]
+
     def even(self, name: str) -> tuple[np.ndarray, float]:
         """A column (m,) in the longest run, uniform, no finer than its samples; its step [s]."""
         run = self._longest
         t, (at, x) = self.t[run], self.log.series(name)
         dt, step = float(t[1] - t[0]), self._step_of(at)
+        if len(x) == len(self.t) and self._own_clock:
+            return x[run], dt
         if step > 1.5 * dt:
             first, last = np.searchsorted(at, (t[0] - 0.5 * dt, t[-1] + 0.5 * dt))
             t, dt = np.arange(at[first], at[last - 1] + 1e-6 * step, step), step
@@ -501,7 +518,7 @@ def channels_of(signals: LogSignals, names: Sequence[str]) -> list[Channel]:
                 continue
             t, x = signals.log.series(column)
             spread = float(np.std(x)) if float(np.ptp(x)) > NIL else 0.0
-            sigma = max(noise_level(signals.even(column)[0]), float(grain(x) / np.sqrt(12.0)))
+            sigma = max(signals.noise(column), float(grain(x) / np.sqrt(12.0)))
             sigma = max(sigma, SPREAD_ROUNDING * (spread or 1.0))
             if channels and channels[-1].joint == name:  # beside noisy positions no rate is exact
                 sigma = max(sigma, SHARPEST * channels[-1].sigma / float(np.ptp(t)))

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import comb
 
 import numpy as np
@@ -104,7 +104,7 @@ def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
     x = np.diff(x) / dt if order == 0 else x
     n = len(x)
     f = np.fft.rfftfreq(n, dt)
-    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(n))) ** 2
+    power = np.abs(np.fft.rfft((x - x.mean()) * hanning(n))) ** 2
     # of white noise in the channel: differenced, as it is, or integrated
     shape = (2 * np.sin(np.pi * f * dt)) ** 2 if order == 0 else np.ones(len(f))
     high = slice(max(n // 4, 1), None)
@@ -122,10 +122,20 @@ def motion_bandwidth(x: np.ndarray, dt: float, order: int = 0) -> float:
     return float(f[min(np.searchsorted(total, POWER * total[-1]), n // 2)])
 
 
+@lru_cache(2)
+def hanning(n: int) -> np.ndarray:
+    """Hann's window (n,), the same for all channels of a log."""
+    window = np.hanning(n)
+    window.flags.writeable = False
+    return window
+
+
 def acceleration_size(q: np.ndarray, dt: float, below: float) -> float:
     """rms of the second derivative of q (n,) below a frequency [Hz]."""
-    n, window = len(q), np.hanning(len(q))
-    x = (q - np.polyval(np.polyfit(np.arange(n), q, 1), np.arange(n))) * window
+    n, window = len(q), hanning(len(q))
+    since = np.arange(n) - 0.5 * (n - 1)
+    slope = float(since @ q) / max(float(since @ since), 1e-300)
+    x = (q - q.mean() - slope * since) * window
     f = np.fft.rfftfreq(n, dt)
     power = 2 * np.abs(np.fft.rfft(x)) ** 2 * (2 * np.pi * f) ** 4
     return float(np.sqrt(power[f <= below].sum() / n / (window**2).sum()))

@@ -112,8 +112,18 @@ def torque_verdict(
     return MEASURED
 
 
+def is_compared(name: str) -> bool:
+    """Return whether a torque may be a multiple of a column, by its name."""
+    return name.startswith("tau.") or bool(COMMAND.search(name.replace(".", "_")))
+
+
 def switched_levels(x: np.ndarray) -> tuple[float, ...]:
     """Return the few values between which a command switches; () for any other signal (n,)."""
+    n = len(x)
+    most_others = (1 - SWITCHED_SHARE) * n  # samples that may have other values
+    some = x[:: max(1, int(n / (most_others + LEVELS + 1)))]
+    if len(np.unique(some)) > most_others + LEVELS:  # a thirtieth of the samples, for most signals
+        return ()
     values, counts = np.unique(x, return_counts=True)
     most = np.argsort(-counts)[:LEVELS]
     shares = counts[most] / len(x)
@@ -142,7 +152,7 @@ def _multiple_of(
     for other, y in columns.items():
         if other == name or other in used or len(y) != len(x) or not np.ptp(y):
             continue
-        if not other.startswith("tau.") and not COMMAND.search(other.replace(".", "_")):
+        if not is_compared(other):
             continue
         at = int(np.abs(y).argmax())
         gain = float(x[at] / y[at])
