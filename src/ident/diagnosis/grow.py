@@ -39,6 +39,7 @@ from ident.information.evidence import ALPHA, CERTAIN, RIVAL, Chance, Decision, 
 from ident.information.hypotheses import Index, PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
+from ident.simulate.replay import unplayable
 
 NAME = "growing.json"
 SCHEMA = "ident.growing/2"
@@ -280,7 +281,7 @@ def grow(
             if number < ROUNDS and not stopped:
                 search, effect_set = named_set(last, given, visited)
                 grown = refit_set(fit, search, carried(effect_set, given), validate)
-        if grown is not None and (stopped := rises(fit, grown[-1], validate)):
+        if grown is not None and (stopped := spoils(fit, grown[-1], validate)):
             stopped = f"{named(grown, search)}: {stopped}"
             grown = None
             if last is None:
@@ -338,6 +339,17 @@ def named_set(
         if member.evidence is not None:
             effect_set = effect_set.plus(member.evidence, member.rivals)
     return search, effect_set
+
+
+def spoils(before: Fit, after: Fit, validate: Motion | None) -> str:
+    """Return what speaks against a model: validation logs that it predicts worse, or commands of
+    drives that it cannot play, which the one before can; "" where nothing does.
+    """
+    if risen := rises(before, after, validate):
+        return risen
+    if (why := unplayable(after)) and not unplayable(before):
+        return f"its motion could not be simulated: {why}"
+    return ""
 
 
 def rises(before: Fit, after: Fit, validate: Motion | None) -> str:
@@ -429,7 +441,8 @@ def refit_set(
     moved: tuple[Effect, ...] = (),
 ) -> Grown | None:  # fmt: skip
     """Refit the set that a search found, without effects that the fit does not determine or that
-    have values that cannot be, and without those that have `moved`; None where it is the set at the
+    have values that cannot be, without those with which commands of drives cannot be played, and
+    without those that have `moved`; None where it is the set at the
     start, or predicts left-out rows no better.
     """
     model = fit.mechanism
@@ -479,6 +492,9 @@ def refit_set(
     table = search.contest.table
     while label := undetermined(again, [member.effect for member in new], table.bounds):
         dropped(label)
+        again = determined(again.point)
+    while new and unplayable(again) and not unplayable(fit):  # as with a load that no body is
+        dropped(max(new, key=lambda member: len(member.effect.parameters)).label)
         again = determined(again.point)
     if not (new or removed) or not better(errors_of(fit), errors_of(again)):
         return None

@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.equations.unknowns import Columns
 from ident.errors import MechanismError, MotionError, one_of
+from ident.excite.commands import planned_commands
 from ident.excite.excitation import (
     Criterion,
     Determined,
@@ -109,6 +110,7 @@ class DesignProblem:
         self.limited = np.isfinite(box.low) | np.isfinite(box.high)  # of the quantities
         self.names, self.notes = names, tuple(notes)  # of the drives that are moved; assumptions
         self.pinv = size  # ‖K⁺‖ at home, 1 in a tree
+        self.given = given  # values of parameters by name
         random = np.random.default_rng([seed, 1])
         drawn = (family.draw(box, random) for _ in range(PILOTS[1]))
         pilots = [pilot[1] for pilot in islice(filter(None, drawn), PILOTS[0])]
@@ -220,6 +222,8 @@ class DesignProblem:
         result = Determined(columns, rows, self.sigma)
         logged = joint_columns(mechanism, {"q": e.y, "v": e.yd, "a": e.ydd}, mechanism.driven)
         logged |= {f"tau.{name}": e.tau[:, i] for i, name in enumerate(mechanism.driven)}
+        commands, remarks = planned_commands(mechanism, family.point, self.given, e)
+        logged |= commands
         uses = self.exact.uses(self.exact.z(e))
         return Excitation(
             name=mechanism.name,
@@ -237,7 +241,7 @@ class DesignProblem:
             noise=dict(zip(self.names, self.sigma, strict=True)),
             separation=None if separate is None else result.separation(separate),
             seed=seed,
-            notes=self.notes,
+            notes=(*self.notes, *remarks),
             finished=finished,
             without_effect=result.without_effect,
         )

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.errors import MechanismError, one_of
+from ident.excite.commands import torque_limit
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State
 
@@ -121,7 +122,7 @@ class LimitBox:
             speed = _limit(limits.speed, j.name, driven, j.velocity or np.inf)
             acceleration = _limit(limits.acceleration, j.name, driven, np.inf)
             torque = _limit(limits.torque, j.name, driven, j.effort or np.inf)
-            torque *= 1 - limits.reserve
+            torque = min(torque, torque_limit(mechanism, j.name)) * (1 - limits.reserve)
             in_motion = j.name in start
             if in_motion and j.rotational and high - low > TURN:
                 low, high = start[j.name] - np.pi, start[j.name] + np.pi

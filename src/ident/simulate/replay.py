@@ -18,7 +18,7 @@ from ident.display import Plotted, Progress
 from ident.equations.rows import Scene
 from ident.equations.terms import Samples
 from ident.equations.unknowns import NOTHING
-from ident.errors import FitError, MotionError
+from ident.errors import FitError, IdentError, MotionError
 from ident.fit.files import Saved
 from ident.fit.result import Fit
 from ident.information.blocks import Error, Squares
@@ -32,6 +32,7 @@ from ident.simulate.plant import Plant
 from ident.simulate.twisting import twisting
 
 WINDOW = 0.5  # range: [s]
+PLAYED = 4  # work: windows of a log in which a model is tried
 # numerics: of a step: 1e-8 moves the windows of a clean log by 4e-8 rad, errors by 1e-6 of them
 TOLERANCE = 1e-6
 EXACT = 1e-7  # numerics: [rad | m] of the same; a joint that sticks has a band without width
@@ -150,6 +151,24 @@ def replay(
         logs = (_replayed(model, motion, e, window, most, progress) for e in motion.experiments)
         runs[model.name if isinstance(model, Saved) else label] = tuple(logs)
     return Replay(runs, window)
+
+
+def unplayable(fit: Fit) -> str:
+    """Return why the motion that a fit's drives make cannot be simulated, "" where it can.
+
+    Some windows of every log are played. A machine some of whose torques are measured is left out,
+    as it leaves its motion sooner or later; so is one with an effect that has no forward law.
+    """
+    mechanism = fit.mechanism
+    if not mechanism.drives or {*mechanism.drives} != {*mechanism.driven}:
+        return ""
+    if any(effect.not_integrable for effect in mechanism.effects):
+        return ""
+    try:
+        run = replay(fit, most=PLAYED)
+    except IdentError as error:
+        return str(error)
+    return next(iter(run.notes), "")
 
 
 def _replayed(

@@ -1,0 +1,44 @@
+"""A fit whose drives' commands cannot be played is told, with the reason."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from servo_logs import Servos, servo_log
+from test_command_hold import arm
+
+import ident
+from ident.simulate.replay import unplayable
+
+pl = pytest.importorskip("polars")
+pytest.importorskip("mujoco")
+
+
+@pytest.fixture(scope="module")
+def fit():
+    mechanism = arm("servo")
+    log = pl.DataFrame(servo_log(Servos(), 6300, 6.0))
+    return ident.identify(mechanism, ident.complete(mechanism, log), estimator="least-squares")
+
+
+def with_value(fit, name, value):
+    point = fit.point.with_values({name: value})
+    return SimpleNamespace(mechanism=fit.mechanism, point=point, motion=fit.motion)
+
+
+def test_a_good_fit_is_played(fit):
+    assert unplayable(fit) == ""
+
+
+def test_an_inertia_that_is_none(fit):
+    assert "mass matrix" in unplayable(with_value(fit, "rotor_inertia.elbow.Ia", -1.0))
+
+
+def test_friction_that_drives(fit):
+    assert "drive the joint" in unplayable(with_value(fit, "coulomb.elbow.Fc", -0.2))
+
+
+def test_measured_torques_are_not_played(fit):
+    other = with_value(fit, "rotor_inertia.elbow.Ia", -1.0)
+    other.mechanism = replace(fit.mechanism, effects=())
+    assert unplayable(other) == ""
