@@ -25,17 +25,17 @@ from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, error
 from ident.diagnosis.search import Search, select
 from ident.diagnosis.selection import can_be, has_mass, rank
 from ident.diagnosis.unseen import carried
+from ident.diagnosis.validation import ValidationErrors
 from ident.display import Displayed, part, render
 from ident.effects import Effect
-from ident.equations.problem import information_of
 from ident.equations.unknowns import Point
 from ident.errors import FitError, check_whole
 from ident.files import json_bytes, version, write_all
 from ident.fit import Fit, identify
 from ident.fit.shapes import NoScale, widened
-from ident.information.blocks import Error, Information, Key
+from ident.information.blocks import Error
 from ident.information.estimate import MATERIAL
-from ident.information.evidence import ALPHA, CERTAIN, RIVAL, Chance, Decision, paired, zscore
+from ident.information.evidence import ALPHA, CERTAIN, RIVAL, Chance, Decision, paired
 from ident.information.hypotheses import Index, PartialRegression
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -246,10 +246,12 @@ def grow(
     if step:
         step(steps[0])
     visited: set[frozenset[str]] = set()
+    best = ValidationErrors.of(fit, validate)
     for done in saved.rounds:
         rungs, fit = _replay_round(done, fit, validate)
         visited |= set(map(frozenset, done["visited"]))
         reached(rungs)
+        best = best.best(ValidationErrors.of(fit, validate))
     given &= {effect.label for effect in fit.mechanism.effects}
     begun, contest, stopped = len(saved.rounds), None, ""
     for number in range(begun, ROUNDS + 1):
@@ -281,7 +283,8 @@ def grow(
             if number < ROUNDS and not stopped:
                 search, effect_set = named_set(last, given, visited)
                 grown = refit_set(fit, search, carried(effect_set, given), validate)
-        if grown is not None and (stopped := spoils(fit, grown[-1], validate)):
+        errors = ValidationErrors.of(grown[-1], validate) if grown is not None else best
+        if grown is not None and (stopped := errors.risen(best) or spoils(fit, grown[-1])):
             stopped = f"{named(grown, search)}: {stopped}"
             grown = None
             if last is None:
@@ -293,7 +296,7 @@ def grow(
         rungs = ladder(search, effect_set, removed, again)
         saved.add(rungs, start.values, visited)
         reached(rungs)
-        fit = again
+        fit, best = again, best.best(errors)
     assert last is not None
     final = rivals_in_the_end(steps, last.selection.first.contest)
     return History(final, last, stopped)
@@ -341,47 +344,13 @@ def named_set(
     return search, effect_set
 
 
-def spoils(before: Fit, after: Fit, validate: Motion | None) -> str:
-    """Return what speaks against a model: validation logs that it predicts worse, or commands of
-    drives that it cannot play, which the one before can; "" where nothing does.
+def spoils(before: Fit, after: Fit) -> str:
+    """Return why commands of drives cannot be played by a model, which the one before can; "" where
+    nothing speaks against that.
     """
-    if risen := rises(before, after, validate):
-        return risen
     if (why := unplayable(after)) and not unplayable(before):
         return f"its motion could not be simulated: {why}"
     return ""
-
-
-def rises(before: Fit, after: Fit, validate: Motion | None) -> str:
-    """Return in which joint and log the error on validation logs rises by more than the scatter of
-    its blocks, RIVAL standard errors of the paired difference, and by what matters; "" in none.
-    """
-    if validate is None:
-        return ""
-    one, two = (
-        information_of(fit.mechanism, fit.columns, validate, fit.problem.point)
-        for fit in (before, after)
-    )
-    for number, e in enumerate(validate.experiments):
-        for u, joint in enumerate(validate.independent):
-            keys = [
-                k for k in one.blocks if (k.log, k.coordinate) == (number, u) and k in two.blocks
-            ]
-            old, new = (
-                np.array([_squares_left(rows, k, fit.estimate.x)[u] for k in keys])
-                for rows, fit in ((one, before), (two, after))
-            )
-            torque = sum(one.blocks[k].torque[0] for k in keys)
-            if new.sum() - old.sum() > MATERIAL**2 * torque and zscore(new - old) > RIVAL:
-                was, is_ = (100 * float(np.sqrt(x.sum() / max(torque, 1e-300))) for x in (old, new))
-                return f"the error of {joint} on {e.name} would rise from {was:.3g} to {is_:.3g} %"
-    return ""
-
-
-def _squares_left(rows: Information, key: Key, x: np.ndarray) -> np.ndarray:
-    """Return the squares (d,) that a solution leaves in the rows in motion of one block."""
-    one = replace(rows, blocks={key: rows.blocks[key]})
-    return np.asarray(one.squares(x).in_motion[0])
 
 
 def named(grown: Grown, search: Search) -> str:
