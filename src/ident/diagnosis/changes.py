@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -45,7 +45,9 @@ ROUNDING_OF_VALUES = 1e-9  # numerics: of the largest number of a change
 SHOWN = 3  # shown: values of a change
 LEAST_SHARE = 0.5  # range: of an exchange: 1, but for what a fit of both stretches takes of it
 WARMING = ("coulomb", "viscous")  # kinds of friction that change with a machine's temperature
-PUSHES = (1, 2, 4)  # work: blocks that a push lasts
+PUSHES = (1.0, 1.5, 2.0, 3.0, 4.0)  # work: blocks that a push lasts
+BLURRED = 0.5  # work: of what a change explains at its own time, at the nearest one that is tried
+BEGINS = 2  # work: of pushes in a block: one that is covered badly predicts no block left out
 Gate = Callable[[np.ndarray], np.ndarray]
 
 
@@ -182,13 +184,17 @@ def change_within(first: Ranking) -> Change | None:
     if contest.regression.residual[0].shape[1] <= 1:
         contest = judging(contest)
     # all causes from all times
-    begins = _beginnings(contest)
+    begins, between = _beginnings(contest), _between(boundaries)
     where = [
         (cause, number, time)
         for cause in causes
-        for number, time in (*(begins.items() if cause.grows else ()), *boundaries)
+        for number, time in (
+            *(begins.items() if cause.grows else ()),
+            *boundaries,
+            *(between if cause.lasts < np.inf else ()),
+        )
     ]
-    times = {(n, t): _since(contest, n, t) for n, t in (*begins.items(), *boundaries)}
+    times = {(n, t): _since(contest, n, t) for n, t in (*begins.items(), *boundaries, *between)}
     by_cause = [cause.gated(times[number, time]) for cause, number, time in where]
     gated = [np.concatenate(columns, axis=1) for columns in zip(*by_cause, strict=True)]
     regression, new = contest.regression.added(gated)
@@ -198,14 +204,14 @@ def change_within(first: Ranking) -> Change | None:
     gains = regression.explained(measured.by)
     best = int(gains.argmax())
     share = float(regression.explained_by_coordinate(measured.by[best]).max())
-    if share <= MAIN_CAUSE:
+    if share <= MAIN_CAUSE * BLURRED:
         return None
     chance, p = surprise(contest.decision.alpha), _chance(float(gains[best]), regression, measured)
     if not credible(surprise(p), chance):
         # a spectrum that holds the change itself makes much of it: that of what it leaves
         rest = judging(contest.with_model(regression.extended(groups[best]).bare)).regression
         p = _chance(float(gains[best]), rest, rest.gains(groups))
-    if not credible(surprise(p), chance, size=share, least=MAIN_CAUSE):
+    if not credible(surprise(p), chance):
         return None
     # the times of the best ones, and the simplest of those that do as well
     timed = dict[int, Change]()
@@ -223,12 +229,13 @@ def change_within(first: Ranking) -> Change | None:
     equal = [change for change in timed.values() if 1 - change.gain <= most_left]
     change = min(equal, key=lambda change: (len(change.cause.names), -change.gain))
     always = [e.refit.loss[:, change.coordinate] for e in first.evidence]
-    least = min(always, key=lambda loss: float(loss.sum()), default=None)
-    if least is not None:
-        z, most = paired(least, change.loss), MAIN_CAUSE * float(least.sum())
-        left = float(change.loss.sum())
-        if not credible(z, contest.decision.rival_se, remaining=left, most=most):
-            return None
+    always.append(contest.regression.losses[:, change.coordinate])
+    least = min(always, key=lambda loss: float(loss.sum()))
+    # of what is over after a while few blocks tell
+    z = paired(least, change.loss) if change.cause.lasts == np.inf else np.inf
+    left, most = float(change.loss.sum()), MAIN_CAUSE * float(least.sum())
+    if not credible(z, contest.decision.rival_se, remaining=left, most=most):
+        return None
     return _with_values(_with_others(contest, change, causes), contest.fit)
 
 
@@ -329,6 +336,17 @@ def _boundaries(contest: Contest) -> Iterator[tuple[int, float]]:
         numbers = np.unique(blocks)
         for block in numbers[FEWEST_BLOCKS : 1 - FEWEST_BLOCKS]:
             yield number, float(t[np.argmax(blocks >= block)])
+
+
+def _between(boundaries: Sequence[tuple[int, float]]) -> list[tuple[int, float]]:
+    """Return experiments and times [s] within the blocks that lie between boundaries."""
+    shares = np.arange(1, BEGINS) / BEGINS
+    return [
+        (n, float(t + share * (later - t)))
+        for (n, t), (m, later) in pairwise(boundaries)
+        for share in shares
+        if n == m
+    ]
 
 
 def _beginnings(contest: Contest) -> dict[int, float]:

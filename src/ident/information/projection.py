@@ -291,7 +291,9 @@ class Projection:
     def added(self, C: Sequence[Array]) -> tuple[Self, Index]:
         """The same rows with further candidates C (m, u), one array a part, and which they are."""
         new = self.columns + np.arange(C[0].shape[1])
-        parts = (part.added(c, new) for part, c in zip(self.parts, C, strict=True))
+        felt = [c.any(axis=0) for c in C]  # most of many act on one coordinate
+        pairs = zip(self.parts, C, felt, strict=True)
+        parts = (part.added(c if at.all() else c[:, at], new[at]) for part, c, at in pairs)
         added = replace(self, parts=tuple(parts), count=int(new[-1]) + 1)
         recomputed = {"columns", "squares", "size", *(field.name for field in fields(self))}
         vars(added).update({name: x for name, x in vars(self).items() if name not in recomputed})
