@@ -8,6 +8,7 @@ from helpers import J, Truth, raw_configuration, tree_urdf, write_mechanism
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MechanismError
 from ident.mechanism import load
+from ident.mechanism.batched import Dynamics, joints_of
 from ident.mechanism.load import absolute
 from ident.mechanism.parameters import (
     Bodies,
@@ -111,6 +112,24 @@ def test_tangents_are_differences_of_forces(name, tmp_path):
             slope = (force(order, step) - force(order, -step)) / (2 * h)
             size = np.abs(tangents[order]).max()
             np.testing.assert_allclose(tangents[order, :, j].T, slope, atol=1e-8 * size)
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_slopes_by_a_joints_place_are_differences_of_pinocchios_torques(name, tmp_path):
+    model = load(write_mechanism(tmp_path, tree_urdf(TREES[name], seed=3))).model
+    rng, h = np.random.default_rng(4), 1e-3  # torques are quadratic in a displacement
+    states = [state(model, seed) for seed in range(3)]
+    pi = np.concatenate([x.toDynamicParameters() for x in model.inertias[1:]])
+    dynamics = Dynamics.of(model, joints_of(model), *map(np.array, zip(*states, strict=True)), pi)
+    for k in range(model.njoints - 1):
+        along, torques = rng.normal(size=3), []
+        for sign in (1, -1):
+            other = model.copy()
+            other.jointPlacements[k + 1].translation += sign * h * along
+            torques.append([pin.rnea(other, other.createData(), *x) for x in states])
+        expected = (np.array(torques[0]) - torques[1]).T / (2 * h)
+        slopes = dynamics.slopes(k, along)
+        np.testing.assert_allclose(slopes, expected, atol=1e-9 * max(1, np.abs(expected).max()))
 
 
 def free_bodies():

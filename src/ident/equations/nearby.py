@@ -16,6 +16,7 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.equations.terms import CHUNK, NEARBY, Samples
+from ident.mechanism import batched
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +93,10 @@ def difference(one: Samples, other: Samples, base: Samples) -> np.ndarray | None
 
     Both are `linearized` about `base`, or of its motion, and share values but of corrections.
     """
-    near, far = _nearby(one, base), _nearby(other, base)
     mechanism, e = one.mechanism, one.e
+    if mechanism.model is not other.mechanism.model:
+        return _of_placements(one, other, base)
+    near, far = _nearby(one, base), _nearby(other, base)
     if near is None or far is None or mechanism.effects != other.mechanism.effects:
         return None
     corrections = {name for x in mechanism.effects if x.corrects for name in x.names}
@@ -117,6 +120,41 @@ def difference(one: Samples, other: Samples, base: Samples) -> np.ndarray | None
             if known and not (near.keeps(effect) and far.keeps(effect)):
                 for sign, s in ((-1, one), (1, other)):
                     s.generalised(part).add_effect(out[part], effect, sign * c, shape)
+    return out
+
+
+def _of_placements(one: Samples, other: Samples, base: Samples) -> np.ndarray | None:
+    """Return the same of trees in one motion in which one joint is placed elsewhere, about the
+    place that it has in `base`: to first order, which a difference about the middle is, too.
+    """
+    states, models = (one.e, other.e, base.e), [s.mechanism.model for s in (one, other, base)]
+    effects = one.mechanism.effects
+    if any(s.mechanism.closures for s in (one, other)) or any(
+        x.implicit or not (x.corrects or x.local or x.loaded_link) for x in effects
+    ):
+        return None
+    same = all(np.array_equal(getattr(e, x), getattr(base.e, x)) for e in states[:2] for x in "qva")
+    if not same or one.e.tau is not other.e.tau or effects != other.mechanism.effects:
+        return None
+    if any((s.point.pi != base.point.pi).any() for s in (one, other)) or one.e.wrench is not None:
+        return None
+    if not all(np.array_equal(m.gravity.linear, models[2].gravity.linear) for m in models[:2]):
+        return None
+    if not (joints := batched.joints_of(models[2])) or not base.few_tangents:
+        return None
+    places = [np.array([x.homogeneous for x in m.jointPlacements])[1:] for m in models]
+    step, off = places[0] - places[1], 0.5 * (places[0] + places[1]) - places[2]
+    moved = np.flatnonzero(step.any(axis=(1, 2)))
+    if step[:, :3, :3].any() or len(moved) != 1 or np.abs(off).max() > np.abs(step).max():
+        return None
+    n, out, pi = len(one.e), np.zeros((len(one.e), models[2].nv)), base.dynamic_parameters
+    for start in range(0, n, CHUNK):
+        part = slice(start, min(start + CHUNK, n))
+        key = ("dynamics", part.start, part.stop, pi.tobytes())
+        if key not in base.memo:
+            motion = (x[part] for x in (base.e.q, base.e.v, base.e.a))
+            base.memo[key] = batched.Dynamics.of(models[2], joints, *motion, pi)
+        out[part] -= base.memo[key].slopes(int(moved[0]), step[moved[0], :3, 3]).T
     return out
 
 

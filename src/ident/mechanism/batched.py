@@ -225,17 +225,75 @@ def rigid_forces(
     forces = np.zeros((model.nv, len(q)))
     for start in range(0, len(q), PIECE):
         part = slice(start, min(start + PIECE, len(q)))
-        motion = (np.ascontiguousarray(x[part].T) for x in (q, v, a))
+        dynamics = Dynamics.of(model, joints, q[part], v[part], a[part], pi)
+        for joint, (f, moment) in zip(joints, dynamics.wrenches, strict=True):
+            forces[joint.v, part] = joint.axis @ (moment if joint.turns else f)
+    return forces.T
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """Bodies in motion at n samples, and what moves them."""
+
+    joints: list[Joint]
+    pi: Array  # (10 · bodies,)
+    bodies: list[BodyState]
+    placements: list[tuple[Array, Array]]  # of the joints, on their parents
+    wrenches: list[tuple[Array, Array]]  # force, moment (3, n) through each joint, in its frame
+
+    @classmethod
+    def of(
+        cls, model: pin.Model, joints: list[Joint], q: Array, v: Array, a: Array, pi: Array
+    ) -> Dynamics:
+        """Return those of q (n, nq), v, a (n, nv) and π, possible bodies or not."""
+        motion = (np.ascontiguousarray(x.T) for x in (q, v, a))
         bodies, placements = states(model, joints, *motion, axes=False)
         wrenches = [_wrench(*x) for x in zip(bodies, pi.reshape(-1, COUNT), strict=True)]
         for i in reversed(range(len(joints))):
-            joint, (R, p), (f, moment) = joints[i], placements[i], wrenches[i]
-            forces[joint.v, part] = joint.axis @ (moment if joint.turns else f)
+            if (below := joints[i].parent) >= 0:
+                wrenches[below] = _added(wrenches[below], placements[i], wrenches[i])
+        return cls(joints, pi, bodies, placements, wrenches)
+
+    def slopes(self, k: int, along: Array) -> Array:
+        """Return the change (nv, n) of Γ π as joint k is displaced on its parent by `along` (3,),
+        to first order: all that it carries is accelerated by ẇ × d + w × (w × d) more, and its
+        wrench has a longer arm.
+        """
+        n, below, d = self.bodies[k].w.shape[1], self.joints[k].parent, along[:, None]
+        out = np.zeros((len(self.joints), n))
+        if below < 0:  # the world does not move, and has no row
+            return out
+        w, dw = self.bodies[below].w, self.bodies[below].dw
+        more = {below: cross(dw, d) + cross(w, cross(w, d))}
+        change: dict[int, tuple[Array, Array]] = {}
+        for i in range(k, len(self.joints)):
+            joint, pi = self.joints[i], self.pi[COUNT * i : COUNT * (i + 1)]
+            if i == k or (joint.parent in more and joint.parent != below):
+                g = more[i] = rotated(self.placements[i][0], more[joint.parent], back=True)
+                change[i] = pi[0] * g, cross(pi[1:4, None], g)
+        none = np.zeros((3, n))
+        for i in reversed(range(len(self.joints))):
+            if i not in change:
+                continue
+            joint, (f, moment) = self.joints[i], change[i]
+            out[joint.v] = joint.axis @ (moment if joint.turns else f)
             if joint.parent >= 0:
-                f, moment = rotated(R, f, back=False), rotated(R, moment, back=False)
-                below = wrenches[joint.parent]
-                wrenches[joint.parent] = below[0] + f, below[1] + moment + cross(p, f)
-    return forces.T
+                before = change.get(joint.parent, (none, none))
+                total = _added(before, self.placements[i], (f, moment))
+                if i == k:
+                    arm = cross(d, rotated(self.placements[k][0], self.wrenches[k][0], back=False))
+                    total = total[0], total[1] + arm
+                change[joint.parent] = total
+        return out
+
+
+def _added(
+    below: tuple[Array, Array], placement: tuple[Array, Array], wrench: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Return a body's wrench with that of a joint on it, which is in the joint's frame."""
+    (R, p), (f, moment) = placement, wrench
+    f, moment = rotated(R, f, back=False), rotated(R, moment, back=False)
+    return below[0] + f, below[1] + moment + cross(p, f)
 
 
 def _wrench(body: BodyState, pi: Array) -> tuple[Array, Array]:
