@@ -20,7 +20,7 @@ Or the paper's stack [Γ E | JᵀB] (eq. 7-8): all rows, multipliers expanded in
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ from ident.equations.terms import (
     Samples,
     Terms,
     effect_terms,
+    is_plain,
     smooth_columns,
     smooth_places,
     unbalanced,
@@ -391,18 +392,20 @@ class Scene:
         """The working point."""
         return self.samples.point
 
-    def effects(self, s: Samples, thinned: bool = False) -> Terms:
+    def effects(self, s: Samples, thinned: bool = False, without: Container[str] = ()) -> Terms:
         """The equations of some samples without Γ, with the sensitivities S of corrections;
-        `thinned` as in `effect_terms`.
+        `thinned` and `without` as in `effect_terms`.
         """
-        terms, r = (
-            effect_terms(s, self.columns, thinned),
-            unbalanced(s) if self.perturbed else np.empty(0),
-        )
-        before = len(self.columns.rigid)
+        terms = effect_terms(s, self.columns, thinned, without)
+        before, r = len(self.columns.rigid), None
         for place, value, h, other in self.perturbed:
             shifted = replace(s, mechanism=other.mechanism, e=other.e, memo=other.memo)
-            S = (r - unbalanced(shifted)) / h
+            if _differ_in_torques(s, shifted):  # all forces of the model are the same
+                S = terms.tau - shifted.measured(shifted.mechanism.driven)
+            else:
+                r = unbalanced(s) if r is None else r
+                S = r - unbalanced(shifted)
+            S = S / h
             terms.A[:, :, place - before] = S
             terms.b[:] += S * value
         for place, value, name, slope in self.slopes:
@@ -424,6 +427,16 @@ class Scene:
         gamma = [s.gamma[:, row] for row in range(s.shape[1])]
         A, b = with_bodies(self.columns, self.point, gamma, terms.A, terms.b, share_of=s.share_of)
         return replace(terms, A=A, b=b)
+
+
+def _differ_in_torques(s: Samples, other: Samples) -> bool:
+    """Return whether samples of one state differ from those of another in measured torques alone,
+    with the same values of all effects.
+    """
+    e, o = s.e, other.e
+    series = ("q", "v", "a", "y", "yd", "ydd", "still", "wrench", "loop")
+    same = all(getattr(e, name) is getattr(o, name) for name in series)
+    return same and s.mechanism is other.mechanism
 
 
 def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None:
@@ -560,8 +573,8 @@ def rows(
     """All rows of a state in pieces, filtered at `cutoff` [Hz] and decimated.
 
     A row informs if less than the share `sticking` of it comes from samples that do not; `farthest`
-    is `largest_transmission` of the whole log. Filtered columns of Γ, which hang on no parameter,
-    effect or torque, are stored with the state, unless it is seen once (`keep`).
+    is `largest_transmission` of the whole log. Filtered columns of Γ and of effects, which hang on
+    no parameter or torque, are stored with the state, unless it is seen once (`keep`).
     """
     e, model = scene.e, scene.mechanism.model
     farthest = largest_transmission(e) if farthest is None else farthest
@@ -575,8 +588,12 @@ def rows(
     decimator, before = Decimator.of(cutoff, e.rate), len(scene.columns.rigid)
     step = smooth_step(scene, cutoff)
     smooth = smooth_places(scene.columns) if step > 1 else np.empty(0, dtype=int)
+    lasting = _lasting(scene, (cutoff, *key[2:]), supports, smooth) if keep else []
+    made = {effect.label for effect in lasting if effect.stored is not None}
     # by row the effects' columns that are made at all samples, and those made at nodes
-    sharp = [s[(s >= before) & ~np.isin(s, smooth)] - before for s in supports]
+    others = [smooth, *(effect.places for effect in lasting if effect.label in made)]
+    at_hand = np.concatenate(others)
+    sharp = [s[(s >= before) & ~np.isin(s, at_hand)] - before for s in supports]
     thin = [np.intersect1d(s, smooth) for s in supports]
     fresh: list[list[np.ndarray]] | None = [] if stored is None and keep else None
     at_rest = stretches_at_rest(scene.samples, farthest)
@@ -584,7 +601,7 @@ def rows(
     def make(part: slice) -> list[np.ndarray]:
         """Effects' columns by row, b, τ, informed, moving, and Γ by row, of all samples."""
         s = scene.samples.reduced(part)
-        terms = scene.effects(s, thinned=step > 1)
+        terms = scene.effects(s, step > 1, made)
         effects = [terms.A[:, u, support] for u, support in enumerate(sharp)]
         informed = informing(s, farthest) & (not e.poses)
         gamma = gamma_of(s) if stored is None and step == 1 else []
@@ -615,12 +632,14 @@ def rows(
                 fresh = fresh if fresh is not None and e.store.fits(size) else None
                 if fresh is not None:
                     fresh.append(gamma)
-            done += n
             A = np.zeros((d, len(scene.columns) - before, n)).transpose(2, 0, 1)
             for u in range(d):
                 A[:, u, sharp[u]] = series[u]
                 if step > 1:
                     A[:, u, thin[u] - before] = smoothed[u]
+            for effect in lasting:
+                effect.exchange(A, before, slice(done, done + n))
+            done += n
             b, tau, opened, standing = series[d : d + 4]
             informed, moving = opened < sticking, standing < STANDING
             rest = np.where(opened > 1 - STANDING, at_rest[sample] * np.sqrt(decimator.factor), 0.0)
@@ -631,10 +650,60 @@ def rows(
                 A[:, u], b[:, u], tau[:, u], informed[:, u] = 0.0, 0.0, 0.0, False
                 rest[:, u] = 0.0
             yield Rows(e.t[sample], sample, A, b, tau, informed, moving & informed, rest)
+    for effect in lasting:
+        if effect.stored is None and effect.pieces:
+            e.store.put(effect.key, model, effect.whole)
     if fresh:
         e.store.put(
             key, model, [np.hstack([x.T for x in pieces]) for pieces in zip(*fresh, strict=True)]
         )
+
+
+@dataclass(eq=False)
+class LastingColumns:
+    """Filtered columns of an effect that are those of the motion, whatever the parameters."""
+
+    label: str
+    key: tuple[object, ...]  # in the state's store
+    places: np.ndarray  # in x
+    rows: list[np.ndarray]  # by independent coordinate, which of the places it has
+    stored: Sequence[np.ndarray] | None  # by coordinate (columns, N)
+    pieces: list[list[np.ndarray]] = field(default_factory=list)  # of what is not stored yet
+
+    def exchange(self, A: np.ndarray, before: int, which: slice) -> None:
+        """Fill what is stored into some rows' columns (n, d, …), or keep what is there."""
+        if self.stored is None:
+            self.pieces.append([A[:, u, at - before].T for u, at in enumerate(self.rows)])
+            return
+        for u, (at, x) in enumerate(zip(self.rows, self.stored, strict=True)):
+            A[:, u, at - before] = x[:, which].T
+
+    @property
+    def whole(self) -> list[np.ndarray]:
+        """All pieces, one after the other."""
+        return [np.hstack(pieces) for pieces in zip(*self.pieces, strict=True)]
+
+
+def _lasting(
+    scene: Scene, of_rows: tuple[object, ...], supports: Sequence[np.ndarray], smooth: np.ndarray
+) -> list[LastingColumns]:
+    """Return the columns of a scene that last, but for those at nodes, whose labels say all of
+    them; `of_rows`: what says which rows these are.
+    """
+    own = {entry.name for entry in fields(Effect)}
+    lasting, e, model = list[LastingColumns](), scene.e, scene.mechanism.model
+    for effect, places in scene.columns.effects:
+        library = {entry.name for entry in fields(effect)} == own and not effect.settings
+        if (
+            not (library and is_plain(effect) and (places >= 0).all())
+            or np.isin(places, smooth).any()
+        ):
+            continue
+        share = scene.mechanism.share_in(effect, e.name)
+        key = ("effect", type(effect), effect.label, share, *of_rows)
+        rows = [places[np.isin(places, support)] for support in supports]
+        lasting.append(LastingColumns(effect.label, key, places, rows, e.store.get(key, model)))
+    return lasting
 
 
 def smooth_step(scene: Scene, cutoff: float | None) -> int:

@@ -16,7 +16,7 @@ equations never evaluate the slow W of closures' own joints.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from operator import attrgetter
@@ -493,9 +493,11 @@ class Terms:
     tau: np.ndarray  # (n, r) [N m | N], the measured torques alone
 
 
-def effect_terms(s: Samples, columns: Columns, thinned: bool = False) -> Terms:
+def effect_terms(
+    s: Samples, columns: Columns, thinned: bool = False, without: Container[str] = ()
+) -> Terms:
     """The equations without Γ: A (n, r, k − rigid) holds the columns of effects only; `thinned`:
-    without those that `smooth_columns` has.
+    without those that `smooth_columns` has, and `without` those of some, by label.
     """
     tau = s.measured(s.mechanism.driven)
     b = tau.copy() if s.wrench is None else tau + s.wrench
@@ -506,10 +508,13 @@ def effect_terms(s: Samples, columns: Columns, thinned: bool = False) -> Terms:
     for effect, places in columns.effects:
         if effect.corrects or effect.loaded_link:
             continue
-        c, shape = s.point.of(effect)
         u = len(effect.unknowns)
         unknown = places[:u] >= 0
-        if unknown.any() and not (thinned and is_smooth(effect)):
+        skipped = effect.label in without or (thinned and is_smooth(effect))
+        if skipped and unknown.all():
+            continue
+        c, shape = s.point.of(effect)
+        if unknown.any() and not skipped:
             at = places[:u][unknown] - before  # neighbours in x: a view of A can be added to
             s.add_effect(A[:, :, at[0] : at[-1] + 1], effect, np.eye(u)[:, unknown], shape)
         if not unknown.all():
@@ -522,10 +527,15 @@ def effect_terms(s: Samples, columns: Columns, thinned: bool = False) -> Terms:
     return Terms(A, b, tau)
 
 
-def is_smooth(effect: Effect) -> bool:
-    """Whether all columns of an effect are smooth functions of the sample's motion alone."""
+def is_plain(effect: Effect) -> bool:
+    """Whether all columns of an effect are functions of the sample's motion alone."""
     plain = not (effect.corrects or effect.loaded_link or effect.memory or effect.implicit)
-    return effect.smooth and plain and not effect.shapes
+    return plain and not effect.shapes
+
+
+def is_smooth(effect: Effect) -> bool:
+    """Whether these are smooth."""
+    return effect.smooth and is_plain(effect)
 
 
 def smooth_places(columns: Columns) -> np.ndarray:
