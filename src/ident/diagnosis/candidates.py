@@ -11,7 +11,7 @@ import numpy as np
 from ident.effects import Effect, ReversalPulses
 from ident.effects.curve import Curve, curves
 from ident.equations.rest import FEWEST_RESTS
-from ident.equations.table import Table
+from ident.equations.table import MadeColumns, Table
 from ident.errors import IdentError
 from ident.faults.small_errors import WORSE, away_from_reversals
 from ident.fit import Fit
@@ -27,7 +27,6 @@ HIDDEN = 0.02  # tuned: visible share below which the data cannot speak of an ef
 FREE = 30.0  # range: error over torque, from which a joint swings freely
 PULSES_SE = 1.0  # level: standard errors over blocks by which pulses lower left-out errors
 Shape = Mapping[str, float]
-Columns = Mapping[int, np.ndarray]  # (m, u) in the rows of each coordinate
 OnProgress = Callable[[str, float], None]
 
 
@@ -185,10 +184,14 @@ class Contest:
             fit: whose rows; effects: whose columns.
             on_progress: called with (what is being done, share done).
             curved: whether curves are candidates too.
-            earlier: of another model, from which columns are taken that are the same there.
+            earlier: of this or another model, from which columns are taken that are the same there.
             use: rows (N, d) that decide, beside which there are no pulses; default: see `deciding`.
         """
-        table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+        if earlier is not None and earlier.fit is fit:
+            table = earlier.table
+        else:
+            table = Table.of(fit.mechanism, fit.columns, fit.motion, fit.point)
+            table.made.update({} if earlier is None else earlier.unchanged(table))
         fixed = fit.estimate.fixed
         pulsed = use is None and bool((fit.checks.misfit > WORSE).any())  # rows at reversals worse
         use = deciding(table, residual_in(table, fit)) if use is None else use
@@ -199,10 +202,6 @@ class Contest:
             joint: store.add(fit.mechanism.placed(ReversalPulses((joint,))), [{}])
             for joint in dict.fromkeys(dry)
         }
-        known = {} if earlier is None else earlier.unchanged(table, use)
-        if earlier and known:  # of rows at rest these are another for each fit
-            changed = table.scale / earlier.table.scale
-            weights = [changed[rows, u, None] for u, rows in enumerate(store.rows)]
         index, columns = table.mechanism.joint_index, columns_of(fit.motion)
         moving = tuple(  # in some log, in the tree or anywhere in a loop
             name
@@ -215,11 +214,8 @@ class Contest:
         for i, effect in enumerate(wanted):
             on_progress(f"columns of {effect.label}", i / len(wanted))
             try:
-                shapes, old, C = table.starts(effect), known.get(effect.label), None
-                if earlier and old and old.effect == effect and [*old.shapes] == shapes:
-                    at, parts = np.concatenate(old.groups), earlier.regression.parts
-                    C = {p.coordinate: weights[p.coordinate] * p.taken(at) for p in parts}
-                groups = np.split(store.add(effect, shapes, C), len(shapes))
+                shapes = table.starts(effect)
+                groups = np.split(store.add(effect, shapes), len(shapes))
                 candidates.append(CandidateColumns(effect, tuple(shapes), tuple(groups)))
             except (IdentError, np.linalg.LinAlgError) as error:
                 failed.append((effect, str(error)))
@@ -248,8 +244,9 @@ class Contest:
             return None
         effects = [law.effect for law in self.laws]
         return Contest.of(
-            self.fit, effects, on_progress, use=use, decision=self.decision, seed=self.seed
-        )
+            self.fit, effects, on_progress, earlier=self, use=use, decision=self.decision,
+            seed=self.seed,
+        )  # fmt: skip
 
     @property
     def dry(self) -> np.ndarray:
@@ -269,17 +266,16 @@ class Contest:
         """Candidates that are no curves."""
         return tuple(candidate for candidate in self.candidates if not candidate.curve)
 
-    def unchanged(self, table: Table, use: np.ndarray) -> dict[str, CandidateColumns]:
-        """Laws, by label, with the same columns in the rows (N, d) of another table, but for the
-        weights of these.
-        """
+    def unchanged(self, table: Table) -> dict[str, MadeColumns]:
+        """Columns of laws, by label, that are the same in the rows of another table."""
         ours, other = ((x.sample, x.experiment) for x in (self.table, table))
-        same_rows = np.array_equal(use, self.use) and all(map(np.array_equal, ours, other))
         scenes = zip(table.scenes, self.table.scenes, strict=True)
+        same_rows = all(map(np.array_equal, ours, other))
         if not same_rows or not all(a.samples.same_motion(b.samples) for a, b in scenes):
             return {}
-        explicit = (e for e in self.laws if not e.effect.implicit and not e.effect.corrects)
-        return {e.effect.label: e for e in explicit}
+        explicit = (x for x in self.laws if not x.effect.implicit and not x.effect.corrects)
+        made = self.table.made
+        return {x.effect.label: made[x.effect.label] for x in explicit if x.effect.label in made}
 
     def columns(self, effect: Effect, shape: Shape) -> list[np.ndarray]:
         """The columns (m, u) of an effect at a shape in the rows of each part."""
@@ -431,13 +427,16 @@ class ColumnStore:
         self.index = [[np.arange(A.shape[2])] for _ in self.rows]
         self.count = A.shape[2]
 
-    def add(
-        self, effect: Effect, shapes: Sequence[Shape], known: Columns | None = None
-    ) -> np.ndarray:
-        """Adds the columns of an effect at shapes, or those known; returns which they are."""
-        if known is None:
-            C, felt = self.table.start_columns(effect, shapes)
-            known = {u: C[self.rows[u], place] for place, u in enumerate(felt.tolist())}
+    def add(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
+        """Adds the columns of an effect at the starts of its search; returns which they are."""
+        return self._added(*self.table.start_columns(effect, shapes))
+
+    def add_at(self, effect: Effect, shape: Shape) -> np.ndarray:
+        """Adds the columns of an effect at a shape that was found; returns which they are."""
+        return self._added(*self.table.effect_columns(effect, [shape]))
+
+    def _added(self, C: np.ndarray, felt: np.ndarray) -> np.ndarray:
+        known = {u: C[self.rows[u], place] for place, u in enumerate(felt.tolist())}
         new = np.arange(self.count, self.count + next(iter(known.values())).shape[1])
         for coordinate, block in known.items():
             nonzero = block.any(axis=0)

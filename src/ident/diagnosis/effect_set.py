@@ -198,7 +198,7 @@ def on_rows_in_motion(
         shape = member.evidence.shape
         if member.effect.corrects and not member.effect.extent:
             shape = {p.name: member.effect.values.get(p.name, 0.0) for p in member.effect.shapes}
-        columns[member.effect.label] = store.add(member.effect, [shape])
+        columns[member.effect.label] = store.add_at(member.effect, shape)
     rows = contest.regression.without(contest.pulses)
     return PartialRegression(store.parts(), rows.model, rows.weight, store.count), columns
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -591,9 +592,9 @@ def rows(
     lasting = _lasting(scene, (cutoff, *key[2:]), supports, smooth) if keep else []
     made = {effect.label for effect in lasting if effect.stored is not None}
     # by row the effects' columns that are made at all samples, and those made at nodes
-    others = [smooth, *(effect.places for effect in lasting if effect.label in made)]
-    at_hand = np.concatenate(others)
-    sharp = [s[(s >= before) & ~np.isin(s, at_hand)] - before for s in supports]
+    missing = np.arange(len(scene.columns)) >= before
+    missing[np.concatenate([smooth, *(x.places for x in lasting if x.label in made)])] = False
+    sharp = [s[missing[s]] - before for s in supports]
     thin = [np.intersect1d(s, smooth) for s in supports]
     fresh: list[list[np.ndarray]] | None = [] if stored is None and keep else None
     at_rest = stretches_at_rest(scene.samples, farthest)
@@ -690,20 +691,27 @@ def _lasting(
     """Return the columns of a scene that last, but for those at nodes, whose labels say all of
     them; `of_rows`: what says which rows these are.
     """
-    own = {entry.name for entry in fields(Effect)}
-    lasting, e, model = list[LastingColumns](), scene.e, scene.mechanism.model
+    e, model, k = scene.e, scene.mechanism.model, len(scene.columns)
+    at_nodes, has = np.zeros(k, dtype=bool), np.zeros((len(supports), k), dtype=bool)
+    at_nodes[smooth] = True
+    for row, support in zip(has, supports, strict=True):
+        row[support] = True
+    lasting = list[LastingColumns]()
     for effect, places in scene.columns.effects:
-        library = {entry.name for entry in fields(effect)} == own and not effect.settings
-        if (
-            not (library and is_plain(effect) and (places >= 0).all())
-            or np.isin(places, smooth).any()
-        ):
+        plain = is_plain(effect) and not effect.settings and _of_label(type(effect))
+        if not plain or places.min(initial=0) < 0 or at_nodes[places].any():
             continue
         share = scene.mechanism.share_in(effect, e.name)
         key = ("effect", type(effect), effect.label, share, *of_rows)
-        rows = [places[np.isin(places, support)] for support in supports]
+        rows = [places[row[places]] for row in has]
         lasting.append(LastingColumns(effect.label, key, places, rows, e.store.get(key, model)))
     return lasting
+
+
+@cache
+def _of_label(kind: type[Effect]) -> bool:
+    """Return whether effects of a class with the same label are the same, but for values."""
+    return [entry.name for entry in fields(kind)] == [entry.name for entry in fields(Effect)]
 
 
 def smooth_step(scene: Scene, cutoff: float | None) -> int:

@@ -8,8 +8,9 @@ For searching shapes and judging candidates: they decide, they are not fitted.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,7 +41,17 @@ BLOCKS = 20  # work: of time, in all experiments together
 SMOOTH = 16.0  # numerics: samples a period of the cut-off at which sensitivities are evaluated
 AT_ONCE = 32  # work: columns that are filtered in one product
 FEWEST = 4  # range: samples that a spline goes through
+MADE_BYTES = 100_000_000  # work: of columns at starts that are kept
 COARSE = 8.0  # numerics: the same, at least, from which formulas are screened
+
+
+class MadeColumns(NamedTuple):
+    """Columns of an effect at the starts of its search, that are kept."""
+
+    effect: Effect
+    starts: Sequence[Mapping[str, float]]
+    C: np.ndarray  # (N, c, numbers · starts), but for corrections not weighed by `scale`
+    felt: np.ndarray  # the c coordinates
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +66,7 @@ class Table(Rows):
     scenes: tuple[Scene, ...]  #: one an experiment
     scale: np.ndarray  #: (N, d) by which rows are weighed: 1, but at rest
     every: int = 1  #: of so many samples one is evaluated for columns
+    made: dict[str, MadeColumns] = field(default_factory=dict)  #: by label, at starts of searches
 
     @classmethod
     def of(cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point) -> Table:
@@ -107,7 +119,9 @@ class Table(Rows):
         step = int(np.gcd.reduce(np.concatenate([np.diff(at) for at in samples_by_log])))
         cutoff = self.motion.band.cutoff
         most = min(s.e.rate for s in self.scenes) / (COARSE * cutoff) if cutoff else 1
-        return replace(self, every=max(k for k in range(1, int(max(most, 1)) + 1) if step % k == 0))
+        return replace(
+            self, made={}, every=max(k for k in range(1, int(max(most, 1)) + 1) if step % k == 0)
+        )
 
     def filtered(self, number: int, x: np.ndarray) -> np.ndarray:
         """Return a series x (n, …) of an experiment's `samples`, in its rows (N_e, …)."""
@@ -132,13 +146,19 @@ class Table(Rows):
         self, effect: Effect, shapes: Sequence[Mapping[str, float]]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return columns (N, c, numbers · shapes) of an effect at shapes, and the c coordinates."""
-        d = self.b.shape[1]
         if effect.corrects:
             S = [column for shape in shapes for column in self._of_correction(effect, shape)]
-            return np.stack(S, axis=-1), np.arange(d)  # weighed already
+            return np.stack(S, axis=-1), np.arange(self.b.shape[1])  # weighed already
+        C, felt = self._columns(effect, shapes)
+        return C * self.scale[:, felt, None], felt
+
+    def _columns(
+        self, effect: Effect, shapes: Sequence[Mapping[str, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return those of an effect with columns of its own, that are not weighed."""
         own_rows = effect.local and not self.mechanism.closures
         joints = [self.mechanism.joint(name).index for name in effect.joints] if own_rows else ()
-        felt, u = np.array(joints) if own_rows else np.arange(d), len(effect.unknowns)
+        felt, u = np.array(joints) if own_rows else np.arange(self.b.shape[1]), len(effect.unknowns)
         series, step = [], max(1, AT_ONCE // max(len(felt) * u, 1))
         for number, s in enumerate(self.samples):
             pieces = []
@@ -153,7 +173,7 @@ class Table(Rows):
                         s.add_effect(columns, effect, np.eye(u), shape)
                 pieces.append(self.filtered(number, out))
             series.append(np.concatenate(pieces, axis=2))
-        return np.concatenate(series) * self.scale[:, felt, None], felt
+        return np.concatenate(series), felt
 
     def scale_sensitivity(self, effect: Effect) -> np.ndarray:
         """Return S (N, d) of the scale of a drive, from what the model predicts for it.
@@ -202,11 +222,27 @@ class Table(Rows):
         self, effect: Effect, starts: Sequence[Mapping[str, float]]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return `effect_columns` at the starts of a search: those of links that twist to first
-        order in the twist, which tells which starts are good.
+        order in the twist, which tells which starts are good. They are kept with the table.
         """
+        old = self.made.get(effect.label)
+        if old is None or old.effect != effect or [*old.starts] != [*starts]:
+            C, felt = self._start_columns(effect, starts)
+            old = MadeColumns(effect, starts, C, felt)
+            kept = sum(x.C.nbytes for x in self.made.values())
+            if kept + C.nbytes <= MADE_BYTES:
+                self.made[effect.label] = old
+        weights = 1.0 if effect.corrects else self.scale[:, old.felt, None]
+        return old.C * weights, old.felt
+
+    def _start_columns(
+        self, effect: Effect, starts: Sequence[Mapping[str, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Make them, but for corrections not weighed."""
         of_links = effect.corrects and effect.extent in {p.name for p in effect.searched}
         if not of_links or not all(start[effect.extent] for start in starts):
-            return self.effect_columns(effect, starts)
+            if effect.corrects:
+                return self.effect_columns(effect, starts)
+            return self._columns(effect, starts)
         (name,), d = effect.joints, self.b.shape[1]
         series, width = list[np.ndarray](), len(effect.searched)
         step = max(1, AT_ONCE // (d * width))

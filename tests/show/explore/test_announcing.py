@@ -78,7 +78,7 @@ def test_what_is_announced_is_delivered(label):
 def test_columns_kept_from_the_model_before_announce_the_same():
     kept = grown("viscous:elbow").screened()
     anew = replace(grown("viscous:elbow"), contest=None).screened()
-    assert kept.contest.unchanged(anew.contest.table, anew.contest.use)
+    assert kept.contest.unchanged(anew.contest.table)
     assert [(x.label, x.fall) for x in kept.candidates] == [
         (x.label, x.fall) for x in anew.candidates
     ]
@@ -88,7 +88,7 @@ def test_columns_are_made_anew_where_the_motion_is_corrected():
     e = grown("encoder_offset:elbow")
     contest = screened().contest
     table = Table.of(e.fit.mechanism, e.fit.columns, e.fit.motion, e.fit.point)
-    assert not contest.unchanged(table, contest.use)
+    assert not contest.unchanged(table)
 
 
 def test_what_a_removal_costs_is_announced_too():
