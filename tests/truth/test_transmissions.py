@@ -171,8 +171,11 @@ def test_a_search_for_a_spring_ends_no_worse_than_without_it():
     assert min(of[f"elasticity.elbow.{name}"].value for name in ("compliance", "damping")) >= 0
 
 
-# a gain that is too low by a quarter holds the rotor at zero: the refit alone shows it
-@pytest.mark.parametrize(("what", "seed"), [("compliance", 2000), ("wrong kp", 1002)])
+# a gain that is too low by a quarter holds the rotor at zero: the refit alone shows it; so does
+# that of a link in resonance, which a clock 22 times as fast explains better than slopes
+@pytest.mark.parametrize(
+    ("what", "seed"), [("compliance", 2000), ("compliance", 5001), ("wrong kp", 1002)]
+)
 def test_a_diagnosis_names_what_is_hidden_in_a_servo_joint(what, seed):
     case = hidden(what, seed)
     motion = ident.complete(case.mechanism, pl.DataFrame(case.log))

@@ -166,6 +166,9 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
         fit.problem, fit.estimate, fit.relative, contest.table, contest.use, squares
     )
     data = checks.health()
+    if data.faults and squares is not None:
+        refit = left_by_refit(selection, squares)
+        data = replace(checks, explained=refit).health() if refit is not None else data
     if not data.faults:  # a joint swings freely by the fitted terms, which wrong channels spoil
         freely = (e for e in fit.findings if e.code == "swings freely")
         data = Health((*data.findings, *freely))
@@ -227,6 +230,27 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
             together = errors_of(refit_with(fit, diagnosis.group, evidence))
             return replace(diagnosis, with_group=together)
     return diagnosis
+
+
+def left_by_refit(selection: Selection, squares: np.ndarray) -> np.ndarray | None:
+    """Return left-out squares (blocks, d) as the refit with a spring or play that is named makes
+    them; None where none is named, or its refit fails or leaves no less.
+
+    The rows have its slopes where it is small. A link that swings in resonance follows none, and
+    another clock, which takes the weight out of the equations, may then leave less.
+    """
+    first, last = selection.first.regression, selection.last.regression
+    named = [m.evidence for m in selection.named if m.effect.extent and m.evidence is not None]
+    for evidence in named[:1]:
+        with suppress(IdentError):
+            x = explain(selection.first.contest.fit, evidence)
+            joints = selection.first.contest.fit.motion.independent
+            shares = [(x.after[j].rms / x.before[j].rms) ** 2 for j in joints if x.before[j].rms]
+            announced = last.losses.sum(axis=0) / first.losses.sum(axis=0)
+            if len(shares) == len(joints) and (np.array(shares) < announced).any():
+                less = np.minimum(1.0, np.array(shares) / announced)
+                return np.asarray(squares * less)
+    return None
 
 
 def _refit_laws(
