@@ -111,3 +111,14 @@ def test_samples_are_kept_in_bounded_memory(forget):
         assert X[-1, 0] > 0.9 * count / rate
         lengths = [len(run) for run in runs[:-1]]
         assert len({*lengths}) == 1
+
+
+def test_a_table_says_what_makes_the_errors():
+    mechanism, log = made("arm", 2.0)
+    motion = ident.complete(mechanism, log, cutoff=None)
+    text = str(streamed(mechanism, log, motion).finish())
+    assert "± noise" in text
+    assert "most of ±" in text
+    exact = mechanism.with_calibration("exact")
+    text = str(streamed(exact, log, ident.complete(exact, log, cutoff=None)).finish())
+    assert "± noise" not in text

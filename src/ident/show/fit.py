@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from typing import Protocol
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ident.assess.fit import assess_fit, increase_of
 from ident.display import renders
 from ident.errors import FitError
 from ident.faults.data_checks import Health
+from ident.fit.calibration import Budget
 from ident.fit.consistency import Binding
 from ident.fit.files import residual_before, write_fit, write_urdf
 from ident.fit.likelihood import Likelihood
@@ -138,7 +140,7 @@ def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
     def shown(v: Value) -> str:
         return rounded(v.value, v.stderr) + (", at bound" if v.at_bound else "")
 
-    head, cells = _error_columns(fit)
+    head, cells = error_columns(fit)
 
     def unit(v: Value) -> str:
         return f"{v.unit}, {words[v.name]}" if v.value < 0 and words.get(v.name) else v.unit
@@ -170,7 +172,18 @@ def value_tables(fit: Fit, most: int = 60) -> dict[str, Rows]:
     return {title: rows for title, rows in tables.items() if len(rows) > 1}
 
 
-def _error_columns(fit: Fit) -> tuple[list[str], Callable[[Value | BaseValue], list[str]]]:
+class Budgeted(Protocol):
+    """Values with errors of which causes make shares."""
+
+    @property
+    def budget(self) -> Budget | None:
+        """The error budget; None where the calibration is exact."""
+
+    def shares(self, name: str) -> dict[str, float]:
+        """Return the share of each cause in the variance of a value, the largest first."""
+
+
+def error_columns(fit: Budgeted) -> tuple[list[str], Callable[[Value | BaseValue], list[str]]]:
     """Return heads of the columns on what errors are made of, and their cells for a value; none
     where the calibration is exact, so that all of an error is noise.
     """

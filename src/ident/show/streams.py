@@ -29,7 +29,7 @@ from ident.show.card import Bar, Card, card_of
 from ident.show.charts import MEASURED, RESIDUAL, Chart, Level, Line, Mark, Panel, pieces_of
 from ident.show.diagnosis import sheet as diagnosis_sheet
 from ident.show.diagnosis import short
-from ident.show.fit import summary
+from ident.show.fit import error_columns, summary
 from ident.show.headline import error_words, remainder_sentence
 from ident.show.html import ROWS, Block, Section, Sheet, paragraph, piece, report_page, table
 from ident.show.motion import made_of
@@ -187,10 +187,11 @@ def snapshot_line(x: Snapshot) -> str:
 @renders(Snapshot, "sheet")
 def snapshot_sheet(x: Snapshot) -> Sheet:
     """Return tables of parameters and errors, and notes."""
-    rows = [["parameter", "value", "prior", "unit", ""]]
+    head, cells = error_columns(x)
+    rows = [["parameter", "value", *head, "prior", "unit", ""]]
     for v in x.identified:
-        state = "held" * (v.name in x.held)
-        rows.append([v.name, rounded(v.value, v.stderr), f"{v.prior:.5g}", v.unit, state])
+        state, value = "held" * (v.name in x.held), rounded(v.value, v.stderr)
+        rows.append([v.name, value, *cells(v), f"{v.prior:.5g}", v.unit, state])
     errors = [["error", "all", "rms", "unit"]]
     errors += [[n, percent(e.relative), f"{e.rms:.4g}", e.unit] for n, e in x.errors.items()]
     title = (

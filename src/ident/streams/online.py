@@ -158,6 +158,11 @@ class Snapshot(Displayed):
     solved: Solved
     notes: tuple[str, ...] = ()
 
+    @property
+    def budget(self) -> Budget | None:
+        """The error budget; None where the calibration is exact."""
+        return self.solved.budget
+
     def shares(self, name: str) -> dict[str, float]:
         """Return the share of each cause of calibration errors, and of `noise`, in the variance of
         a parameter or base parameter; as `Fit.shares`.
