@@ -33,7 +33,8 @@ def test_rates_are_those_of_a_sine():
 def test_a_spring_swings_as_an_integrator_has_it(compliance, damping):
     K, more = 1 / compliance + 0.3, 0.002
     carried = inertia(T), np.full(N, more), np.full(N, 0.3)
-    delta, rate, acceleration = sprung(STEP, load(T), carried, compliance, damping)
+    loads = np.stack([load(T), np.cos(3 * T)], axis=1)
+    delta, rate, acceleration = sprung(STEP, loads, carried, compliance, damping)[:, :, 0]
 
     def right(t, x):
         return [x[1], (load(t) - (damping + more) * x[1] - K * x[0]) / inertia(t)]
@@ -51,10 +52,10 @@ def test_a_spring_swings_as_an_integrator_has_it(compliance, damping):
 def test_without_a_spring_the_slope_is_the_quasi_static_twist():
     carried = inertia(T), np.zeros(N), np.zeros(N)
     h = 1e-9
-    slope = sprung(STEP, load(T), carried, h, 0.01) / h
-    still = sprung(STEP, load(T), carried, 0.0, 0.01)
+    slope = sprung(STEP, load(T)[:, None], carried, h, 0.01) / h
+    still = sprung(STEP, load(T)[:, None], carried, 0.0, 0.01)
     assert not still.any()
-    np.testing.assert_allclose(slope[0], load(T), atol=1e-5)
+    np.testing.assert_allclose(slope[0, :, 0], load(T), atol=1e-5)
 
 
 @pytest.mark.parametrize("width", [1e-4, 0.008, 0.05])

@@ -1,11 +1,14 @@
 """Columns of shape parameters: slopes of E c, and of what a correction changes in the equations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import ident
 from ident.effects import KINDS, Correcting
 from ident.equations.rows import Scene
+from ident.equations.terms import residual
 from ident.equations.unknowns import Columns, Point
 from ident.fit.shapes import beyond_bounds, working_point
 from identification import motion_log, plant, robot
@@ -131,6 +134,43 @@ def test_a_corrections_column_is_how_a_log_made_beside_it_differs(name, text):
     explained = found.b - np.einsum("ndk,k->nd", found.A, moved)
     assert np.linalg.norm(left[usable]) > 0
     assert np.linalg.norm(explained[usable]) < 0.05 * np.linalg.norm(left[usable])
+
+
+SWUNG = {  # a spring, and a body behind it
+    ("arm", "elasticity:elbow"): ({"compliance": 0.01, "damping": 1.0}, "hand.Lzz", 1e-2),
+    ("five_bar", "elasticity:left"): (
+        {"compliance": 0.03, "damping": 0.05},
+        "left_distal.mx",
+        2e-2,
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "text"), SWUNG, ids=lambda x: x)
+def test_columns_of_bodies_have_the_twist_of_the_spring_that_they_load(name, text):
+    """Against differences of the residual, of the state that each value leads to."""
+    given, unknown, close = SWUNG[name, text]
+    mechanism = robot(name) + ident.effect(*text.split(":"))
+    (effect,) = mechanism.effects
+    at = {effect.full[parameter]: value for parameter, value in given.items()}
+    case = plant(mechanism, motion_log(name, 100.0), at)
+    if unknown not in Columns.of(mechanism).names:
+        mechanism = replace(mechanism, unknown=(*mechanism.unknown, unknown))
+    h, scenes = 1e-6, []
+    for step in (0.0, h, -h):
+        values = {**case.values, unknown: case.values[unknown] + step}
+        scenes.append(scene_of(mechanism, case.log, values))
+    terms = [scene.terms(slice(None)) for scene, _ in scenes]
+    left = [t.b - t.A @ x for t, (_, x) in zip(terms, scenes, strict=True)]
+    scene = scenes[0][0]
+    assert np.abs(left[0] - residual(scene.samples)).max() < 1e-9 * np.abs(terms[0].b).max()
+    place, usable = scene.columns.index[unknown], scene.e.usable.copy()
+    usable[-30:] = False  # where the load's rates are not those of its past and future
+    slope, column = (left[2] - left[1])[usable] / (2 * h), terms[0].A[usable][:, :, place]
+    rigid = scene.samples.reduced(slice(None)).gamma[usable]
+    of_body = rigid[:, :, list(mechanism.bodies.names).index(unknown)]
+    assert np.linalg.norm(column - slope) < close * np.linalg.norm(slope)
+    assert np.linalg.norm(column - of_body) > 0.05 * np.linalg.norm(slope)
 
 
 # --- where shapes are held ----------------------------------------------------------------------

@@ -6,12 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 import ident
 from helpers import ROBOTS
 from ident.effects.drive import EncoderOffset
 from ident.equations.table import Table
-from ident.errors import MechanismError
+from ident.equations.terms import Samples
+from ident.equations.unknowns import Point
+from ident.errors import MechanismError, MotionError
 from ident.simulate.inverse import point_of
 from ident.simulate.twisting import twisting
 
@@ -52,12 +56,12 @@ def test_a_spring_whose_resonance_is_in_the_band():
 
 
 def test_a_spring_beyond_what_a_slow_log_shows_is_said_with_the_stiffness_that_would_show():
-    slow = fitted("elasticity:elbow", Servos(springs={"elbow": (2000.0, 0.05)}), top=1.6)
+    slow = fitted("elasticity:elbow", Servos(springs={"elbow": (3e4, 0.05)}), top=1.6)
     (finding,) = (f for f in slow.findings if f.code == "rigid here")
     text = str(finding)
     limit = float(re.search(r"not to be seen here; below ([\d.e+]+) N m/rad", text)[1])
     assert text.startswith("compliance of elbow")
-    assert limit < 2000.0
+    assert limit < 3e4
     # one that is softer than that by half is seen
     softer = fitted("elasticity:elbow", Servos(springs={"elbow": (limit / 2, 0.05)}), top=1.6)
     compliance = values(softer)["elasticity.elbow.compliance"]
@@ -230,3 +234,56 @@ def test_columns_at_starts_are_those_of_the_whole_way_to_first_order(robot, join
         sizes = np.linalg.norm(first, axis=0) * np.linalg.norm(exact, axis=0)
         alike = (first * exact).sum(axis=0)[sizes > 0] / sizes[sizes > 0]
         assert np.median(alike) > (0.99 if joint == "elbow" else 0.95)
+
+
+def test_what_swings_behind_a_joint_of_a_loop_is_known_of_independent_ones():
+    """The load of another drive is its torque, which says nothing of what it carries."""
+    robot = ROBOTS / "five_bar"
+    motion = ident.complete(mechanism := ident.load(robot), ident.read_log(robot / "run.csv"))
+    samples = Samples(mechanism, motion.experiments[0], slice(None), Point.prior(mechanism))
+    assert (samples.load_slopes(("left",))[2] > 0).all()
+    with pytest.raises(MotionError, match="leave out the spring or play of left_elbow"):
+        samples.load_slopes(("left_elbow",))
+
+
+def torque_of_crank(mechanism, q, v, a):
+    """The torque of the crank of a rigid four-bar in states that need not follow each other."""
+    t, none = 0.01 * np.arange(len(q)), np.zeros(len(q))
+    columns = {"q.crank": q, "v.crank": v + none, "a.crank": a + none}
+    log, _ = ident.simulate(mechanism, ident.Log.from_arrays("states", t, columns))
+    return log.columns["tau.crank"]
+
+
+def test_a_spring_that_turns_a_four_bar_swings_as_an_integrator_has_it():
+    """The crank's own angle, M(q) q̈ + M'(q) q̇²/2 + g(q) = K δ + D δ̇, integrated by SciPy."""
+    compliance, damping = 0.005, 0.1
+    bar = ident.load(ROBOTS / "four_bar").with_calibration("exact")
+    q = np.linspace(-1.0, 3.0, 801)
+    g = torque_of_crank(bar, q, 0.0, 0.0)
+    gravity = CubicSpline(q, g)
+    inertia = CubicSpline(q, torque_of_crank(bar, q, 0.0, 1.0) - g)
+    t, K = np.arange(0.0, 8.0, 0.005), 1 / compliance
+    fine = np.arange(-0.01, 8.01, 5e-4)
+    s = np.clip(fine, 0.0, 1.0)
+    waves = zip((0.8, 0.25, 0.08, 0.03, 0.015), (0.4, 1.1, 2.3, 4.1, 6.3), strict=True)
+    way = sum(A * np.sin(2 * np.pi * f * fine + f) for A, f in waves)
+    motor = CubicSpline(fine, 1.0 + s**3 * (10 - 15 * s + 6 * s**2) * way)
+    start = float(motor(0.0))
+    for _ in range(50):
+        start = float(motor(0.0) - compliance * gravity(start))
+
+    def right(at, x):
+        push = K * (motor(at) - x[0]) + damping * (motor(at, 1) - x[1])
+        return [x[1], (push - gravity(x[0]) - 0.5 * inertia(x[0], 1) * x[1] ** 2) / inertia(x[0])]
+
+    crank = solve_ivp(right, (0.0, t[-1]), [start, 0.0], "LSODA", t, rtol=1e-9, atol=1e-11).y
+    torque = K * (motor(t) - crank[0]) + damping * (motor(t, 1) - crank[1])
+    columns = {"q.crank": motor(t), "v.crank": motor(t, 1), "a.crank": motor(t, 2)}
+    log = ident.Log.from_arrays("run", t, {**columns, "tau.crank": torque})
+    soft = bar.with_effect("elasticity:crank")
+    of = values(fit := ident.identify(soft, ident.complete(soft, log)))
+    assert of["elasticity.crank.compliance"].value == pytest.approx(compliance, rel=1e-3)
+    assert of["elasticity.crank.damping"].value == pytest.approx(damping, rel=1e-2)
+    assert fit.relative["crank"] < 1e-3
+    rigid = ident.identify(bar, ident.complete(bar, log))
+    assert rigid.relative["crank"] > 0.05

@@ -87,6 +87,13 @@ def candidates_of(fit: Fit) -> list[Effect]:
         for e in every
         if not (absorbed(fit.mechanism, e) or trivial(e))
         and not (e.local and e.joints and resting.issuperset(e.joints))
+        # what moves behind a joint of a loop is known of independent ones
+        and not (
+            fit.mechanism.closures
+            and e.extent
+            and e.sits == "driven"
+            and not {*e.joints} <= {*fit.motion.independent}
+        )
     ]
 
 

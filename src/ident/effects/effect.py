@@ -103,6 +103,8 @@ class Signals:
     # for each joint, and the part of it that the links need, without effects at that joint. In a
     # closure's own joint both are the size of the closure's force
     predicted: Callable[[], tuple[np.ndarray, np.ndarray]] | None = None
+    # gives (joints,) the loads before the log, where it begins at rest
+    resting: Callable[[], np.ndarray | None] | None = None
     # gives (3, n, joints) the slopes of each joint's load along its q, v and a
     slopes: Callable[[], np.ndarray] | None = None
 
@@ -124,6 +126,11 @@ class Signals:
     def load(self) -> np.ndarray:
         """Torque (n, joints) [N m | N] that the joint transmits; zero without a model."""
         return self.predicted()[1] if self.predicted else np.zeros_like(self.q)
+
+    @property
+    def load_at_rest(self) -> np.ndarray | None:
+        """Load (joints,) [N m | N] before the log; None where it does not begin at rest."""
+        return self.resting() if self.resting else None
 
     @property
     def travel(self) -> np.ndarray:
@@ -258,6 +265,8 @@ class Effect(ABC):
     # of a correction that is not linear in its shapes: the one that is 0 where there is none; its
     # column at a start is that of all the way from 0 to there
     extent: ClassVar[str] = ""
+    # its twist is linear in its joint's load (`twists`), from a state that no log knows
+    by_load: ClassVar[bool] = False
     through_drives: ClassVar[bool] = False  # it corrects by the torques that drives supply
     margin: ClassVar[float] = 0.0  # [s] at both ends of a log that its correction cannot use
     whole_log: ClassVar[bool] = False  # its correction depends on statistics of the whole log
@@ -504,6 +513,15 @@ class Effect(ABC):
     def correction(self, s: Signals) -> Correction:
         """The corrections at the shape `s.shape`; none for an effect that is a torque."""
         return Correction()
+
+    def twists(
+        self, s: Signals, loads: np.ndarray, at_rest: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the twists and their two rates (3, n, m) that loads (n, m) of its joint make, of
+        an effect that is linear in them; `at_rest` (m,): the loads before the log, where it begins
+        at rest.
+        """
+        raise NotImplementedError
 
     def scale_column(self, s: Signals, predicted: np.ndarray) -> np.ndarray:
         """Return ∂τ/∂scale (n,) of a drive.

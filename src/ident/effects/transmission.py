@@ -15,12 +15,14 @@ from __future__ import annotations
 import numpy as np
 
 from ident.effects.effect import Bounds, Correcting, Correction, Shape, Signals, Unknown
+from ident.errors import MechanismError
 from ident.information.oscillator import sprung, with_play
 
 WIDTHS = 10  # work: from which a search of a play starts
 SLIGHT = 0.05  # range: damping ratio from which a search starts, and 1 to which it goes
 STRONG, EVERY = 0.3, 4  # range: another one, from every fourth resonance: it hides no lower one
 LONGEST_TWIST = 0.1  # range: [rad], or of a sliding joint's travel, at the rms load
+HOLDS = 0.7  # range: of the softest spring that holds a link which gravity pulls to one side
 RATIO = 1.15  # work: of the resonances from which a search starts
 MOST_STARTS = 24  # work
 ABOVE = 6.0  # range: times the frequency of the acceleration, up to which resonances are searched
@@ -65,18 +67,35 @@ class Elasticity(Correcting):
     remedy = "log a motion that reaches to the frequency at which {joint} swings on its spring"
     source = "Spong, ASME J. Dyn. Syst. Meas. Control 109(4), 1987"
     implicit = True
+    by_load = True
 
     def correction(self, s: Signals) -> Correction:
+        rest = s.load_at_rest
+        twist = -self.twists(s, s.load, None if rest is None else rest[:1])[:, :, 0]
+        if _at_rest(s):
+            return Correction(twist={self.joints[0]: twist})
+        since = min(SETTLED * float(s.t[-1] - s.t[0]), LONGEST_SETTLED)
+        return Correction(twist={self.joints[0]: twist}, since=since)
+
+    def twists(
+        self, s: Signals, loads: np.ndarray, at_rest: np.ndarray | None = None
+    ) -> np.ndarray:
         compliance, damping = s.shape["compliance"], s.shape["damping"]
         stiffness, damps, _ = s.load_slopes[:, :, 0]
+        gravity = float(stiffness.min(initial=0.0))
+        if 1 + compliance * gravity <= 0:
+            raise MechanismError(
+                f"effect '{self.label}': compliance = {compliance:.3g}: so soft a spring does not "
+                f"hold the link, which pulls with {-gravity:.3g} a unit; give less than "
+                f"{-1 / gravity:.3g}"
+            )
         if _at_rest(s):
-            load = s.load[:, 0]
-            twist = compliance * load / (1 + compliance * stiffness)
-            return Correction(twist={self.joints[0]: -np.stack([twist, *np.zeros((2, len(s.t)))])})
+            twists = compliance * loads / (1 + compliance * stiffness[:, None])
+            return np.stack([twists, *np.zeros((2, *loads.shape))])
         carried = _inertia(s), damps, stiffness
-        twist = sprung(_step(s), s.load[:, 0], carried, compliance, max(damping, 0.0))
-        since = min(SETTLED * float(s.t[-1] - s.t[0]), LONGEST_SETTLED)
-        return Correction(twist={self.joints[0]: -twist}, since=since)
+        if at_rest is not None:
+            at_rest = compliance * at_rest / (1 + compliance * stiffness[0])
+        return sprung(_step(s), loads, carried, compliance, max(damping, 0.0), at_rest)
 
     def bounds(self, s: Signals) -> Bounds:
         softest = self._softest(s)
@@ -99,10 +118,12 @@ class Elasticity(Correcting):
         return [{"compliance": c, "damping": D} for c, D in every]
 
     def _softest(self, s: Signals) -> float:
-        """Compliance that twists by so much at the rms load."""
+        """Compliance that twists by so much at the rms load, and with which it holds the link."""
         low, high = s.travel[0]
         most = LONGEST_TWIST * (1.0 if self.rotational else float(high - low))
-        return most / max(float(np.sqrt(np.mean(s.load**2))), 1e-9)
+        softest = most / max(float(np.sqrt(np.mean(s.load**2))), 1e-9)
+        gravity = -float(s.load_slopes[0, :, 0].min(initial=0.0))
+        return min(softest, HOLDS / gravity) if gravity > 0 else softest
 
 
 class Backlash(Correcting):

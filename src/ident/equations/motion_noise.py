@@ -31,16 +31,8 @@ import numpy as np
 
 from ident.equations.filter import STANDING, Decimator, filtered_windows
 from ident.equations.nearby import linearized
-from ident.equations.rows import (
-    Rows,
-    Scene,
-    corrected,
-    informing,
-    largest_transmission,
-    residual,
-    rows,
-)
-from ident.equations.terms import Samples
+from ident.equations.rows import Rows, Scene, corrected, informing, largest_transmission, rows
+from ident.equations.terms import Samples, residual
 from ident.equations.unknowns import Columns, Point
 from ident.information.lapack import solve_cholesky_banded
 from ident.information.time_bases import Basis, Chunk, Elimination, eliminate

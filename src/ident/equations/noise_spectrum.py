@@ -21,8 +21,8 @@ from itertools import pairwise
 import numpy as np
 
 from ident.equations.filter import Decimator
-from ident.equations.rows import corrected, residual
-from ident.equations.terms import Samples
+from ident.equations.rows import corrected
+from ident.equations.terms import Samples, residual
 from ident.equations.unknowns import Point
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.state import State

@@ -19,20 +19,19 @@ Or the paper's stack [Γ E | JᵀB] (eq. 7-8): all rows, multipliers expanded in
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from ident.effects import Correction, Effect
-from ident.equations.filter import CHUNK, STANDING, STICKING, Decimator, filtered_windows
+from ident.effects import Effect
+from ident.equations.filter import STANDING, STICKING, Decimator, filtered_windows
 from ident.equations.nearby import linearized
 from ident.equations.terms import (
     NODES,
     RIGID,
-    SLIGHTLY,
     Samples,
     Terms,
     effect_terms,
@@ -43,6 +42,7 @@ from ident.equations.terms import (
     with_bodies,
 )
 from ident.equations.thinning import NodeSeries, Thinning, agreeing_step
+from ident.equations.twists import Twist, twists_of, with_motors
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
 from ident.information.cubic import late
@@ -59,7 +59,9 @@ OF_NOISE = 1e-3  # numerics: share of the torques' noise by which thinned rows m
 EXACT = 1e-9  # numerics: share of a column by which they may differ where there is no noise
 LOOSEST = 1e-6  # numerics: and the most, however large the noise is
 RUNS_AWAY = 3.0  # numerics: times the pass before that one brings where a swing grows by passes
-PASSES = 2  # work: of links that swing, over the load of their own motion
+# work: of links that swing, over the load of their own motion: in a tree, and in a loop, whose load
+# changes more with its position
+PASSES, LOOP_PASSES = 2, 6
 STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smooth in their shapes
 EARLIER = "state before"  # in the memory of samples
 
@@ -102,11 +104,12 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     if any(what.dq or what.twist or what.displaced for what in every_correction):
         # once: all are of the data as logged
         motors = e
-        e = _with_motors(mechanism, e.at(mechanism, known), motors, every_correction)
+        e = with_motors(mechanism, e.at(mechanism, known), motors, every_correction)
         # loads of the links, where they are by now; not where a swing, hardly damped in a loop,
         # would grow by each pass
         size = float(np.linalg.norm(known - motors.known(mechanism)))
-        for _ in range(PASSES if twisting else 0):
+        passes = PASSES if e.loop is None else LOOP_PASSES
+        for _ in range(passes if twisting else 0):
             change = np.zeros_like(known)
             for effect, at in twisting:
                 change += _twisted_further(base, mechanism, e, motors, effect, at)
@@ -114,7 +117,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             if size > RUNS_AWAY * last:
                 break
             known += change
-            e = _with_motors(mechanism, motors.at(mechanism, known), motors, every_correction)
+            e = with_motors(mechanism, motors.at(mechanism, known), motors, every_correction)
     memo = _memo(base, mechanism, e)
     for _, what in corrections:
         for name, d in what.late.items() if len(e) > 1 else ():
@@ -139,7 +142,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             transmits = np.stack([_rates(e, x, cutoff) for x in step.T], axis=2)
             q = integrate(mechanism.model, e.q, transmits[0])
             closed = e.at(mechanism, motion=(q, e.v + transmits[1], e.a + transmits[2]))
-            e, memo = _with_motors(mechanism, closed, e, every_correction), {}
+            e, memo = with_motors(mechanism, closed, e, every_correction), {}
     if e is base.e and mechanism is base.mechanism:
         return base
     return Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
@@ -152,36 +155,10 @@ def _acting_shape(base: Samples, effect: Effect) -> dict[str, float] | None:
         return None  # a motion that was made up has no commands
     if len(shape) < len(effect.shapes):
         return None
-    if not any(shape.values()) and not effect.margin:
+    if not any(shape.values()) and not (effect.margin or effect.by_load):
         return None
     share = base.share_of(effect)
     return {name: share * value for name, value in shape.items()} if share else None
-
-
-def twist_slopes(base: Samples, name: str) -> np.ndarray:
-    """Return the slopes of r (n, d, 3) along position, rate and acceleration of the link of a
-    logged joint, whose motor stays where it is, in a whole state.
-    """
-    key, e = ("twist slopes", name), base.e
-    if key in base.memo:
-        return np.asarray(base.memo[key])
-    implicit = any(effect.implicit for effect in base.mechanism.effects)
-    if e.loop is None and base.few_tangents and not implicit:
-        joint, pi = base.mechanism.joint(name).index, base.dynamic_parameters
-        parts = (slice(i, min(i + CHUNK, len(e))) for i in range(0, len(e), CHUNK))
-        every = [-base.tangents(part, pi)[:, :, joint].transpose(2, 1, 0) for part in parts]
-        base.memo[key] = np.concatenate(every)
-        return np.asarray(base.memo[key])
-    known, slopes = e.known(base.mechanism), list[np.ndarray]()
-    turned = (Correction(twist={name: np.zeros(0)}),)
-    for order, step in enumerate((SLIGHTLY, SLIGHTLY, 1.0)):  # linear in accelerations
-        moved = known.copy()
-        moved[order, :, e.logged.index(name)] += step
-        state = _with_motors(base.mechanism, e.at(base.mechanism, moved), e, turned)
-        at = Samples(base.mechanism, state, slice(None), base.point)
-        slopes.append((residual(at) - residual(base)) / step)
-    base.memo[key] = np.stack(slopes, axis=2)
-    return np.asarray(base.memo[key])
 
 
 def twist_of(base: Samples, effect: Effect, cutoff: float | None) -> np.ndarray:
@@ -215,22 +192,6 @@ def in_drive(only: Effect, effect: Effect) -> bool:
     return only.through_drives and effect.supplies_torque and effect.joints[0] in only.joints
 
 
-def _with_motors(
-    mechanism: Mechanism, e: State, before: State, corrections: Iterable[Correction]
-) -> State:
-    """Return a state in which joints whose links twist are where their motors are: friction and
-    rotor are those of the motor, and bodies, whose coordinates are q, move with the link.
-    """
-    names = {name for what in corrections for name in what.twist if name in e.logged}
-    if not names:
-        return e
-    at = [mechanism.joint_index[name] for name in names]
-    motors = [y.copy() for y in (e.y, e.yd, e.ydd)]
-    for of_motor, y in zip(motors, (before.y, before.yd, before.ydd), strict=True):
-        of_motor[:, at] = y[:, at]
-    return replace(e, y=motors[0], yd=motors[1], ydd=motors[2])
-
-
 def _twisted_further(
     base: Samples,
     mechanism: Mechanism,
@@ -245,14 +206,16 @@ def _twisted_further(
     """
     (name,) = effect.joints
     at, place = mechanism.joint(name).index, mechanism.joint_index[name]
-    links = (e.q, e.v, e.a) if e.loop is None else e.known(mechanism, (name,))
-    now = np.stack([x[:, at] if e.loop is None else x[:, 0] for x in links])
+    now = np.stack([x[:, at] for x in (e.q, e.v, e.a)])
     twist = np.stack([y[:, place] for y in (motors.y, motors.yd, motors.ydd)]) - now
     signals = base.signals(effect.acting)
     of_links = Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
     by_twist = (signals.load_slopes[:, :, 0] * twist).sum(axis=0)
     load = of_links.predicted((name,))[1] + by_twist[:, None]
-    again = replace(signals, shape=shape, predicted=lambda: (load, load))
+    rest = of_links.loads_at_rest((name,))
+    if rest is not None:
+        rest = rest + signals.load_slopes[0, 0, 0] * twist[0, 0]
+    again = replace(signals, shape=shape, predicted=lambda: (load, load), resting=lambda: rest)
     change = np.zeros((3, len(e), len(e.logged)))
     change[:, :, e.logged.index(name)] = effect.correction(again).twist[name] + twist
     return change
@@ -279,15 +242,6 @@ def slightly_further(base: Samples, effect: Effect, name: str) -> tuple[float, S
     h = STEP * (high - low)
     point = base.point.with_values({effect.full[name]: shape.get(name, 0.0) + h})
     return h, replace(base, point=point)
-
-
-def residual(at: Samples) -> np.ndarray:
-    """r = b − A x (n, d) of a whole state, in the independent coordinates."""
-    if "residual" not in at.memo:
-        n = len(at.e)
-        parts = (at.reduced(slice(i, min(i + CHUNK, n))) for i in range(0, n, CHUNK))
-        at.memo["residual"] = np.concatenate([*map(unbalanced, parts)])
-    return at.memo["residual"]
 
 
 def _rates(e: State, dq: np.ndarray | float, cutoff: float | None) -> np.ndarray:
@@ -345,6 +299,8 @@ class Scene:
     # for every other unknown shape of a drive in a tree: its place in x, its value s, the joint and
     # the slope (n,) of its torque over s
     slopes: tuple[tuple[int, float, str, np.ndarray], ...] = ()
+    # what unknowns of bodies do by the springs that they twist, one a spring
+    twists: tuple[Twist, ...] = ()
 
     @classmethod
     def of(
@@ -376,7 +332,8 @@ class Scene:
             if place >= 0 and parameter.name == effect.scale
         ]
         at = corrected(bare, cutoff)
-        return cls(at, columns, tuple(shifted), tuple(scales), tuple(slopes))
+        twists = twists_of(bare, at, columns)
+        return cls(at, columns, tuple(shifted), tuple(scales), tuple(slopes), twists)
 
     @property
     def mechanism(self) -> Mechanism:
@@ -427,7 +384,17 @@ class Scene:
         terms = self.effects(s)
         gamma = [s.gamma[:, row] for row in range(s.shape[1])]
         A, b = with_bodies(self.columns, self.point, gamma, terms.A, terms.b, share_of=s.share_of)
+        if not full:
+            self.add_twists(A, b, [twist.columns(part) for twist in self.twists])
         return replace(terms, A=A, b=b)
+
+    def add_twists(self, A: np.ndarray, b: np.ndarray, columns: Sequence[np.ndarray]) -> None:
+        """Add the columns (n, r, m) of `twists`, one array each, to A (n, r, k), and to b (n, r)
+        what they are at the working point.
+        """
+        for twist, S in zip(self.twists, columns, strict=True):
+            A[:, :, twist.places] += S
+            b += S @ twist.x
 
 
 def _differ_in_torques(s: Samples, other: Samples) -> bool:
@@ -606,7 +573,8 @@ def rows(
         effects = [terms.A[:, u, support] for u, support in enumerate(sharp)]
         informed = informing(s, farthest) & (not e.poses)
         gamma = gamma_of(s) if stored is None and step == 1 else []
-        return [*effects, terms.b, terms.tau, informed, in_motion(s, farthest), *gamma]
+        twists = [twist.columns(part) for twist in scene.twists]
+        return [*effects, terms.b, terms.tau, informed, in_motion(s, farthest), *twists, *gamma]
 
     def gamma_of(s: Samples) -> list[np.ndarray]:
         return [s.gamma[:, u, span] for u, span in enumerate(spans)]
@@ -618,7 +586,7 @@ def rows(
         effects = [A[:, u, np.searchsorted(smooth, support)] for u, support in enumerate(thin)]
         return [*effects, *(gamma_of(s) if stored is None else [])]
 
-    d, done, size = len(spans), 0, 0
+    d, done, size, twists = len(spans), 0, 0, len(scene.twists)
     for segment in segments:
         thinning = Thinning(decimator, step, segment.stop - segment.start)
         at_nodes = NodeSeries(thinning, make_smooth, segment.start)
@@ -628,7 +596,7 @@ def rows(
             if stored is not None:
                 gamma = [x[:, done : done + n].T for x in stored]
             else:
-                gamma = smoothed[d:] if step > 1 else series[d + 4 :]
+                gamma = smoothed[d:] if step > 1 else series[d + 4 + twists :]
                 size += sum(x.nbytes for x in gamma)
                 fresh = fresh if fresh is not None and e.store.fits(size) else None
                 if fresh is not None:
@@ -647,6 +615,7 @@ def rows(
             A, b = with_bodies(
                 scene.columns, scene.point, gamma, A, b, spans, scene.samples.share_of
             )
+            scene.add_twists(A, b, series[d + 4 : d + 4 + twists])
             for u in scene.mechanism.unmeasured_rows:
                 A[:, u], b[:, u], tau[:, u], informed[:, u] = 0.0, 0.0, 0.0, False
                 rest[:, u] = 0.0
@@ -747,7 +716,8 @@ def smooth_step(scene: Scene, cutoff: float | None) -> int:
 def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.ndarray]:
     """For each independent coordinate the unknowns that can appear in its rows."""
     k = len(columns)
-    if e.loop is not None:
+    # a load twists its spring, and that moves all bodies behind it
+    if e.loop is not None or any(effect.by_load for effect in mechanism.effects):
         return [np.arange(k)] * e.leverage.shape[2]
     supports_of_rows = []
     for row, bodies in enumerate(supports(mechanism.model)):

@@ -17,19 +17,10 @@ import numpy as np
 from ident.effects import Effect, Signals
 from ident.equations.filter import Decimator, Product, multiplied, products
 from ident.equations.nearby import difference, linearized
-from ident.equations.rows import (
-    Rows,
-    Scene,
-    corrected,
-    perturbed,
-    residual,
-    rows,
-    slightly_further,
-    twist_of,
-    twist_slopes,
-)
-from ident.equations.terms import Samples
+from ident.equations.rows import Rows, Scene, corrected, perturbed, rows, slightly_further, twist_of
+from ident.equations.terms import Samples, residual
 from ident.equations.thinning import SplineProduct, multiplied_splines, spline_products
+from ident.equations.twists import twist_slopes
 from ident.equations.unknowns import Columns, Point
 from ident.information.cubic import coefficients, cubic
 from ident.mechanism.mechanism import Mechanism

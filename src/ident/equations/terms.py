@@ -28,6 +28,7 @@ import pinocchio as pin
 from ident.effects import Effect, Signals
 from ident.equations.thinning import interpolated
 from ident.equations.unknowns import Columns, Point
+from ident.errors import MotionError
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import regressor, rigid_forces, rigid_tangents
 from ident.motion.closures import integrate
@@ -39,6 +40,8 @@ SLIGHTLY = 1e-5  # numerics: [rad | m | per second] step along a coordinate, for
 GAMMA_BYTES = 48_000_000
 MOST_BYTES = 100_000_000  # work: of derivatives that are kept with a state
 FEWEST = 30  # work: samples from which one pass of derivatives is faster than several of forces
+# level: share of a joint's rms speed, below which it is at rest where a log, and its spline, begin
+AT_REST = 0.3
 CHUNK = 4096  # work: samples whose regressor is in memory at once
 UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
@@ -181,6 +184,7 @@ class Samples:
                 extra={name: x[part] for name, x in e.extra.items()},
                 present=self.point.values,
                 predicted=cache(lambda: bare.predicted(joints)),
+                resting=cache(lambda: bare.loads_at_rest(joints)),
                 slopes=cache(lambda: bare.load_slopes(joints)),
             )
         return self._signals[joints]
@@ -386,9 +390,34 @@ class Samples:
                 total[s.part] -= s.wrench
         return total
 
+    @property
+    def begins_at_rest(self) -> bool:
+        """Whether all joints are at rest as the log begins: splines end there, so roughly."""
+        e = self.e
+        slow = AT_REST * np.sqrt((e.yd**2).mean(axis=0))
+        return bool(not e.poses and (np.abs(e.yd[0]) <= np.maximum(slow, e.still)).all())
+
+    def at_first_rest(self) -> Samples:
+        """Return the first sample, at rest, in the independent coordinates."""
+        first = self.e.at_samples(slice(0, 1))
+        names = ("v", "a", "yd", "ydd")
+        still = replace(first, **{name: np.zeros_like(getattr(first, name)) for name in names})
+        return replace(self, e=still, part=slice(None), memo={}).reduced(slice(None))
+
+    def loads_at_rest(self, joints: tuple[str, ...]) -> np.ndarray | None:
+        """Loads (joints,) [N m | N] before the log; None where it does not begin at rest."""
+        if not self.begins_at_rest:
+            return None
+        key = "loads at rest", joints
+        if key not in self.memo:
+            self.memo[key] = self.at_first_rest().predicted(joints)[1][0]
+        return np.asarray(self.memo[key])
+
     def load_slopes(self, joints: tuple[str, ...]) -> np.ndarray:
-        """(3, n, joints) slopes of the torque of the bodies along q, v and a of each joint alone,
-        where it is independent or of a tree; 0, 0, 1 elsewhere.
+        """(3, n, joints) slopes of the torque of the bodies along q, v and a of each joint alone.
+
+        Raises:
+            MotionError: of a joint of a loop that is not independent.
         """
         key = "load slopes", joints
         if key not in self.memo:
@@ -404,7 +433,6 @@ class Samples:
             every = [self.tangents(part, pi)[:, at, at].transpose(0, 2, 1) for part in parts]
             return np.concatenate(every, axis=1)
         now, slopes = rigid_forces(model, e.q, e.v, e.a, pi), np.zeros((3, len(e), len(joints)))
-        slopes[2] = 1.0
         for i, name in enumerate(joints):
             if e.loop is None:
                 Z = np.zeros_like(e.v)
@@ -414,7 +442,11 @@ class Samples:
                     e.pinv[:, :, e.independent.index(name) - len(e.independent)]
                 )
             else:
-                continue
+                raise MotionError(
+                    f"{name}: what swings or flies behind it is known of joints alone in whose "
+                    f"coordinates errors are compared ({', '.join(e.independent)}); leave out the "
+                    f"spring or play of {name}"
+                )
             turned, faster = integrate(model, e.q, SLIGHTLY * Z), e.v + SLIGHTLY * Z
             shifted = (turned, e.v, e.a), (e.q, faster, e.a), (e.q, e.v, e.a + Z)
             for k, state in enumerate(shifted):
@@ -595,3 +627,12 @@ def with_bodies(
 def unbalanced(s: Samples) -> np.ndarray:
     """b − A x (n, r) at the working point."""
     return s.measured(s.mechanism.driven) - sum(s.parts().values())
+
+
+def residual(at: Samples) -> np.ndarray:
+    """r = b − A x (n, d) of a whole state, in the independent coordinates."""
+    if "residual" not in at.memo:
+        n = len(at.e)
+        parts = (at.reduced(slice(i, min(i + CHUNK, n))) for i in range(0, n, CHUNK))
+        at.memo["residual"] = np.concatenate([*map(unbalanced, parts)])
+    return at.memo["residual"]

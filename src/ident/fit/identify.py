@@ -38,15 +38,7 @@ from ident.fit.prediction import Prediction
 from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import NoScale, beyond_bounds, refuse_scales, unknown_scales, working_point
-from ident.fit.springs import (
-    held_rigid,
-    places_of,
-    rigid_mechanism,
-    springs,
-    widened_springs,
-    without_negative_springs,
-    worse_than_rigid,
-)
+from ident.fit.springs import moved_by_noise, within_signs
 from ident.fit.values import ParameterValues
 from ident.information.blocks import Error
 from ident.information.chance import covariance, held_out, prior_covariance
@@ -118,17 +110,12 @@ def identify(
         mechanism = at_once
         problem, estimate = _solved(mechanism, motion, start, shapes, equations)
         estimate, at_zero = held_at_zero(problem, estimate)
-    problem, estimate, rigid = without_negative_springs(problem, estimate)
-    if any(estimate.x[place] for e in springs(problem) for place in places_of(problem, e).values()):
-        stiff = _solved(rigid_mechanism(mechanism), motion, start, shapes, equations)
-        if raised := worse_than_rigid(problem, estimate, *stiff):
-            problem, estimate, rigid = held_rigid(problem, *stiff, raised)
-    wider, noisy = widened_springs(problem, estimate)
+    estimate, rigid = within_signs(problem, estimate)
+    wider = moved_by_noise(problem, estimate)
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, likely)
     findings = [
         *findings,
         *rigid,
-        *noisy,
         *compared,
         *at_zero,
         *early,
@@ -244,8 +231,8 @@ def fit_of(
     if likelihood is not None:
         cov = likelihood.covariance(cov, free)
     cov += prior_covariance(free, problem.plausible)
-    for at, place in enumerate(free.base.independent.tolist()):
-        cov[at, at] += (wider or {}).get(place, 0.0) ** 2
+    bias = np.array([(wider or {}).get(place, 0.0) for place in free.base.independent.tolist()])
+    cov += np.diag(bias**2)
     on_progress("errors", 0.9)
     names, units = problem.motion.independent, problem.units
     train = problem.information.squares(estimate.x).errors(names, units)
@@ -255,7 +242,7 @@ def fit_of(
     every = findings_of(problem, estimate, train, effects, findings)
     return Fit(
         problem, estimate, cov, train, left_out,
-        findings=every, binding=binding, likelihood=likelihood,
+        findings=every, binding=binding, likelihood=likelihood, bias=bias,
     )  # fmt: skip
 
 

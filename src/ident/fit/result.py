@@ -76,6 +76,7 @@ class Fit(Charted):
         train, held_out, validation: errors by joint; validation by log, then joint.
         floors: rms that noise of the sensors makes, by validation log, then joint [N m | N].
         validated_on: motion of the validation logs; None where these were read in portions.
+        bias: (n_ind,) that noise of the motion may make of the base parameters; in `scatter`.
         findings: what a person should know before trusting the numbers; `warnings` as text.
         binding: of a consistent fit, where it touches its limits and what that costs.
         likelihood: where the noise of the motion counts, how it was weighed.
@@ -94,6 +95,7 @@ class Fit(Charted):
     earlier: Model | None = None
     floors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     validated_on: Motion | None = None
+    bias: np.ndarray | None = None
 
     @property
     def mechanism(self) -> Mechanism:
@@ -346,6 +348,8 @@ class Fit(Charted):
         if again is not None:  # of what is left, the rest is the same in each period
             wider = again.with_less(self.budget.remaining).variance(self.motion.duration)
         fixed = prior_covariance(self.estimate, self.problem.plausible)
+        if self.bias is not None:
+            fixed = fixed + np.diag(self.bias**2)
         return self.budget.noise * wider + fixed + np.outer(bias, bias) + self.checks.at_limits
 
     @cached_property

@@ -7,12 +7,16 @@ The error at s is the least over p and c, and S is taken at that p and c (variab
 from the solution the linearised c would be wrong, and S with it. Source: Golub, Pereyra, SIAM J.
 Numer. Anal. 10(2), 1973. Effects that depend on the model's prediction (load, gain) converge
 meanwhile. A start for every shape comes from its own coarse search, everything else refitted.
+
+Where a load twists its joint, p moves links as s does, and its columns know that: all unknowns make
+one step together (`descended`), from the best model in which nothing twists and from the start of
+the coarse search.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +27,7 @@ from ident.equations.rows import check_needs
 from ident.equations.table import Table
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
-from ident.errors import FitError
+from ident.errors import FitError, MechanismError
 from ident.information import linear
 from ident.information.estimate import Estimate, rank_revealing
 from ident.information.evidence import CERTAIN
@@ -36,9 +40,7 @@ STARTS_TRIED = 5  # work: of a correction that is not linear, with everything re
 SWINGING_STEPS = 45  # work: where a link swings with a load that is fitted meanwhile
 HALVES = 5  # work
 PASSES = 2  # work: over what depends on the model's own prediction
-SETTLING = 6  # work: steps of all else where a link swings with a load that is fitted meanwhile
 SETTLED = 1e-4  # numerics: share of the error by which a step that is not the last lowers it
-RIGID = 1e-6  # numerics: of a range of extents: next to none, with rows of the same samples
 LONGEST = 0.3  # numerics: of a shape's range, the longest step
 # numerics: of a value, and of its standard error: a smaller step is the last
 OF_VALUE, OF_ERROR = 1e-6, 1e-4
@@ -74,13 +76,18 @@ def working_point(
         point = point.at(fewer, columns, estimate.x).with_values(supplied)
         if start is not None:
             point = Point(point.pi, {**start.values, **point.values})
-    for effect in mechanism.effects:
+    rigid = replace(mechanism, effects=tuple(e for e in mechanism.effects if not _twists(e)))
+    for effect in rigid.effects:
         if not effect.linear:
-            point = _started(mechanism, motion, point, effect)
-    point = variable_projection(mechanism, motion, point, on_progress)
-    for effect in mechanism.effects:
-        if swings(effect) and effect.extent not in effect.values:
-            point = _no_worse_than_rigid(mechanism, motion, point, effect)
+            point = _started(rigid, motion, point, effect)
+    if any(swings(effect) for effect in rigid.effects):  # by as much as is known
+        point = descended(rigid, motion, point, on_progress=on_progress)[0]
+    elif len(Columns.of(rigid)):
+        point = variable_projection(rigid, motion, point, on_progress)
+    model = rigid
+    for effect in (effect for effect in mechanism.effects if _twists(effect)):
+        model = replace(model, effects=(*model.effects, effect))
+        point = _twisted(model, motion, point, effect, start)
     return point
 
 
@@ -89,83 +96,119 @@ def swings(effect: Effect) -> bool:
     return effect.implicit and bool(effect.extent) and effect.whole_log
 
 
-def _no_worse_than_rigid(
-    mechanism: Mechanism, motion: Motion, point: Point, effect: Effect
+def _twists(effect: Effect) -> bool:
+    """Return whether a link swings or flies by an extent that is searched."""
+    return swings(effect) and effect.extent not in effect.values
+
+
+def _twisted(
+    mechanism: Mechanism, motion: Motion, point: Point, effect: Effect, start: Point | None
 ) -> Point:
-    """Return the point, or the one that a search from next to no extent comes to, that whose own
-    equations have less error; the rigid joint's where that is no more than chance.
+    """Return the point of least error with an effect that twists its joint, from one without it: of
+    what a descent from there leads to, unless another start leads to less by more than chance.
     """
-    samples = Samples(mechanism, motion.experiments[0], slice(None), point)
-    shape = point.of(effect)[1]
-    starts = effect.starts(samples.signals(effect.acting))
-    most = max(start[effect.extent] for start in starts)
-    stiff = min(starts, key=lambda start: start[effect.extent])
-    none = dict.fromkeys(shape, 0.0) | {effect.extent: RIGID * most}
-
-    def at(values: Mapping[str, float]) -> Point:
-        free = {name: x for name, x in values.items() if name not in effect.values}
-        return point.with_values({effect.full[name]: float(x) for name, x in free.items()})
-
-    rigid, loss, first = refitted(mechanism, motion, at(none))
-    ends = [point]
-    if not np.isclose(loss, 0.0):
-        ends.append(variable_projection(mechanism, motion, at(stiff)))
-    best = rigid.with_values({effect.full[effect.extent]: 0.0})
-    least = loss - CERTAIN**2  # in squares of the rows' noise: a resonance fits some of it
-    for end in ends:
-        refit, error, _ = refitted(mechanism, motion, end, first)
-        if error < least and refit.of(effect)[1][effect.extent] > RIGID * most:
-            best, least = refit, error
+    # without an extent other shapes do nothing: they are those of the least one that is searched,
+    # or it would swing undamped at any frequency as soon as there is some
+    signals = Samples(mechanism, motion.experiments[0], slice(None), point).signals(effect.acting)
+    least_start = min(reversed(effect.starts(signals)), key=lambda shape: shape[effect.extent])
+    shape = {**least_start, effect.extent: 0.0, **effect.values}
+    none = {effect.full[s.name]: float(shape[s.name]) for s in effect.shapes}
+    stiff = point.with_values(none)
+    before = start.values if start is not None else {}
+    if none.keys() <= before.keys():
+        others = [point.with_values({name: before[name] for name in none})]
+    else:
+        others = [_started(mechanism, motion, point, effect)]
+    best, least, weights = descended(mechanism, motion, stiff)
+    for other in others:
+        if other.of(effect)[1][effect.extent]:
+            end, error, _ = descended(mechanism, motion, other, weights)
+            if error < least - CERTAIN**2:  # squares of rows' noise: a resonance fits some of it
+                best, least = end, error
     return best
 
 
-def refitted(
-    mechanism: Mechanism, motion: Motion, point: Point, first: Estimate | None = None
-) -> tuple[Point, float, Estimate]:
-    """Return the point with all but shapes refitted, its error, and the estimate with the weights
-    of that error: those of `first`, or its own.
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """By what rows are divided in a search, and what it does not move."""
+
+    sigma: np.ndarray  # (d,) [N m | N], of drives over their scale
+    fixed: np.ndarray  # (k,)
+
+    @classmethod
+    def of(cls, problem: Problem, like: Weights | None = None) -> Weights:
+        """Take the weights of least squares at the point of a problem, or those of another one."""
+        estimate = problem.estimate()
+        check_scales(problem.columns, estimate)
+        scales = drive_scales(problem.mechanism, problem.motion, problem.point)
+        return cls(like.sigma if like else estimate.sigma / scales, estimate.fixed)
+
+    def solved(self, problem: Problem, at_ends: Sequence[int] = ()) -> Estimate:
+        """Return least squares of a problem, some further unknowns where they are."""
+        scales, fixed = drive_scales(problem.mechanism, problem.motion, problem.point), self.fixed
+        if len(at_ends):
+            fixed = fixed | np.isin(np.arange(len(fixed)), at_ends)
+        return problem.estimate(sigma=self.sigma * scales, fixed=fixed)
+
+
+def descended(
+    mechanism: Mechanism,
+    motion: Motion,
+    point: Point,
+    weights: Weights | None = None,
+    given: Sequence[str] = (),
+    on_progress: Progress = no_progress,
+) -> tuple[Point, float, Weights]:
+    """Return the point of least error to which steps of all unknowns together lead from a point,
+    that error, and its weights: those given, or those of the starting point.
+
+    Shapes stay within their bounds, and those that would leave them from there stay there; `given`
+    are names of unknowns that are not moved.
     """
     problem = Problem.reduced(mechanism, motion, point)
-    columns = problem.columns
-    shapes = np.isin(np.arange(len(columns)), columns.shapes)
-    first = problem.estimate() if first is None else first
-    scales = drive_scales(mechanism, motion, point)
-
-    def solved(point: Point) -> Estimate:
-        known = Problem.reduced(mechanism, motion, point, columns.with_known_shapes)
-        sigma = first.sigma * drive_scales(mechanism, motion, point) / scales
-        return known.estimate(sigma=sigma, fixed=first.fixed | shapes)
-
-    return *settled(mechanism, columns, point, solved), first
-
-
-def settled(
-    mechanism: Mechanism, columns: Columns, point: Point, solved: Callable[[Point], Estimate]
-) -> tuple[Point, float]:
-    """Return the point at which all but shapes have settled, and the error of its own equations.
-
-    Loads swing the link with parameters of the step before: at a resonance steps go to and fro, and
-    the error that a step promises is none that the next equations have. Each is halved while the
-    error of the equations where it ends is no lower.
-    """
-    estimate, x = solved(point), point.unknowns(columns)
-    error = estimate.triangle.residual_norm(x) ** 2
-    shapes = np.isin(np.arange(len(columns)), columns.shapes)
-    for _ in range(SETTLING):
-        step = np.where(shapes, 0.0, estimate.x - x)
+    columns, bounds = problem.columns, shape_bounds(problem)
+    weights = Weights.of(problem, weights)
+    known = [columns.index[name] for name in given]
+    now, x = weights.solved(problem, known), point.unknowns(columns)
+    error = now.triangle.residual_norm(x) ** 2
+    for number in range(SWINGING_STEPS):
+        on_progress("searching shapes", number / SWINGING_STEPS)
+        target = _within(now, x, bounds, columns)
+        at_ends = [i for i, ends in bounds.items() if x[i] in ends and target.x[i] == x[i]]
+        if at_ends:  # the others go with those that are not there
+            target = _within(weights.solved(problem, [*known, *at_ends]), x, bounds, columns)
         for half in range(HALVES):
-            nearer = point.at(mechanism, columns, x + 0.5**half * step)
-            following = solved(nearer)
-            after = following.triangle.residual_norm(nearer.unknowns(columns)) ** 2
+            nearer = point.at(mechanism, columns, x + 0.5**half * (target.x - x))
+            try:
+                following = Problem.reduced(mechanism, motion, nearer)
+            except MechanismError:  # a spring that holds its link no longer
+                continue
+            later, end = weights.solved(following, known), nearer.unknowns(columns)
+            after = later.triangle.residual_norm(end) ** 2
             if after < error:
                 break
         else:
             break
         last = after > (1 - SETTLED) * error
-        point, estimate, error, x = nearer, following, after, nearer.unknowns(columns)
+        now, point, x, error = later, nearer, end, after
         if last:
             break
-    return point, error
+        bounds = shape_bounds(following)  # of a damping they depend on the compliance
+    return point, error, weights
+
+
+def _within(
+    now: Estimate, x: np.ndarray, bounds: Mapping[int, tuple[float, float]], columns: Columns
+) -> Estimate:
+    """Return least squares with shapes within their bounds and no farther than LONGEST of these
+    from x (k,).
+    """
+    places = columns.shapes
+    low, high = np.array([bounds[int(i)] for i in places]).reshape(-1, 2).T
+    most = LONGEST * (high - low)
+    ends = np.clip(np.clip(now.x[places], x[places] - most, x[places] + most), low, high)
+    beyond = ends != now.x[places]
+    return now.limited(places[beyond], ends[beyond])
 
 
 def initial(mechanism: Mechanism, motion: Motion) -> Point:
@@ -271,9 +314,6 @@ def variable_projection(
 
     def trial(point: Point, first: Estimate) -> tuple[Point, float]:
         """Return the point of least error with the shapes where they are, and that error."""
-        if any(swings(effect) for effect in mechanism.effects):
-            fixed, known = first.fixed | shapes, columns.with_known_shapes
-            return settled(mechanism, columns, point, lambda at: solved(at, first, fixed, known))
         shape_values = point.unknowns(columns)
         for _ in range(passes):
             estimate = solved(point, first, first.fixed | shapes, columns.with_known_shapes)
@@ -285,17 +325,9 @@ def variable_projection(
     check_scales(columns, first)
     same = SAME * float(np.sum((first.triangle.column_norms() * first.x) ** 2))
     loss = np.inf
-    steps = SWINGING_STEPS if any(effect.extent for effect in mechanism.effects) else STEPS
-    for number in range(steps):
-        on_progress("searching shapes", number / steps)
+    for number in range(STEPS):
+        on_progress("searching shapes", number / STEPS)
         now, before = solved(point, first, first.fixed), point.unknowns(columns)
-        if any(swings(effect) for effect in mechanism.effects):  # the others go with those at ends
-            at_ends = first.fixed.copy()
-            for i, (low, high) in bounds.items():
-                at_ends[i] |= before[i] <= low and now.x[i] < low
-                at_ends[i] |= before[i] >= high and now.x[i] > high
-            if (at_ends != first.fixed).any():
-                now = solved(point, first, at_ends)
         if shapes.any():
             loss = trial(point, first)[1] if np.isinf(loss) else loss
             for half in range(HALVES):

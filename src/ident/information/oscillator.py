@@ -20,15 +20,15 @@ AT_ONCE = 64  # work: samples among which the end of a flight is looked for firs
 
 
 def rates(x: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return ẋ and ẍ (n,) of a series x (n,) with a step of time [s]; at its ends x goes straight
+    """Return ẋ and ẍ (n, …) of series x (n, …) with a step of time [s]; at its ends x goes straight
     on.
     """
     k, n = len(FIRST), len(x)
-    ahead = np.arange(1, k + 1)
-    slopes = (x[1] - x[0], x[-1] - x[-2]) if n > 1 else (0.0, 0.0)
+    ahead = np.arange(1, k + 1).reshape(-1, *[1] * (x.ndim - 1))
+    slopes = (x[1] - x[0], x[-1] - x[-2]) if n > 1 else (0.0 * x[0], 0.0 * x[0])
     before, after = x[0] - ahead[::-1] * slopes[0], x[-1] + ahead * slopes[1]
     padded = np.concatenate([before, x, after])
-    first, second = np.zeros(n), CENTRE * x
+    first, second = np.zeros(x.shape), CENTRE * x
     for i, (a, b) in enumerate(zip(FIRST, SECOND, strict=True), 1):
         ahead_of, behind = padded[k + i : k + i + n], padded[k - i : k - i + n]
         first, second = first + a * (ahead_of - behind), second + b * (ahead_of + behind)
@@ -37,57 +37,66 @@ def rates(x: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
 
 def sprung(
     step: float,
-    load: np.ndarray,
+    loads: np.ndarray,
     carried: tuple[np.ndarray, np.ndarray, np.ndarray],
     compliance: float,
     damping: float,
+    start: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return δ, δ̇, δ̈ (3, n) of a spring, from rest beside it; see above.
+    """Return δ, δ̇, δ̈ (3, n, m) of a spring; see above.
 
     δ = c L + ε, where ε has the rest of the equation for its force and vanishes with c², so that
     slopes at c = 0 are exact. Within a step M stays and the force is straight: the solution is that
-    of an oscillator, however short its period.
+    of an oscillator, however short its period; one with more than half a swing a step is damped.
+    It is linear in the load: of several, all together.
 
     Args:
-        step: of time [s]; load: L [N m | N] (n,).
+        step: of time [s]; loads: m of them, L [N m | N] (n, m).
         carried: M [kg m² | kg] (n,), and what the second mass adds by itself to D and to 1/c (n,).
         compliance, damping: c [rad/(N m) | m/N], D [N m s/rad | N s/m].
+        start: δ (m,) of the first sample, at rest; by default it goes there with its load, ε = 0.
     """
-    n, (inertia, damps, stiffness) = len(load), carried
+    (n, m), inertia, damps, stiffness = loads.shape, *(x[:, None] for x in carried)
     if compliance <= 0 or n < 2:
-        first, second = rates(load, step) if n > 1 else (np.zeros(n), np.zeros(n))
-        return compliance * np.stack([load, first, second])
-    first, second = rates(load, step)
+        first, second = rates(loads, step) if n > 1 else (np.zeros((n, m)), np.zeros((n, m)))
+        return compliance * np.stack([loads, first, second])
+    first, second = rates(loads, step)
     D, K = damping + damps, 1 / compliance + stiffness
-    a, b = (0.5 * (x[1:] + x[:-1]) for x in (0.5 * D / inertia, K / inertia))
+    a, b = (0.5 * (x[1:] + x[:-1]) for x in (0.5 * D / inertia, K / inertia))  # (n − 1, 1)
+    # above half the rate of the samples it would ring at another frequency, where it has died out
+    swing = np.sqrt(np.maximum(b, 0.0))
+    a = a + swing * np.maximum(swing * step / np.pi - 1, 0.0)
     # ε̈ + 2 a ε̇ + b ε = g
-    g = -compliance * (second + (D * first + stiffness * load) / inertia)
-    g = g - np.convolve(np.pad(g, 1, mode="edge"), (1 / 12, -1 / 6, 1 / 12), mode="valid")
-    g0, slope = g[:-1], np.diff(g) / step  # a straight force is as large as g itself in the mean
+    g = -compliance * (second + (D * first + stiffness * loads) / inertia)
+    around = np.pad(g, ((1, 1), (0, 0)), mode="edge")
+    g = g - (around[2:] - 2 * g + around[:-2]) / 12  # straight pieces are as large as g in the mean
+    g0, slope = g[:-1], np.diff(g, axis=0) / step
     root = np.sqrt((b - a**2).astype(complex))
     root = np.where(np.abs(root) * step < 1e-6, 1e-6 / step, root)  # near critical damping
     decay = np.exp(-np.clip(a * step, -MOST_TURNS, MOST_TURNS))
     z = 1j * root * step
     z = np.clip(z.real, -MOST_TURNS, MOST_TURNS) + 1j * z.imag
-    cosine = decay * (0.5 * (np.exp(z) + np.exp(-z))).real
-    sine = decay * (0.5 * (np.exp(z) - np.exp(-z)) / (1j * root)).real
+    ahead, back = np.exp(z), np.exp(-z)
+    cosine = decay * (0.5 * (ahead + back)).real
+    sine = decay * (0.5 * (ahead - back) / (1j * root)).real
     # ε = p0 + p1 s + homogeneous, from its values at the beginning of a step
     p1 = slope / b
     p0 = g0 / b - 2 * a * slope / b**2
-    F = np.array([[cosine + a * sine, sine], [-b * sine, cosine - a * sine]])
-    end = np.stack([p0 + p1 * step, p1])
-    start = np.stack([p0, p1])
-    forced = end - np.einsum("ijn,jn->in", F, start)
+    F = cosine + a * sine, sine, -b * sine, cosine - a * sine  # of [ε, ε̇], by row
+    right = np.zeros((n, 2, m))
+    if start is not None:
+        right[0] = start - compliance * loads[0], -compliance * first[0]
+    right[1:, 0] = p0 + p1 * step - F[0] * p0 - F[1] * p1
+    right[1:, 1] = p1 - F[2] * p0 - F[3] * p1
     # x_{k+1} = F_k x_k + forced_k: one lower triangle with three diagonals below
-    band, right = np.zeros((4, 2 * n)), np.zeros(2 * n)
+    band = np.zeros((4, 2 * n))
     band[0] = 1.0
-    band[1, 1 : 2 * (n - 1) : 2] = -F[0, 1]
-    band[2, 0 : 2 * (n - 1) : 2], band[2, 1 : 2 * (n - 1) : 2] = -F[0, 0], -F[1, 1]
-    band[3, 0 : 2 * (n - 1) : 2] = -F[1, 0]
-    right[2:] = forced.T.ravel()
-    x, _ = lapack.dtbtrs(band, right, uplo="L")
-    e, rate = x.reshape(n, 2).T
-    delta, speed = compliance * load + e, compliance * first + rate
+    band[1, 1 : 2 * (n - 1) : 2] = -F[1][:, 0]
+    band[2, 0 : 2 * (n - 1) : 2], band[2, 1 : 2 * (n - 1) : 2] = -F[0][:, 0], -F[3][:, 0]
+    band[3, 0 : 2 * (n - 1) : 2] = -F[2][:, 0]
+    x, _ = lapack.dtbtrs(band, right.reshape(2 * n, m), uplo="L")
+    e, rate = x.reshape(n, 2, m).transpose(1, 0, 2)
+    delta, speed = compliance * loads + e, compliance * first + rate
     acceleration = -(D * speed + e / compliance + stiffness * delta) / inertia
     return np.stack([delta, speed, acceleration])
 
