@@ -321,6 +321,22 @@ def test_what_cannot_be_said_has_its_size(robots):
     assert lost.before == pytest.approx(0.5 / np.sqrt(2), rel=0.2)
 
 
+def test_what_a_link_does_on_its_own_is_listed_with_its_angle(robots):
+    mechanism, values = machine(robots, "arm")
+    for label in ("elasticity:elbow", "backlash:shoulder", "position_friction:elbow"):
+        mechanism = mechanism.with_effect(label)
+    soft = {
+        "elasticity.elbow.compliance": 0.01, "elasticity.elbow.damping": 0.5,
+        "backlash.shoulder.width": 0.02, "position_friction.elbow.F1": 0.1,
+        "position_friction.elbow.F2": 0.0,
+    }  # fmt: skip
+    made = export(mechanism, "mjcf", values={**values, **soft}, fitted=False)
+    lost = {each.label: each for each in made.lost}
+    assert lost["backlash:shoulder"].position == pytest.approx(0.01)
+    assert 1e-3 < lost["elasticity:elbow"].position < 0.2  # a load of 0.1 to 20 N m
+    assert lost["position_friction:elbow"].torque > 0
+
+
 def test_urdf_says_two_numbers_and_lists_the_rest(robots, tmp_path):
     mechanism, values = machine(robots, "arm")
     made = export(mechanism, "urdf", values=values, out=tmp_path / "x.urdf")

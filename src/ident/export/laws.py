@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from ident.effects import Effect
 from ident.effects.joint import direction
+from ident.effects.transmission import Backlash
 from ident.equations.rows import Scene
 from ident.equations.unknowns import NOTHING
 from ident.errors import IdentError, MotionError
@@ -293,6 +294,15 @@ class _Measured:
         for scene in self.scenes:
             s = scene.samples.signals(effect.acting)
             _, shape = self.machine.point.of(effect)
+            if effect.extent:  # the link turns on its own, behind its motor
+                joint = self.machine.mechanism.joint(where)
+                at = self.machine.mechanism.joint_index[where]
+                twist = (scene.e.q[:, joint.index] - scene.e.y[:, at])[scene.e.usable]
+                if isinstance(effect, Backlash):  # which a load that keeps its sign never shows
+                    twist = np.append(twist, 0.5 * shape[effect.extent])
+                    size = max(size, 0.5 * shape[effect.extent])
+                size = max(size, float(np.sqrt(np.mean(twist**2))))
+                largest = max(largest, float(np.abs(twist).max(initial=0.0)))
             if not effect.corrects:
                 continue
             for dq in effect.correction(replace(s, shape=shape)).dq.values():
