@@ -14,7 +14,7 @@ import numpy as np
 
 POLE = np.sqrt(3.0) - 2.0  # of the filter from samples to coefficients of cubic B-splines
 REACH = 8  # numerics: samples to which that filter reaches; POLE**REACH is 3e-5
-SUPPORT = 2  # samples to which a cubic B-spline reaches
+SUPPORT = 2  # numerics: samples to which a cubic B-spline reaches
 HOLD_FROM = 1.5  # range: samples from which a command is held between its changes
 STRAIGHT = 1e-9  # numerics: bend of a straight line, as a share of a command's way
 

@@ -48,7 +48,7 @@ from ident.fit import Fit
 from ident.information import linear
 from ident.information.blocks import Block, Information
 from ident.information.cone import Limit, nearest, svec
-from ident.information.evidence import CERTAIN, credible, rivals_of, zscore_in_noise
+from ident.information.evidence import CERTAIN, MAIN_CAUSE, credible, rivals_of, zscore_in_noise
 from ident.information.hypotheses import PartialRegression
 from ident.information.linear import Triangle
 from ident.mechanism.mechanism import Mechanism
@@ -62,7 +62,6 @@ DIRECT = 4  # range: columns of a suspect that have charts: a payload's mass and
 RANK = 1e-4  # numerics: of unit columns' largest singular value: below, it is not asked for
 SURPLUS = 2.5  # level: standard errors by which what is left may exceed noise
 EXPLAINS = 0.999  # numerics: or share beyond noise that is explained: no model is that exact
-MOSTLY = 0.8  # tuned: share that a cause must explain however little is left
 EARLIER = 10  # work: intervals before the leading chart's onset in which it can have been
 RIDGE = 1e-3  # numerics: of unit columns, for what the intervals do not determine of a load
 THINNED = 600  # work: samples of an experiment in which Δλ is taken
@@ -282,9 +281,9 @@ class Naming:
     @property
     def sound(self) -> bool:
         """Whether the best is likely enough by itself, and leaves nothing to be explained."""
-        explains = MOSTLY if self.surplus < SURPLUS else EXPLAINS
+        most = MAIN_CAUSE**2 if self.surplus < SURPLUS else 1 - EXPLAINS
         return self.best is not None and credible(
-            self.best.gain, self.least, remaining=1 - self.explained, most=1 - explains
+            self.best.gain, self.least, remaining=1 - self.explained, most=most
         )
 
 
