@@ -22,7 +22,7 @@ from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.simulate.replay import WINDOW, Replay, replay
 
-BEYOND = 1e-3  # shown: [rad | m] by which a log may leave a limit without a word
+OUTSIDE = 1e-3  # shown: [rad | m] by which a log may leave a limit without a word
 SIMULATORS = {"mjcf": "MuJoCo", "drake": "Drake", "urdf": "MuJoCo"}
 
 
@@ -214,7 +214,7 @@ def _beyond_limits(machine: Machine, motion: Motion) -> list[str]:
     for link in machine.links:
         joint = link.joint
         q = np.concatenate([e.q[e.usable, joint.index] for e in motion.experiments]) + link.offset
-        if len(q) and (q.min() < joint.lower - BEYOND or q.max() > joint.upper + BEYOND):
+        if len(q) and (q.min() < joint.lower - OUTSIDE or q.max() > joint.upper + OUTSIDE):
             notes.append(
                 f"{joint.name}: moves from {q.min():.4g} to {q.max():.4g} {joint.unit} in the log, "
                 f"beyond its limits {joint.lower:.4g} and {joint.upper:.4g} {joint.unit}, where "

@@ -49,8 +49,8 @@ NEGATIVE = 2.0  # level: standard errors from zero at which a value has a sign
 # and again as time passes
 CERTAIN = 3.0
 # level: by how many standard errors a planned log is to show more than RIVAL: 93 in 100 logs do
-POWER = 1.5
-TOLD_APART_SE = 2 * (RIVAL + POWER)  # level: distance of two rivals that are told apart
+POWER_SE = 1.5
+TOLD_APART_SE = 2 * (RIVAL + POWER_SE)  # level: distance of two rivals that are told apart
 APART_SE = 1.0  # level: the same from which a longer log tells them apart
 # level: share of what one cause predicts, up to which another one can do it in its place, as a
 # sine; its cosine is 0.999

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-BEYOND = 2.0  # range: times the machine's length, beyond which a body's size cannot be
+TOO_LARGE = 2.0  # range: times the machine's length, beyond which a body's size cannot be
 ANY_MACHINE = 100.0  # range: m, a radius of gyration of no body of any machine
 SHORT = 0.02  # range: m, below which a machine's length says nothing of its bodies
 SIZES = 0.03, 1.0  # range: of the machine's length, radii of gyration of its bodies
@@ -48,14 +48,14 @@ def verdict_of(mass: float, centre: np.ndarray, trace: float, length: float) -> 
     gyration, offset = float(np.sqrt(max(trace, 0.0) / (2 * mass))), float(np.linalg.norm(centre))
     known = length > SHORT
     machine = f" on a machine {length:.3g} m long" if known else ""
-    if known and offset > BEYOND * length and _fits(1e-3 * offset, length):
+    if known and offset > TOO_LARGE * length and _fits(1e-3 * offset, length):
         return BodyVerdict(
             f"a centre of mass {offset:.3g} m from its frame{machine}: in mm? times 0.001 it is "
             f"{1e-3 * offset:.2g} m; as a prior it counts as zero",
             "mm",
             centre=True,
         )
-    largest = min(BEYOND * max(length, offset), ANY_MACHINE) if known else ANY_MACHINE
+    largest = min(TOO_LARGE * max(length, offset), ANY_MACHINE) if known else ANY_MACHINE
     if gyration > largest:
         light = mass < LIGHTEST
         units = {} if light else INERTIA_UNITS
