@@ -7,8 +7,8 @@ follows is the same for all. Of time k that was left out of its fit it leaves l_
 remain (squares over the noise, or −2 log density, which are one number for normal errors):
 
     gain      G = Σ_k (l⁰_k − l_k), or as a share g = 1 − exp(−G/N) of N rows
-    surely    z = mean over standard error of paired differences over blocks k; where the noise is
-              known, z = G / 2d, d the distance of both predictions in units of it
+    z         mean over standard error of the paired differences over blocks k; where the noise is
+              known G / 2d, d the distance of both predictions in units of it
 
     credible  1. it explains more of what was left out than the best of so many causes would by
                  chance: of residuals in which nothing is missing (`Chance`), of H that are all
