@@ -41,6 +41,18 @@ def test_a_command_of_the_wrong_sign(log):
     refused(log.with_columns(-pl.col("ref.yaw")), "scale = -1")
 
 
+def test_a_servo_above_its_resonance_goes_against_its_command():
+    t = np.arange(0.0, 10.0, 0.005)
+    command = np.sin(2 * np.pi * 6.0 * t) + 0.3 * np.sin(2 * np.pi * 7.1 * t)
+    late = np.sin(2 * np.pi * 6.0 * t - 2.9) + 0.3 * np.sin(2 * np.pi * 7.1 * t - 3.0)
+    columns = {"t": t}
+    for joint in ("yaw", "shoulder", "elbow"):
+        columns |= {f"ref.{joint}": 0.3 * command, f"q.{joint}": 0.2 * late}
+    mechanism = ident.load(ARM / "servo_arm.urdf").with_drives("kp=20,kd=0.5")
+    ident.complete(mechanism, pl.DataFrame(columns))
+    refused(pl.DataFrame({**columns, "ref.yaw": -0.3 * np.roll(0.2 * late, -2)}), "scale = -1")
+
+
 def test_a_delay_longer_than_a_tenth_of_the_log(log):
     refused(log, "a tenth of the log", ("delay=0.9", "servo"))
 

@@ -92,9 +92,12 @@ class Problem:
     def reduced(
         cls, mechanism: Mechanism, motion: Motion, point: Point, columns: Columns | None = None
     ) -> Problem:
-        """Make the reduced rows alone at a point; `columns`: by default the mechanism's."""
+        """Make the reduced rows alone at a point, for estimates: a log is one block of time.
+
+        `columns`: by default the mechanism's.
+        """
         columns = columns or Columns.of(mechanism)
-        information = information_of(mechanism, columns, motion, point)
+        information = information_of(mechanism, columns, motion, point, parted=False)
         return cls(mechanism, motion, point, columns, information)
 
     @property
@@ -169,12 +172,18 @@ def information_of(
     motion: Motion,
     point: Point | None = None,
     on_progress: Progress = no_progress,
+    parted: bool = True,
 ) -> Information:
-    """Return the information of all experiments; rows are seen once, in pieces, and never kept."""
+    """Return the information of all experiments; rows are seen once, in pieces, and never kept.
+
+    `parted`: in blocks of time, which may be left out; else a log is one.
+    """
     blocks, cutoff = list[Block](), motion.band.cutoff
     for number, e in enumerate(motion.experiments):
         supports = row_supports(mechanism, columns, e)
-        edges = block_edges(cutoff, e.t[0], e.t[-1], len(e), e.poses)
+        edges = np.zeros(0)
+        if parted:
+            edges = block_edges(cutoff, e.t[0], e.t[-1], len(e), e.poses)
         scene = Scene.of(mechanism, columns, e, point, cutoff)
         for block in triangles(number, rows(scene, cutoff), edges, supports):
             blocks.append(block if e.rest is None else block.with_rest(e.rest[block.coordinate]))

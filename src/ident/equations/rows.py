@@ -277,8 +277,8 @@ def drive_slopes(bare: Samples, columns: Columns) -> list[tuple[int, float, str,
         for parameter, place in zip(effect.shapes, places, strict=True):
             if place < 0 or parameter.name == effect.scale:
                 continue
-            low, high = effect.bounds(signals)[parameter.name]
-            h, value = STEP * (high - low), shape[parameter.name]
+            value = shape[parameter.name]
+            h = STEP * max(1.0, abs(value))  # a damping, in which the torque is linear
             further = replace(signals, shape={**shape, parameter.name: value + h})
             after = effect.correction(further).torque
             slopes.append((int(place), value, name, (after[name] - now[name]) / h))

@@ -23,6 +23,7 @@ DEGREES = (40.0, 80.0)  # range: slope of a command over its position that is on
 ALIKE = 0.9  # level: correlation of a command with the position that follows it …
 UNLIKE = 0.5  # level: … and below which it is that of another joint
 LONGEST_DELAY = 0.1  # range: share of a log by which a drive may be late
+SLOW = 0.2  # range: share of a command's squares that is its slowest part
 FULL = 1.0 + 1e-6  # numerics: largest duty
 SATURATED = 0.98  # level: share of samples at the limit from which no gain shows
 ON_ABOVE = 0.5  # range: `on.` below it is off
@@ -155,7 +156,7 @@ def _check_command(
             f"{log}: {column} is {slope:.3g} times q.{name}: in degrees, not in rad; write [log] "
             f'"{column}" = {{ column = "…", scale = 0.017453293 }}'
         )
-    if likeness < -ALIKE:
+    if likeness < -ALIKE and _follows_turned(x, q):
         raise MotionError(
             f"{log}: {column} is against q.{name} (correlation {likeness:.2f}): its sign is "
             f'another; write [log] "{column}" = {{ column = "…", scale = -1 }}'
@@ -208,6 +209,18 @@ def _check_on(mechanism: Mechanism, log: str, columns: Mapping[str, np.ndarray])
             "to one factor; give a known body ([parameters] unknown without its link), or a log "
             "with the drives on"
         )
+
+
+def _follows_turned(x: np.ndarray, q: np.ndarray) -> bool:
+    """Return whether a position (n,) is late behind a command (n,) times −1, in the slowest part of
+    the command: above its resonance a servo goes against its command too, but ahead of −1 times it.
+    """
+    both = np.isfinite(x) & np.isfinite(q)
+    X, Q = (np.fft.rfft(y[both] - y[both].mean()) for y in (x, q))
+    power = np.cumsum(np.abs(X) ** 2)
+    slow = slice(0, int(np.searchsorted(power, SLOW * power[-1])) + 1)
+    with_command = complex(np.vdot(X[slow], Q[slow]))
+    return with_command.real < 0 < with_command.imag
 
 
 def _correlation(x: np.ndarray, q: np.ndarray) -> tuple[float, float]:
