@@ -11,7 +11,8 @@ from helpers import Truth, series
 from ident.effects import create
 from ident.equations.filter import CHUNK, Decimator
 from ident.equations.rows import Scene, row_supports, rows
-from ident.equations.unknowns import Columns
+from ident.equations.terms import Samples
+from ident.equations.unknowns import Columns, Point
 from ident.log import Log
 from ident.mechanism import load
 from ident.mechanism.load import absolute
@@ -183,3 +184,29 @@ def test_a_piece_shorter_than_the_step_from_row_to_row_gives_none(robots):
     found = list(rows(scene, 1.6))
     assert found
     assert all(len(piece.sample) for piece in found)
+
+
+def test_what_is_kept_of_a_motion_is_what_it_gives(robots):
+    """Columns of effects, of the second problem on, and the row of Γ that gives a load asked for
+    often, with values of the parameters that change.
+    """
+    mechanism, log = logged("arm", robots)
+    for label in ("viscous", "coulomb", "payload:hand", "load_friction:shoulder"):
+        mechanism = mechanism.with_effect(label)
+    motion = complete(mechanism, log)
+    (e,) = motion.experiments
+    columns, random = Columns.of(mechanism), np.random.default_rng(0)
+    for _ in range(4):
+        values = {name: random.normal() for effect in mechanism.effects for name in effect.names}
+        point = Point(mechanism.prior * random.uniform(0.5, 2.0), values)
+        kept, anew = (
+            [*rows(Scene.of(mechanism, columns, state, point), motion.band.cutoff)]
+            for state in (e, replace(e))
+        )
+        for one, other in zip(kept, anew, strict=True):
+            np.testing.assert_allclose(one.A, other.A, atol=1e-9 * np.abs(other.A).max())
+        loads = (
+            Samples(mechanism, state, slice(None), point).predicted(("shoulder", "elbow"))[1]
+            for state in (e, replace(e))
+        )
+        np.testing.assert_allclose(*loads, rtol=1e-9)

@@ -30,7 +30,7 @@ from ident.equations.thinning import interpolated
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import regressor, rigid_forces, rigid_tangents
+from ident.mechanism.parameters import regressor, rigid_forces, rigid_tangents, row_spans
 from ident.motion.closures import integrate
 from ident.motion.state import State
 
@@ -42,6 +42,7 @@ MOST_BYTES = 100_000_000  # work: of derivatives that are kept with a state
 FEWEST = 30  # work: samples from which one pass of derivatives is faster than several of forces
 # level: share of a joint's rms speed, below which it is at rest where a log, and its spline, begin
 AT_REST = 0.3
+OFTEN = 3  # work: times that loads are asked for, from which on a row of Γ is kept for them
 CHUNK = 4096  # work: samples whose regressor is in memory at once
 UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
@@ -346,12 +347,48 @@ class Samples:
         """
         e = self.e
         if e.loop is None:  # of a tree: each joint's own row
-            at = [self.mechanism.joint(name).index for name in joints]
-            load = self._bodies()[self.part][:, at]
+            load = self._loads(joints)[self.part]
             return load + self._effects_on(joints)[self.part], load
         both = *self.forces(), self.surplus()
         pinv = e.pinv[self.part]
         return joint_loads(self.mechanism, joints, e.independent, pinv, *both, e.tau[self.part])
+
+    def _loads(self, joints: tuple[str, ...]) -> np.ndarray:
+        """Loads (n, joints) of a tree in the whole state."""
+        key = "loads", joints
+        if key not in self.memo:
+            at = [self.mechanism.joint(name).index for name in joints]
+            rows = [] if NEARBY in self.memo else [self._gamma_row(index) for index in at]
+            if rows and all(row is not None for row in rows):
+                pi, spans = self.dynamic_parameters, row_spans(self.mechanism.model)
+                both = zip(rows, (spans[index] for index in at), strict=True)
+                loads = np.stack([row @ pi[span] for row, span in both if row is not None], axis=1)
+                wrench = self.e.wrench
+                self.memo[key] = loads if wrench is None else loads - wrench[:, at]
+            else:
+                self.memo[key] = self._bodies()[:, at]
+        return np.asarray(self.memo[key])
+
+    def _gamma_row(self, index: int) -> np.ndarray | None:
+        """Γ of one row (n, its span) of the whole state, once it is asked for the third time: a
+        search of shapes asks for the load with ever other parameters. None before, or if too large.
+        """
+        e, model, asked = self.e, self.mechanism.model, ("asked for Γ", index)
+        key, times = ("Γ", index), e.store.get(asked, model)
+        if times is None:
+            times = [np.zeros(1)]
+            e.store.put(asked, model, times)
+        times[0] += 1
+        stored = e.store.get(key, model)
+        if stored is None and times[0] >= OFTEN:
+            span, n = row_spans(model)[index], len(e)
+            if not e.store.fits(8 * n * (span.stop - span.start)):
+                return None
+            parts = (slice(i, min(i + CHUNK, n)) for i in range(0, n, CHUNK))
+            pieces = [regressor(model, e.q[x], e.v[x], e.a[x])[:, index, span] for x in parts]
+            stored = [np.concatenate(pieces)]
+            e.store.put(key, model, stored)
+        return None if stored is None else np.asarray(stored[0])
 
     def _bodies(self) -> np.ndarray:
         """Forces (n, nv) of the whole state's bodies with their loads, less wrenches."""
