@@ -721,7 +721,7 @@ def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.nd
         return [np.arange(k)] * e.leverage.shape[2]
     supports_of_rows = []
     for row, bodies in enumerate(supports(mechanism.model)):
-        support = [i for i, column in enumerate(columns.rigid) if column in set(bodies)]
+        support = np.flatnonzero(np.isin(columns.rigid, bodies)).tolist()
         for effect, places in columns.effects:
             joints = {mechanism.joint(n).index for n in effect.joints if n in mechanism.joint_index}
             if not effect.local or row in joints:
