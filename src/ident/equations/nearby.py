@@ -152,8 +152,8 @@ def _of_placements(one: Samples, other: Samples, base: Samples) -> np.ndarray | 
         part = slice(start, min(start + CHUNK, n))
         key = ("dynamics", part.start, part.stop, pi.tobytes())
         if key not in base.memo:
-            motion = (x[part] for x in (base.e.q, base.e.v, base.e.a))
-            base.memo[key] = batched.Dynamics.of(models[2], joints, *motion, pi)
+            q, v, a = (x[part] for x in (base.e.q, base.e.v, base.e.a))
+            base.memo[key] = batched.Dynamics.of(models[2], joints, q, v, a, pi)
         out[part] -= base.memo[key].slopes(int(moved[0]), step[moved[0], :3, 3]).T
     return out
 
