@@ -395,7 +395,8 @@ class FaultSearch:
     def _explains(self, last: FaultTrial, every: ChannelEquations) -> bool:
         """Whether faults leave not much more than all effects of the library together, and less
         than one kind of effect would, missing at all drives: else nobody can tell which it is. Such
-        a kind does well in all joints, and where the last fault is felt.
+        a kind does well in all joints, and where the last fault is felt: by its errors, as standard
+        errors of blocks make a name of a small difference (late positions were late torques, too).
         """
         if last.fault.kind == "motors":
             return self._better_coordinates(last, every)
