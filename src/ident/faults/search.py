@@ -397,33 +397,25 @@ class FaultSearch:
         than one kind of effect would, missing at all drives: else nobody can tell which it is. Such
         a kind does well in all joints, and where the last fault is felt: by its errors, as standard
         errors of blocks make a name of a small difference (late positions were late torques, too).
+        Motors elsewhere have as few unknowns as the log as it is, so that what both predict of
+        blocks that were left out is a fair comparison.
         """
-        if last.fault.kind == "motors":
-            return self._better_coordinates(last, every)
-        if not leaves_as_little(last.noise, self.reference):
-            return False
-        kinds = {effect.kind for effect in self.effects if not effect.common}
-        with_kinds = (self._with_common(every, kind) for kind in sorted(kinds))
-        errors = (x.noise(x.as_logged) for x in with_kinds)
-        rows = (slice(None), last.rows)
-        return not any(all(rms(x[u]) < EXCESS * rms(last.noise[u]) for u in rows) for x in errors)
-
-    def _better_coordinates(self, last: FaultTrial, every: ChannelEquations) -> bool:
-        """Whether motors elsewhere predict blocks that are left out better than any one kind of
-        effect, missing at all drives, and leave not much more than all effects together.
-
-        They have as few unknowns as the log as it is, so that this is a fair comparison.
-        """
-        rest = every.noise(every.as_logged)  # in the same rows: those of a motion have no filter
+        motors, rest = last.fault.kind == "motors", self.reference
+        if motors:  # in the same rows: those of a motion have no filter
+            rest = every.noise(every.as_logged)
         if not leaves_as_little(last.noise, rest):
             return False
-        for kind in sorted({effect.kind for effect in self.effects if not effect.common}):
-            with_kind = self._with_common(every, kind)
-            noise = with_kind.noise(with_kind.as_logged)
-            density = with_kind.left_out(with_kind.as_logged, noise)
-            if zscore((last.held_out_density - density).sum(axis=1)) < RIVAL:
-                return False
-        return True
+
+        def as_well(equations: ChannelEquations) -> bool:
+            noise = equations.noise(equations.as_logged)
+            if motors:
+                density = equations.left_out(equations.as_logged, noise)
+                return zscore((last.held_out_density - density).sum(axis=1)) < RIVAL
+            rows = (slice(None), last.rows)
+            return all(rms(noise[u]) < EXCESS * rms(last.noise[u]) for u in rows)
+
+        kinds = sorted({effect.kind for effect in self.effects if not effect.common})
+        return not any(as_well(self._with_common(every, kind)) for kind in kinds)
 
     def _away_too(self, fault: Fault) -> bool:
         """Whether a delay explains rows away from reversals, too: friction that builds up over some
