@@ -189,4 +189,4 @@ def test_a_step_of_a_diagnosis_in_python_keeps_the_effects_of_its_model():
 def test_a_plan_that_separates_nothing_says_so():
     apart = Separation("spring:a", "viscous:a", 0.2, (0.1, 0.1), ("N m/rad", "N m s/rad"))
     assert "does not separate" not in str(apart)
-    assert "does not separate them" in str(replace(apart, cosine=1.0))
+    assert "does not separate them" in str(replace(apart, share=0.0))
