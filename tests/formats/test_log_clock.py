@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ident.errors import LogError
-from ident.log import Column, Log
+from ident.log import Column, Log, read_log
 
 T = [k / 100 for k in range(12)]
 
@@ -49,7 +49,8 @@ NAMELESS = {
     "by unit": ("stamp_ms", range(200), ("'stamp_ms'", 'column = "stamp_ms", scale = 0.001')),
     "unit in brackets": ("T [s]", T, ("'T [s]'", '"t" = "T [s]"')),
     "quotes in its name": ('"time ""rig"""', T, (r'"t" = "time \"rig\""',)),
-    "not even increasing": ("timestamp", [1, 2] * 6, ("'timestamp' looks", '"t" = "timestamp"')),
+    "with a reset": ("timestamp", [*range(8)] * 2, ("'timestamp' looks", '"t" = "timestamp"')),
+    "not even increasing": ("timestamp", [1, 2] * 6, ("'timestamp' goes up and down",)),
     "text": ("timestamp", ["12:00"] * 12, ("a column t [s] is needed", "'timestamp' holds text")),
     "none": ("q.b", [0, 1] * 6, ("none that looks like a time", "q.b and tau")),
 }
@@ -132,3 +133,19 @@ def test_arrays_are_checked_as_files_are(
     message = str(caught.value)
     assert len(message.splitlines()) == 1
     assert [part for part in ("made: ", *says) if part not in message] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("count", np.cumsum(np.random.default_rng(0).integers(3, 8, 400)), "none that looks like"),
+        ("time", (2048 + 600 * np.sin(np.arange(400) / 20)).round(), "'time' goes up and down"),
+        ("ticks", 1000 + 5 * np.arange(400) + np.arange(400) % 2, "'ticks' looks like a time"),
+    ],
+)
+def test_counts_of_an_encoder_are_no_clock(tmp_path, name, values, said):
+    path = tmp_path / "log.csv"
+    lines = [f"{int(value)},{0.01 * k}" for k, value in enumerate(values)]
+    path.write_text("\n".join([f"{name},q.a", *lines]))
+    with pytest.raises(LogError, match=said):
+        read_log(path)

@@ -41,6 +41,8 @@ LISTED = 40  # shown: columns of a file in a message
 SHORTEST_STEP, LONGEST_STEP = 2e-5, 0.5
 USUAL_RATES = (10.0, 100e3)  # range: [Hz]
 UNITS = (1e-3, 1e-6, 1e-9, 1e3, 1e6)  # range: [s] ms, us, ns; of stamps divided once too often
+RESETS = 0.1  # range: share of steps back, above which a column is no clock that was reset
+UNSTEADY, MOST_STEPS = 0.1, 0.5  # range: of the median step; share of steps that are as long
 TIME_NAME = re.compile(r"time|stamp|clock|^t([^a-z]|$)|^(ts|secs?|seconds)$|_(ms|us|ns)$", re.I)
 WORDS = {  # in names of columns that are a joint's position, speed or torque
     "q": re.compile(r"pos|angle|(?<![a-z])q(?![a-z])", re.I),
@@ -79,6 +81,12 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
     step = np.diff(t)
     if (step < 0).any():
         row = int((step < 0).argmax()) + 1
+        if step.size >= FEWEST_SAMPLES and np.mean(step < 0) > RESETS:
+            raise LogError(
+                f"{table.file}: t goes up and down, first at {table.where(row)}: {float(t[row])} "
+                f"after {float(t[row - 1])}, so it is no clock but some other signal; map the "
+                'column of times: [log] "t" = "…"'
+            )
         raise LogError(
             f"{table.file}: t goes backward at {table.where(row)}: {float(t[row])} after "
             f"{float(t[row - 1])} (a clock reset, or two logs in one file?); split the file there"
@@ -151,11 +159,17 @@ def _no_time(table: RawTable) -> str:
         return f"column 't' {table.ignored['t']}; it must be a number of seconds"
     steps = {name: np.diff(x) for name, x in table.columns.items()}
     increasing = {name for name, step in steps.items() if step.size and (step > 0).all()}
-    marks = {name: 2 * bool(TIME_NAME.search(name)) + (name in increasing) for name in steps}
+    named = {name for name in steps if TIME_NAME.search(name)}
+    many = [n for n in named if steps[n].size >= FEWEST_SAMPLES]
+    falling = {n for n in many if np.mean(steps[n] < 0) > RESETS}
+    # counts of an encoder that turns one way increase too, but not by the same steps
+    steady = {n for n in increasing if _is_steady(steps[n])}
+    marks = {n: 2 * (n in named - falling) + (n in (steady | named) & increasing) for n in steps}
     best, *others = sorted((n for n in marks if marks[n]), key=lambda n: -marks[n]) or [""]
     if not best:
         text = [name for name in table.ignored if TIME_NAME.search(name)]
         none = "".join(f"; column {name!r} {table.ignored[name]}" for name in text)
+        none += "".join(f"; column {n!r} goes up and down, so it is no clock" for n in falling)
         return (
             "no time column 't', and none that looks like a time; a column t [s] is needed; "
             f"the file has: {shortlist([*table.columns], LISTED) or 'no column of numbers'}{none}"
@@ -167,6 +181,12 @@ def _no_time(table: RawTable) -> str:
         f"no time column 't'; {best!r} looks like a time{similar}; name it t, "
         f"or write in mechanism.toml: {_entry(best, scale)}"
     )
+
+
+def _is_steady(steps: Array) -> bool:
+    """Return whether most steps (n,) are the median one, as those of a clock are."""
+    median = float(np.median(steps))
+    return bool(np.mean(np.abs(steps - median) <= UNSTEADY * median) >= MOST_STEPS)
 
 
 def _scales(step: float) -> list[float]:
