@@ -145,7 +145,7 @@ def test_arrays_are_checked_as_files_are(
 )
 def test_counts_of_an_encoder_are_no_clock(tmp_path, name, values, said):
     path = tmp_path / "log.csv"
-    lines = [f"{int(value)},{0.01 * k}" for k, value in enumerate(values)]
+    lines = [f"{int(value)},{np.sin(0.1 * k)}" for k, value in enumerate(values)]
     path.write_text("\n".join([f"{name},q.a", *lines]))
     with pytest.raises(LogError, match=said):
         read_log(path)

@@ -81,7 +81,7 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
     step = np.diff(t)
     if (step < 0).any():
         row = int((step < 0).argmax()) + 1
-        if step.size >= FEWEST_SAMPLES and np.mean(step < 0) > RESETS:
+        if _swings(step):
             raise LogError(
                 f"{table.file}: t goes up and down, first at {table.where(row)}: {float(t[row])} "
                 f"after {float(t[row - 1])}, so it is no clock but some other signal; map the "
@@ -160,8 +160,7 @@ def _no_time(table: RawTable) -> str:
     steps = {name: np.diff(x) for name, x in table.columns.items()}
     increasing = {name for name, step in steps.items() if step.size and (step > 0).all()}
     named = {name for name in steps if TIME_NAME.search(name)}
-    many = [n for n in named if steps[n].size >= FEWEST_SAMPLES]
-    falling = {n for n in many if np.mean(steps[n] < 0) > RESETS}
+    falling = {n for n in named if _swings(steps[n])}
     # counts of an encoder that turns one way increase too, but not by the same steps
     steady = {n for n in increasing if _is_steady(steps[n])}
     marks = {n: 2 * (n in named - falling) + (n in (steady | named) & increasing) for n in steps}
@@ -181,6 +180,12 @@ def _no_time(table: RawTable) -> str:
         f"no time column 't'; {best!r} looks like a time{similar}; name it t, "
         f"or write in mechanism.toml: {_entry(best, scale)}"
     )
+
+
+def _swings(steps: Array) -> bool:
+    """Return whether steps (n,) go up and down, more often than a clock that is reset."""
+    least = min(float(np.mean(steps < 0)), float(np.mean(steps > 0))) if steps.size else 0.0
+    return steps.size >= FEWEST_SAMPLES and least > RESETS
 
 
 def _is_steady(steps: Array) -> bool:
