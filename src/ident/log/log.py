@@ -83,9 +83,9 @@ def with_clock(table: RawTable, source: Column | None = None) -> RawTable:
         row = int((step < 0).argmax()) + 1
         if _swings(step):
             raise LogError(
-                f"{table.file}: t goes up and down, first at {table.where(row)}: {float(t[row])} "
-                f"after {float(t[row - 1])}, so it is no clock but some other signal; map the "
-                'column of times: [log] "t" = "…"'
+                f"{table.file}: t goes backward at {table.where(row)}: {float(t[row])} after "
+                f"{float(t[row - 1])}, and on and off after that, so it is no clock but some other "
+                'signal; map the column of times: [log] "t" = "…"'
             )
         raise LogError(
             f"{table.file}: t goes backward at {table.where(row)}: {float(t[row])} after "
