@@ -23,7 +23,7 @@ def test_agrees_with_dense_least_squares(degree, size):
     system = System(N=121, t_end=1.2, degree=degree, spacing=0.06, k=4)
     elimination, x, a = solved(system.chunks(size), system.basis.count, blocks=4)
     p, dense_a, residual = system.dense_solution()
-    assert relative(x, p) < 1e-11
+    assert relative(x, p) < 3e-11  # cores without fused products: 1.03e-11
     assert relative(a, dense_a) < 1e-9
     assert Triangle.merge(elimination.factors).residual_norm(x) == pytest.approx(
         residual, rel=1e-12
