@@ -2,7 +2,7 @@
 
     python benchmarks/servo_hidden.py [--seeds N] [--clean N] [--first SEED] [CASE …]
 
-By MuJoCo, seeds from 4000 on by default, which nothing was tuned with: a spring between motor and link whose
+By MuJoCo, by default seeds from 4000 on: a spring between motor and link whose
 resonance is in the band, a play of ten to thirty counts of the encoder, a drive that follows its
 command late, friction that grows with the load, a gain that is given wrong, in a joint that is
 drawn; and logs in which nothing is hidden. `tests/truth/servo_hidden.py` draws them. Right is the
