@@ -53,6 +53,8 @@ def test_without_a_spring_the_slope_is_the_quasi_static_twist():
     carried = inertia(T), np.zeros(N), np.zeros(N)
     h = 1e-9
     slope = sprung(STEP, load(T)[:, None], carried, h, 0.01) / h
+    started = sprung(STEP, load(T)[:, None], carried, h, 0.01, np.zeros(1)) / h
+    np.testing.assert_allclose(started[0, 5:], slope[0, 5:], atol=1e-5)
     still = sprung(STEP, load(T)[:, None], carried, 0.0, 0.01)
     assert not still.any()
     np.testing.assert_allclose(slope[0, :, 0], load(T), atol=1e-5)

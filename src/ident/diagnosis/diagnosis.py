@@ -470,8 +470,9 @@ def _with_first(selection: Selection, name: Evidence, rivals: Sequence[Evidence]
 
 def least_error(selection: Selection, refits: Sequence[Explanation]) -> Selection | None:
     """Return a selection with that rival of its first name in the place of that which leaves least
-    when all is refitted, where both are one load on several links; None where the first name does.
-    `refits`: the first name and its rivals, refitted or not.
+    when all is refitted, where both are one load on several links, or springs or plays of several
+    joints; None where the first name does. `refits`: the first name and its rivals, refitted or
+    not.
     """
     first = selection.named[0]
     errors = {
@@ -480,16 +481,34 @@ def least_error(selection: Selection, refits: Sequence[Explanation]) -> Selectio
         if e.fit is not None
     }
     evidence = first.evidence
-    if evidence is None or first.label not in errors or not first.effect.loaded_link:
+    if (
+        evidence is None
+        or first.label not in errors
+        or not (first.effect.loaded_link or first.effect.extent)
+    ):
         return None
     both = (evidence, *first.rivals)
     same_kind = [
-        e for e in both if e.effect.kind == evidence.effect.kind and e.effect.label in errors
+        e
+        for e in (*both, *_elsewhere(selection, evidence))
+        if e.effect.kind == evidence.effect.kind and e.effect.label in errors
     ]
     best = min(same_kind, key=lambda e: errors[e.effect.label])
     if best is evidence:
         return None
     return _with_first(selection, best, [e for e in both if e is not best])
+
+
+def _elsewhere(selection: Selection, first: Evidence) -> list[Evidence]:
+    """Return what is credible of the same kind as a first name with an extent at other joints: far
+    from where a link swings its columns are no more than a hint.
+    """
+    return [
+        e
+        for e in selection.first.evidence
+        if first.effect.extent and e.credible and e.effect.kind == first.effect.kind
+        if e.effect.label != first.effect.label
+    ]
 
 
 def explanations(selection: Selection, best: Member | None) -> list[Explanation]:
@@ -499,13 +518,16 @@ def explanations(selection: Selection, best: Member | None) -> list[Explanation]
     effects = {evidence.effect.label: evidence.effect for evidence in first}
     rest = [e for e in selection.first.evidence if e.effect.label not in effects]
     rest.sort(key=lambda evidence: not evidence.credible)
+    alike = {e.effect.label for e in (_elsewhere(selection, first[0]) if first else ())}
     wanted = [*first, *rest][: max(SHOWN, min(LISTED, len(first) + 1))]
+    wanted += [e for e in rest if e.effect.label in alike and e not in wanted]
     cheap = all(effect.linear for effect in fit.mechanism.effects)  # no search of shapes
     explained = []
     for evidence in wanted:
         label = evidence.effect.label
         rivals = tuple(e for n, e in effects.items() if n != label) if label in effects else ()
-        if (first and evidence is first[0]) or (evidence.effect.linear and cheap):
+        refitted = label in alike or (first and evidence is first[0])
+        if refitted or (evidence.effect.linear and cheap):
             with suppress(IdentError):  # a correction too large for the loops to close, say
                 explained.append(explain(fit, evidence, rivals))
         else:

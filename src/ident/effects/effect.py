@@ -105,6 +105,7 @@ class Signals:
     predicted: Callable[[], tuple[np.ndarray, np.ndarray]] | None = None
     # gives (joints,) the loads before the log, where it begins at rest
     resting: Callable[[], np.ndarray | None] | None = None
+    finest: float = 0.0  # [s] between knots of the splines behind the motion
     # gives (3, n, joints) the slopes of each joint's load along its q, v and a
     slopes: Callable[[], np.ndarray] | None = None
 
@@ -522,6 +523,10 @@ class Effect(ABC):
         at rest.
         """
         raise NotImplementedError
+
+    def frequency(self, s: Signals) -> float:
+        """Return the frequency [Hz] at which it swings with the shape `s.shape`; 0: at none."""
+        return 0.0
 
     def scale_column(self, s: Signals, predicted: np.ndarray) -> np.ndarray:
         """Return ∂τ/∂scale (n,) of a drive.

@@ -95,7 +95,11 @@ class Elasticity(Correcting):
         carried = _inertia(s), damps, stiffness
         if at_rest is not None:
             at_rest = compliance * at_rest / (1 + compliance * stiffness[0])
-        return sprung(_step(s), loads, carried, compliance, max(damping, 0.0), at_rest)
+        return sprung(_step(s), loads, carried, compliance, max(damping, 0.0), at_rest, s.finest)
+
+    def frequency(self, s: Signals) -> float:
+        compliance, M = s.shape["compliance"], float(np.median(_inertia(s)))
+        return 1 / (2 * np.pi * np.sqrt(compliance * M)) if compliance > 0 else 0.0
 
     def bounds(self, s: Signals) -> Bounds:
         softest = self._softest(s)

@@ -186,6 +186,7 @@ class Samples:
                 present=self.point.values,
                 predicted=cache(lambda: bare.predicted(joints)),
                 resting=cache(lambda: bare.loads_at_rest(joints)),
+                finest=e.smooth.spacing if e.smooth is not None else 0.0,
                 slopes=cache(lambda: bare.load_slopes(joints)),
             )
         return self._signals[joints]

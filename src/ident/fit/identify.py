@@ -38,7 +38,7 @@ from ident.fit.prediction import Prediction
 from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import NoScale, beyond_bounds, refuse_scales, unknown_scales, working_point
-from ident.fit.springs import moved_by_noise, within_signs
+from ident.fit.springs import beyond_band, biases, within_signs
 from ident.fit.values import ParameterValues
 from ident.information.blocks import Error
 from ident.information.chance import covariance, held_out, prior_covariance
@@ -111,7 +111,8 @@ def identify(
         problem, estimate = _solved(mechanism, motion, start, shapes, equations)
         estimate, at_zero = held_at_zero(problem, estimate)
     estimate, rigid = within_signs(problem, estimate)
-    wider = moved_by_noise(problem, estimate)
+    rigid += beyond_band(problem, estimate)
+    wider = biases(problem, estimate)
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, likely)
     findings = [
         *findings,

@@ -114,18 +114,27 @@ def _twisted(
     shape = {**least_start, effect.extent: 0.0, **effect.values}
     none = {effect.full[s.name]: float(shape[s.name]) for s in effect.shapes}
     stiff = point.with_values(none)
-    before = start.values if start is not None else {}
-    if none.keys() <= before.keys():
-        others = [point.with_values({name: before[name] for name in none})]
-    else:
-        others = [_started(mechanism, motion, point, effect)]
     best, least, weights = descended(mechanism, motion, stiff)
-    for other in others:
-        if other.of(effect)[1][effect.extent]:
-            end, error, _ = descended(mechanism, motion, other, weights)
-            if error < least - CERTAIN**2:  # squares of rows' noise: a resonance fits some of it
-                best, least = end, error
+    rigid, before = best, start.values if start is not None else {}
+    if none.keys() <= before.keys():
+        best, least = _better(
+            mechanism, motion, point.with_values({name: before[name] for name in none}), weights,
+            (best, least),
+        )  # fmt: skip
+    other = _started(mechanism, motion, point, effect) if best is rigid else stiff
+    if other.of(effect)[1][effect.extent]:
+        best, _ = _better(mechanism, motion, other, weights, (best, least))
     return best
+
+
+def _better(
+    mechanism: Mechanism, motion: Motion, start: Point, weights: Weights, best: tuple[Point, float]
+) -> tuple[Point, float]:
+    """Return the point that a descent from a start leads to, and its error, or the best so far
+    where that has no more but by chance: in squares of rows' noise a resonance fits some of it.
+    """
+    end, error, _ = descended(mechanism, motion, start, weights)
+    return (end, error) if error < best[1] - CERTAIN**2 else best
 
 
 @dataclass(frozen=True, eq=False)

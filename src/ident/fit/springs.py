@@ -1,10 +1,12 @@
-"""What a fit says of springs and plays between motors and links: signs, and what noise does.
+"""What a fit says of springs and plays between motors and links: signs, and what biases them.
 
-    ±² = jackknife² + (x(noise twice) − x)²
+    ±² = jackknife² + (x(noise twice) − x)² + (x(half the band) − x)²
 
 Encoder noise reaches a twist through accelerations, and columns with noise give biased values
 (errors in variables). The same noise once more shows by how much: Cook, Stefanski, J. Am. Stat.
-Assoc. 89(428), 1994.
+Assoc. 89(428), 1994. What splines take off at high frequencies biases them, too: rows of half the
+band have less of it, and a right model has the same values there (Hausman, Econometrica 46(6),
+1978).
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import numpy as np
 
 from ident.effects import Effect
 from ident.equations.problem import Problem
+from ident.equations.terms import Samples
 from ident.errors import IdentError
 from ident.finding import Finding
 from ident.fit.drives import HELD_AT_ZERO
@@ -23,6 +26,8 @@ from ident.information.estimate import Estimate
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.text import significant
+
+AT_END = 0.8  # level: of a cut-off, from which a resonance shows half of itself or less
 
 
 def places_of(problem: Problem, effect: Effect) -> dict[str, int]:
@@ -59,9 +64,35 @@ def within_signs(problem: Problem, estimate: Estimate) -> tuple[Estimate, list[F
     return estimate.limited(np.array(at_limit, dtype=int)), findings
 
 
-def moved_by_noise(problem: Problem, estimate: Estimate) -> Mapping[int, float]:
-    """Return by how much shapes of effects with an extent, by place in x, change with as much noise
-    of the positions once more; none where these have no noise.
+def beyond_band(problem: Problem, estimate: Estimate) -> list[Finding]:
+    """Return a finding on each effect that swings at the end of the rows' band or beyond it."""
+    findings, cutoff = list[Finding](), problem.motion.band.cutoff
+    point, e = problem.point_at(estimate.x), problem.motion.experiments[0]
+    if cutoff is None or e.poses or e.smooth is None:
+        return findings
+    samples = Samples(problem.mechanism, e, slice(None), point)
+    for effect in (effect for effect in problem.mechanism.effects if effect.by_load):
+        signals, joint = samples.signals(effect.acting), effect.joints[0]
+        at = effect.frequency(replace(signals, shape=point.of(effect)[1]))
+        if at < AT_END * cutoff or not places_of(problem, effect):
+            continue
+        findings.append(
+            Finding(
+                "spring beyond the band",
+                f"{effect.extent} of {joint}: it would swing at {at:.3g} Hz, and rows pass up to "
+                f"{cutoff:.3g} Hz, where noise of accelerations, a delay or a rotor pass for it; "
+                "its interval does not hold all that these make of it",
+                f"log a motion in which {joint} reaches {at:.2g} Hz, with a higher --cutoff",
+                (effect.full[effect.extent],), at, cutoff,
+            )
+        )  # fmt: skip
+    return findings
+
+
+def biases(problem: Problem, estimate: Estimate) -> Mapping[int, float]:
+    """Return by how much shapes of effects with an extent, by place in x, may be biased: what as
+    much noise of the positions once more changes, and rows of half the band; none where positions
+    have no noise.
     """
     every = [effect for effect in problem.mechanism.effects if effect.extent]
     places = [place for effect in every for place in places_of(problem, effect).values()]
@@ -71,10 +102,28 @@ def moved_by_noise(problem: Problem, estimate: Estimate) -> Mapping[int, float]:
     again = _with_noise_again(problem.mechanism, problem.motion)
     if again is None:
         return {}
+    x = estimate.x[places]
     same = Problem.of(problem.mechanism, again, problem.point)
     same = replace(same, sigma=problem.sigma)
     noisier = same.estimate(sigma=estimate.sigma, fixed=estimate.fixed)
-    return {place: float(noisier.x[place] - estimate.x[place]) for place in places}
+    moved, further = noisier.x[places] - x, np.zeros(len(places))
+    if lower := _in_half_the_band(problem):
+        further = np.where(lower.fixed[places], 0.0, lower.x[places] - x)
+    of_band = np.minimum(np.abs(further), np.abs(x))  # what it does not show may be anywhere
+    return dict(zip(places, np.hypot(moved, of_band).tolist(), strict=True))
+
+
+def _in_half_the_band(problem: Problem) -> Estimate | None:
+    """Return the estimate of rows of half the band; None where there is none."""
+    band = problem.motion.band
+    if band.cutoff is None:
+        return None
+    half = replace(problem.motion, band=replace(band, cutoff=0.5 * band.cutoff))
+    try:
+        lower = Problem.of(problem.mechanism, half, problem.point)
+        return replace(lower, sigma=problem.sigma).estimate()
+    except IdentError:
+        return None
 
 
 def _with_noise_again(mechanism: Mechanism, motion: Motion) -> Motion | None:

@@ -42,6 +42,7 @@ def sprung(
     compliance: float,
     damping: float,
     start: np.ndarray | None = None,
+    finest: float = 0.0,
 ) -> np.ndarray:
     """Return δ, δ̇, δ̈ (3, n, m) of a spring; see above.
 
@@ -55,6 +56,7 @@ def sprung(
         carried: M [kg m² | kg] (n,), and what the second mass adds by itself to D and to 1/c (n,).
         compliance, damping: c [rad/(N m) | m/N], D [N m s/rad | N s/m].
         start: δ (m,) of the first sample, at rest; by default it goes there with its load, ε = 0.
+        finest: [s] half of the shortest period that loads have; by default a step.
     """
     (n, m), inertia, damps, stiffness = loads.shape, *(x[:, None] for x in carried)
     if compliance <= 0 or n < 2:
@@ -62,10 +64,12 @@ def sprung(
         return compliance * np.stack([loads, first, second])
     first, second = rates(loads, step)
     D, K = damping + damps, 1 / compliance + stiffness
-    a, b = (0.5 * (x[1:] + x[:-1]) for x in (0.5 * D / inertia, K / inertia))  # (n − 1, 1)
-    # above half the rate of the samples it would ring at another frequency, where it has died out
-    swing = np.sqrt(np.maximum(b, 0.0))
-    a = a + swing * np.maximum(swing * step / np.pi - 1, 0.0)
+    # where no load is, it would ring with errors alone, and above half the rate of the samples at
+    # another frequency
+    swing = np.sqrt(np.maximum(K / inertia, 0.0))
+    more = swing * np.clip(swing * max(step, finest) / np.pi - 1, 0.0, 1.0)
+    every = 0.5 * D / inertia + more, K / inertia
+    a, b = (0.5 * (x[1:] + x[:-1]) for x in every)  # (n − 1, 1)
     # ε̈ + 2 a ε̇ + b ε = g
     g = -compliance * (second + (D * first + stiffness * loads) / inertia)
     around = np.pad(g, ((1, 1), (0, 0)), mode="edge")
@@ -97,7 +101,7 @@ def sprung(
     x, _ = lapack.dtbtrs(band, right.reshape(2 * n, m), uplo="L")
     e, rate = x.reshape(n, 2, m).transpose(1, 0, 2)
     delta, speed = compliance * loads + e, compliance * first + rate
-    acceleration = -(D * speed + e / compliance + stiffness * delta) / inertia
+    acceleration = -(D * speed + e / compliance + stiffness * delta) / inertia - 2 * more * rate
     return np.stack([delta, speed, acceleration])
 
 
