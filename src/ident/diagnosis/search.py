@@ -474,7 +474,12 @@ def select(contest: Contest, on_progress: OnProgress) -> Selection:
     members = [
         m for m in evaluated if m.path is not None or m.evidence is None or m.evidence.credible
     ]
-    if any(m.effect.loaded_link and not m.rejected for m in members):
+    accepted = [m for m in members if not m.rejected]
+    of_loads = max((m.gain for m in accepted if m.effect.loaded_link), default=-np.inf)
+    if any(m.effect.extent and m.gain > of_loads for m in accepted):
+        # slopes of a link that swings leave some of it to what the link carries
+        members = [m for m in members if not m.effect.loaded_link]
+    elif np.isfinite(of_loads):
         # what depends on the load is judged once the body that is added is in the model, and so is
         # all that is found beside it where an effect of the model depends on the load
         loaded = any(effect.implicit for effect in contest.fit.mechanism.effects)
