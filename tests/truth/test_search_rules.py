@@ -150,7 +150,9 @@ def test_ten_values_are_a_load_where_some_body_has_them():
     mechanism = ident.load(ROBOTS / "arm")
     mass, lever = 1.5, np.array([0.02, 0.08, -0.05])
     moments = mass * (lever @ lever - lever**2) + 1e-3
-    values = np.array([mass, *(mass * lever), moments[0], 0, moments[1], 0, 0, moments[2]])
+    products = -mass * lever[[0, 0, 1]] * lever[[1, 2, 2]]
+    inertia = [moments[0], products[0], moments[1], *products[1:], moments[2]]
+    values = np.array([mass, *(mass * lever), *inertia])
     stderr = np.full(10, 1e-3)
     assert has_mass(mechanism, values, stderr)
     is_open = stderr.copy()
@@ -161,6 +163,11 @@ def test_ten_values_are_a_load_where_some_body_has_them():
     no_inertia = np.where(np.arange(10) < 4, values, 0.0)
     is_open[0], no_inertia[0] = 0.1, 0.1
     assert not has_mass(mechanism, no_inertia, is_open)
+    without_products = np.where(np.isin(np.arange(10), [5, 7, 8]), 0.0, values)
+    assert not has_mass(mechanism, without_products, stderr)  # that is no body's
+    undetermined = np.where(np.isin(np.arange(10), [5, 7, 8]), 0.0, stderr)
+    assert has_mass(mechanism, without_products, undetermined)
+    assert has_mass(mechanism, -values, stderr)  # taken off
 
 
 # --- gravity that a controller has subtracted -----------------------------------------------------

@@ -475,14 +475,18 @@ def select(contest: Contest, on_progress: OnProgress) -> Selection:
         m for m in evaluated if m.path is not None or m.evidence is None or m.evidence.credible
     ]
     accepted = [m for m in members if not m.rejected]
-    of_loads = max((m.gain for m in accepted if m.effect.loaded_link), default=-np.inf)
-    if any(m.effect.extent and m.gain > of_loads for m in accepted):
-        # slopes of a link that swings leave some of it to what the link carries
+    of_loads, of_others = (
+        max((m.gain for m in accepted if bool(m.effect.loaded_link) == load), default=-np.inf)
+        for load in (True, False)
+    )
+    # of a load, and of what depends on it or acts beside such an effect of the model, what explains
+    # more is named first: the other is judged once that is in the model. So is a load beside a
+    # spring, as slopes of a link that swings leave some of it to what the link carries
+    loaded = any(effect.implicit for effect in contest.fit.mechanism.effects)
+    springs = any(m.effect.extent and m.gain > of_loads for m in accepted)
+    if springs or (loaded and of_others > of_loads):
         members = [m for m in members if not m.effect.loaded_link]
     elif np.isfinite(of_loads):
-        # what depends on the load is judged once the body that is added is in the model, and so is
-        # all that is found beside it where an effect of the model depends on the load
-        loaded = any(effect.implicit for effect in contest.fit.mechanism.effects)
         members = [
             m
             for m in members

@@ -29,6 +29,7 @@ from ident.diagnosis.null import judging, null_by_coordinate, null_shares
 from ident.effects import Effect
 from ident.fit.shapes import widened
 from ident.information.evidence import (
+    CERTAIN,
     NEGATIVE,
     PARSIMONY,
     SURROGATES,
@@ -41,6 +42,7 @@ from ident.information.evidence import (
 )
 from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
 from ident.mechanism.mechanism import Mechanism
+from ident.mechanism.parameters import pseudo_inertia
 
 # level: cosine of what two candidates explain: half of the squares are the same part
 SAME_PART = 0.7
@@ -400,18 +402,35 @@ def has_mass(mechanism: Mechanism, values: Array, stderr: Array) -> bool:
     the machine's reach r,
 
         |h| ≤ r m        h_y² + h_z² ≤ m L_xx, and so about y and z
+
+    One whose mass is known, of a load that was put on or taken off, is a body's as a whole.
     """
     mass, moments = abs(values[0]) + NEGATIVE * stderr[0], values[1:4]
     h = np.where(np.abs(moments) > NEGATIVE * stderr[1:4], moments, 0.0)
     reach = REACH * sum(map(abs, mechanism.lengths.values())) or np.inf
     if np.linalg.norm(h) > reach * mass:
         return False
-    if abs(values[0]) > NEGATIVE * stderr[0]:
-        return True
+    if abs(values[0]) > CERTAIN * stderr[0]:
+        return may_be_body(np.sign(values[0]) * values, stderr)
     diagonal = [4, 6, 9]  # Lxx, Lyy, Lzz
     known = stderr[diagonal] > 0
     most = np.abs(values[diagonal]) + NEGATIVE * stderr[diagonal]
     return bool(h.any() and np.all(((h @ h - h**2) <= mass * most)[known]))
+
+
+def may_be_body(values: Array, stderr: Array) -> bool:
+    """Return whether ten parameters may be a body's within their errors,
+
+        uᵀ P(values + δ) u ≥ 0        |δ| ≤ NEGATIVE stderr
+
+    P the pseudo-inertia, u the direction in which it is least. A parameter without a standard error
+    is not determined: it may be anything.
+    """
+    u = np.linalg.eigh(pseudo_inertia(values))[1][:, 0]
+    slopes = np.array([u @ pseudo_inertia(one) @ u for one in np.eye(BODY)])
+    free = (stderr <= 0) & (slopes**2 > np.finfo(float).eps)
+    reach = float(np.abs(slopes) @ (NEGATIVE * stderr))
+    return bool(free.any() or slopes @ values + reach >= 0)
 
 
 def differs(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> bool:
