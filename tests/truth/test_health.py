@@ -27,12 +27,12 @@ NAMES = ("arm", "five_bar", "four_bar", "slider_crank")
 DRIVEN = {"arm": "elbow", "five_bar": "left", "four_bar": "crank", "slider_crank": "theta"}
 
 
-def planted(name, *kinds, noise=0.01, seed=0, **motion):
+def planted(name, *kinds, noise=0.01, seed=0, values=None, **motion):
     mechanism = robot(name)
     for kind in ("viscous", "coulomb", *kinds):
         mechanism = mechanism.with_effect(kind)
     told = [Noise("tau", noise, relative=True)] if noise else []
-    return plant(mechanism, motion_log(name, **motion), noise=told, seed=seed)
+    return plant(mechanism, motion_log(name, **motion), values, noise=told, seed=seed)
 
 
 def changed(log, **columns):
@@ -481,7 +481,10 @@ def test_some_milliseconds_of_all_torques_are_measured(lag):
 
 @pytest.mark.parametrize("kind", ["", "hysteresis", "stribeck", "elasticity"])
 def test_friction_and_gears_are_no_delay_of_all_torques(kind):
-    p = planted("arm", *([kind] if kind else []), seconds=8.0, seed=3)
+    stiff = {"compliance": 1e-3, "damping": 1.0}  # drawn at random, some hold no link
+    values = {f"elasticity.{j}.{k}": x for j in robot("arm").driven for k, x in stiff.items()}
+    values = values if kind == "elasticity" else {}
+    p = planted("arm", *([kind] if kind else []), seconds=8.0, seed=3, values=values)
     fitted = robot("arm").with_effect("viscous").with_effect("coulomb")
     c = ident.identify(fitted, ident.complete(fitted, p.log)).checks
     assert common_delay(c.estimate, c.table, c.use, c.common) is None
