@@ -27,7 +27,7 @@ from ident.effects import Effect
 from ident.effects.formula import Formula
 from ident.equations.unknowns import Point
 from ident.errors import FitError, IdentError, check_whole
-from ident.faults.data_checks import DataChecks, Health
+from ident.faults.data_checks import Health
 from ident.faults.fault import Fault, fault_finding, scale_of_time
 from ident.finding import Finding
 from ident.fit import Fit, identify
@@ -162,9 +162,7 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
     # a wrong channel must explain more than the effects that were found, in a possible machine
     possible = all(finding.code != DRIVING for finding in fit.findings)
     squares = last.losses / last.weight**2 if possible else None
-    checks = DataChecks(
-        fit.problem, fit.estimate, fit.relative, contest.table, contest.use, squares
-    )
+    checks = replace(fit.checks, table=contest.table, use=contest.use, explained=squares)
     data = checks.health()
     if data.faults and squares is not None:
         refit = left_by_refit(selection, squares)

@@ -11,7 +11,7 @@ sign of wrenches, or none of them             f_e → −f_e, 0           `motio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, combinations
@@ -68,6 +68,13 @@ class Fault:
         """Return the log as it is."""
         J = len(driven)
         return cls(driven, tuple(range(J)), (1.0,) * J, (0,) * J)
+
+    @property
+    def identity(self) -> Hashable:
+        """What tells it from other faults of one log."""
+        matrix = getattr(self.state, "matrix", None)  # of motors
+        given = self.take, self.gain, self.shift
+        return (*given, self.kind, self.joints, self.number, matrix)
 
     def replaced(
         self,

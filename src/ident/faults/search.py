@@ -8,12 +8,11 @@ no missing effect of the library explains as much.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from heapq import nlargest
-from operator import attrgetter
 
 import numpy as np
 
@@ -114,6 +113,8 @@ class FaultSearch:
     use: np.ndarray  # (N, d) which of its rows count
     # left-out squares (blocks, d) with a diagnosis' effects: a fault must explain more
     explained: Array | None = None
+    # of faults of the motion: whatever rows count and whatever is `explained`, these are the same
+    scores: dict[Hashable, float] = field(default_factory=dict)
 
     @property
     def mechanism(self) -> Mechanism:
@@ -227,7 +228,8 @@ class FaultSearch:
             if self.explained is not None:
                 rival = equations.density(self.explained / equations.torque)
                 base = base if base.sum() > rival.sum() else rival
-            if (best := self._best(faults, trial, base, now.noise)) is None:
+            closest = self._closest(faults, trial, base, {})
+            if (best := self._best(faults, closest, trial, base, now.noise)) is None:
                 break
             trials.append(best)
             now = best
@@ -318,35 +320,55 @@ class FaultSearch:
         now = FaultTrial.of_log(self._with_common(every))
         both = zip(motion.independent, noise, strict=True)
         poor = {name for name, x in both if x > DOUBT}
-        faults = motion_faults(now.fault, mechanism, thin, poor)
-        faults += motor_faults(now.fault, mechanism, thin[0].logged, poor)
 
         def trial(fault: Fault) -> FaultTrial:
             assert fault.state is not None
             return FaultTrial(fault, equations_of(fault.state), now.noise)
 
-        best = self._best(faults, trial, now.held_out_density, min(now.noise, noise, key=rms))
+        faults = motion_faults(now.fault, mechanism, thin, poor)
+        faults += motor_faults(now.fault, mechanism, thin[0].logged, poor)
+        base = now.held_out_density
+        closest = self._closest(faults, trial, base, self.scores)
+        best = self._best(faults, closest, trial, base, min(now.noise, noise, key=rms))
         return best if best and self._explains(best, every) else None
 
-    def _best(
+    def _closest(
         self,
         faults: Sequence[Fault],
         trial: Callable[[Fault], FaultTrial],
         base: Array,
+        scores: dict[Hashable, float],
+    ) -> list[FaultTrial]:
+        """Return those of some faults that explain most, the best first, in blocks of `base`; and
+        fill in the `scores` by what a fault is that are not known.
+        """
+        for fault in faults:
+            if fault.identity in scores:
+                continue
+            scores[fault.identity] = -np.inf
+            with suppress(IdentError, np.linalg.LinAlgError):  # a motion that does not close
+                attempt = trial(fault)
+                if len(attempt.equations.rows) == len(base) and np.isfinite(attempt.score):
+                    scores[fault.identity] = attempt.score
+        possible = [fault for fault in faults if scores[fault.identity] > -np.inf]
+        return [*map(trial, nlargest(CLOSEST, possible, key=lambda x: scores[x.identity]))]
+
+    def _best(
+        self,
+        faults: Sequence[Fault],
+        closest: Sequence[FaultTrial],
+        trial: Callable[[Fault], FaultTrial],
+        base: Array,
         before_rows: Array,
     ) -> FaultTrial | None:
-        """Return the best of some faults, if it is credible; `base` (blocks, d) and `was` (d,): log
-        density of blocks that are left out, and relative errors, without a fault.
+        """Return the best of some faults, if it is credible.
+
+        Args:
+            faults: all that were tried; closest: those that explain most, the best first.
+            trial: a fault in its equations.
+            base: log density (blocks, d) of blocks that are left out, without a fault.
+            before_rows: relative errors (d,) without a fault.
         """
-
-        def trials() -> Iterator[FaultTrial]:
-            for fault in faults:
-                with suppress(IdentError, np.linalg.LinAlgError):  # a motion that does not close
-                    attempt = trial(fault)
-                    if len(attempt.equations.rows) == len(base) and np.isfinite(attempt.score):
-                        yield attempt
-
-        closest = nlargest(CLOSEST, trials(), key=attrgetter("score"))
         if not closest:
             return None
         best, *others = closest
