@@ -20,7 +20,15 @@ from ident.diagnosis.laws import FoundLaw, laws_of
 from ident.diagnosis.null import with_noise
 from ident.diagnosis.result import Diagnosis, Explanation, Law, announced, announced_with, errors_of
 from ident.diagnosis.search import Selection, select
-from ident.diagnosis.selection import NEGATIVE, Evidence, Ranking, can_be, has_mass, simplicity
+from ident.diagnosis.selection import (
+    NEGATIVE,
+    Evidence,
+    Ranking,
+    can_be,
+    has_mass,
+    may_be_load,
+    simplicity,
+)
 from ident.diagnosis.unobservable import invisible, relatives_of, unsupported
 from ident.display import part
 from ident.effects import Effect
@@ -361,7 +369,8 @@ def _explains(explanation: Explanation, selection: Selection) -> bool:
     several = len(explanation.effect.unknowns)
     sizes = [v for v in explanation.parameters[: several or None] if v.stderr]
     if explanation.effect.loaded_link:
-        if errors[0] and not has_mass(fit.mechanism, values, errors):
+        possible = has_mass(fit.mechanism, values, errors) and may_be_load(values, errors)
+        if errors[0] and not possible:
             return False
     elif sizes and all(abs(v.value) < NEGATIVE * (v.stderr or 0.0) for v in sizes):
         return False

@@ -23,7 +23,7 @@ from ident.diagnosis.effect_set import EffectSet, leader, on_rows_in_motion, rew
 from ident.diagnosis.null import with_noise
 from ident.diagnosis.result import Concluded, Diagnosis, announced_errors, errors_of
 from ident.diagnosis.search import Search, select
-from ident.diagnosis.selection import can_be, has_mass, rank
+from ident.diagnosis.selection import can_be, has_mass, may_be_load, rank
 from ident.diagnosis.unseen import carried
 from ident.diagnosis.validation import ValidationErrors
 from ident.display import Displayed, part, render
@@ -530,7 +530,8 @@ def undetermined(
         least = CERTAIN if e.effect.corrects else 1.0
         small = all(abs(v.value) < least * (v.stderr or 0.0) for v in parameters)
         possible = can_be(fit.mechanism, e.effect, values, errors)
-        possible &= not e.effect.loaded_link or has_mass(fit.mechanism, values, errors)
+        if e.effect.loaded_link:
+            possible &= has_mass(fit.mechanism, values, errors) and may_be_load(values, errors)
         if e.effect.slow and not e.effect.corrects:  # of the motion: a reach longer than its travel
             shapes = {
                 p.name: v.value for p, v in zip(e.effect.parameters, e.parameters, strict=True)

@@ -402,8 +402,6 @@ def has_mass(mechanism: Mechanism, values: Array, stderr: Array) -> bool:
     the machine's reach r,
 
         |h| ≤ r m        h_y² + h_z² ≤ m L_xx, and so about y and z
-
-    One whose mass is known, of a load that was put on or taken off, is a body's as a whole.
     """
     mass, moments = abs(values[0]) + NEGATIVE * stderr[0], values[1:4]
     h = np.where(np.abs(moments) > NEGATIVE * stderr[1:4], moments, 0.0)
@@ -411,26 +409,27 @@ def has_mass(mechanism: Mechanism, values: Array, stderr: Array) -> bool:
     if np.linalg.norm(h) > reach * mass:
         return False
     if abs(values[0]) > CERTAIN * stderr[0]:
-        return may_be_body(np.sign(values[0]) * values, stderr)
+        return True
     diagonal = [4, 6, 9]  # Lxx, Lyy, Lzz
     known = stderr[diagonal] > 0
     most = np.abs(values[diagonal]) + NEGATIVE * stderr[diagonal]
     return bool(h.any() and np.all(((h @ h - h**2) <= mass * most)[known]))
 
 
-def may_be_body(values: Array, stderr: Array) -> bool:
-    """Return whether ten parameters may be a body's within their errors,
+def may_be_load(values: Array, stderr: Array) -> bool:
+    """Return whether ten parameters may be those of a body that was put on, or taken off,
 
         uᵀ P(values + δ) u ≥ 0        |δ| ≤ NEGATIVE stderr
 
-    P the pseudo-inertia, u the direction in which it is least. A parameter without a standard error
-    is not determined: it may be anything.
+    P the pseudo-inertia, u the direction in which it is least. The errors are those of noise and
+    calibration; a parameter that has none is not determined: it may be anything.
     """
-    u = np.linalg.eigh(pseudo_inertia(values))[1][:, 0]
+    load = np.sign(values[0]) * values
+    u = np.linalg.eigh(pseudo_inertia(load))[1][:, 0]
     slopes = np.array([u @ pseudo_inertia(one) @ u for one in np.eye(BODY)])
-    free = (stderr <= 0) & (slopes**2 > np.finfo(float).eps)
-    reach = float(np.abs(slopes) @ (NEGATIVE * stderr))
-    return bool(free.any() or slopes @ values + reach >= 0)
+    known = (stderr > 0) & np.isfinite(stderr)
+    reach = float(np.abs(slopes[known]) @ (NEGATIVE * stderr[known]))
+    return bool((slopes[~known] ** 2 > np.finfo(float).eps).any() or slopes @ load + reach >= 0)
 
 
 def differs(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> bool:

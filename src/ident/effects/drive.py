@@ -165,6 +165,7 @@ class Delay(Correcting):
 
 
 TILT = 0.35  # range: [rad] 20° of a base that is not level, or of an encoder's zero
+SUBTRACTED = 0.5  # range: share of gravity from which it is a controller that subtracts it
 OVERCOMPENSATED = 1.5  # range: share of gravity that a controller with heavier bodies subtracts
 DISPLACED = 0.05  # range: [m] of an error of a drawing
 SOFTEST = 1e-4  # range: [m/N] of a closure: a millimetre at ten newtons
@@ -231,7 +232,7 @@ class GravityCompensation(Correcting):
     shapes = (
         Unknown(
             "k", ("1", "1"), "share of gravity that the torques lack", nonnegative=True,
-            range=(0.0, OVERCOMPENSATED),
+            range=(0.0, OVERCOMPENSATED), smallest=SUBTRACTED,
         ),
     )  # fmt: skip
     equation = "τ + k g(q), with the gravity g of the bodies as given"
@@ -240,6 +241,11 @@ class GravityCompensation(Correcting):
     remedy = "hold the machine in two postures: torques that hardly differ lack gravity"
     not_integrable = "the log's torques lack gravity, which no simulated drive does"
     source = "Haddadin et al., IEEE Robot. Autom. Mag. 29(2), 2022: the Panda's interface"
+
+    @classmethod
+    def candidates(cls, sites: Sites) -> list[tuple[str, ...]]:
+        # no controller holds a body that flies, or subtracts from a torque that nobody measures
+        return [()] if sites.sensed and not sites.flying else []
 
     def correction(self, s: Signals) -> Correction:
         return Correction(compensated=s.shape["k"])

@@ -157,12 +157,13 @@ class Unknown:
     acts: str = "torque"
     range: tuple[float, float] | None = None  # of a shape that signals do not decide
     negative: str = ""  # what a negative value means, in words, where its name says the opposite
+    smallest: float = 0.0  # size below which it is another cause
 
     def possible(self, value: float, error: float, largest: float = np.inf) -> bool:
         """Return whether there can be a value with a standard error: none above its largest size,
-        or another one here, none clearly below zero that must not be.
+        or another one here, none clearly below its smallest, or below zero that must not be.
         """
-        if abs(value) > min(self.largest, largest):
+        if abs(value) > min(self.largest, largest) or abs(value) < self.smallest - NEGATIVE * error:
             return False
         return not (self.nonnegative and value < -NEGATIVE * error)
 

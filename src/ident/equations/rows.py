@@ -127,9 +127,7 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             tau[:, mechanism.driven.index(name)] += torque - before
             e = e.with_torques(tau)
         if what.compensated:
-            none = np.zeros_like(e.v)
-            gravity = rigid_forces(base.mechanism.model, e.q, none, none, base.mechanism.prior)
-            e = e.with_forces(what.compensated * gravity)
+            e = e.with_torques(e.tau + what.compensated * holding_torques(base.mechanism, e))
         if what.clock:
             f = 1 + what.clock
             e = replace(e, v=e.v / f, yd=e.yd / f, still=e.still / f)
@@ -170,6 +168,16 @@ def twist_of(base: Samples, effect: Effect, cutoff: float | None) -> np.ndarray:
         return np.zeros((3, len(base.e)))
     what = effect.correction(replace(base.signals(effect.acting), shape=shape))
     return _rates(base.e, what.twist.get(name, 0.0), cutoff)
+
+
+def holding_torques(mechanism: Mechanism, e: State) -> np.ndarray:
+    """Return the drives' torques (n, driven) that hold the given bodies against gravity."""
+    rest = np.zeros_like(e.v)
+    forces = rigid_forces(mechanism.model, e.q, rest, rest, mechanism.prior)
+    if e.loop is not None:  # Zᵀ g
+        count = e.leverage.shape[2]
+        forces = np.einsum("niu,ni->nu", e.pinv[:, :, -count:], forces)
+    return e.drive_torques(forces, [mechanism.joint_index[name] for name in mechanism.driven])
 
 
 def _earlier(now: Samples, base: Samples, d: float) -> Samples:

@@ -150,11 +150,6 @@ class State:
         usable = self.usable if usable is None else usable
         return self._same_motion(replace(self, tau=tau, usable=usable))
 
-    def with_forces(self, forces: np.ndarray) -> State:
-        """The same motion with further generalised forces (n, nv) that act on it."""
-        given = 0.0 if self.wrench is None else self.wrench
-        return self._same_motion(replace(self, wrench=given + forces))
-
     def _same_motion(self, e: State) -> State:
         """Return a state, with what is stored of this one: nothing of it hangs on torques, weights
         or which samples are usable.

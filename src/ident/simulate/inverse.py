@@ -11,6 +11,7 @@ import numpy as np
 from ident.effects import KINDS
 from ident.effects.effect import SAMPLED
 from ident.effects.servo import HOLD
+from ident.equations.rows import holding_torques
 from ident.equations.unknowns import Point
 from ident.errors import LogError, MechanismError, MotionError, check_whole, one_of
 from ident.fit.prediction import Prediction, predict
@@ -98,6 +99,11 @@ def simulate(
             tau[name] = e.tau[:, i]
             torque -= e.leverage[:, mechanism.joint_index[name]] * tau[name][:, None]
     tau |= dict(zip(completed.independent, torque.T, strict=True))
+    if taken := sum(constant_correction(x, point).compensated for x in mechanism.effects):
+        holding = holding_torques(
+            mechanism, e
+        )  # a controller subtracts these before they are logged
+        tau = {name: tau[name] - taken * holding[:, i] for i, name in enumerate(mechanism.driven)}
     logged = columns_of(mechanism, point, e.t, (e.y, e.yd, e.ydd), tau, columns, joints)
     made = ("tau.", HOLD, SAMPLED)
     extra = {n: x for n, x in e.extra.items() if not n.startswith(made)}
