@@ -83,6 +83,19 @@ def test_how_commands_are_held():
     assert linear_samples(np.interp(np.arange(591), np.arange(0, 600, 10), x[::10])) == 10
 
 
+def test_ramps_that_were_commanded_are_no_interpolation():
+    k = np.arange(1200)
+    triangle = np.interp(k, np.arange(0, 1201, 200), [0, 1, -1, 1, -1, 1, 0])
+    waypoints = np.interp(k, np.arange(0, 1201, 50), np.sin(np.arange(25.0)))
+    trapezoid = np.interp(k % 100, [0, 3, 50, 53], [0.0, 1.0, 1.0, 0.0])
+    servo = ident.load(ARM / "servo_arm.urdf").with_drives("servo").drives["yaw"]
+    for x in (triangle, waypoints, trapezoid):
+        assert linear_samples(x) == 1
+        assert not servo.goes_straight({"ref.yaw": x})
+    lines = np.interp(k, k[::5], np.sin(k[::5] / 40))
+    assert servo.goes_straight({"ref.yaw": lines})
+
+
 def test_a_measured_torque_goes_before_a_drive_and_one_that_differs_is_named(log):
     mechanism = ident.load(ARM / "servo_arm.urdf").with_effect("coulomb")
     both = log

@@ -17,6 +17,10 @@ REACH = 8  # numerics: samples to which that filter reaches; POLE**REACH is 3e-5
 SUPPORT = 2  # numerics: samples to which a cubic B-spline reaches
 HOLD_FROM = 1.5  # range: samples from which a command is held between its changes
 STRAIGHT = 1e-9  # numerics: bend of a straight line, as a share of a command's way
+# range: samples over which a drive goes straight at most, as with set-points every 10 ms on a bus
+# with 1 kHz (interpolated position mode, CiA 402); a longer line is a ramp that was commanded
+LONGEST_LINE = 10
+REGULAR = 0.9  # level: share of the lines that have this length where a drive made them
 
 
 def late_command(t: np.ndarray, x: np.ndarray, late: float, hold: float) -> np.ndarray:
@@ -51,13 +55,17 @@ def held_samples(x: np.ndarray) -> int:
 
 
 def linear_samples(x: np.ndarray) -> int:
-    """Return over how many samples a command (n,) goes straight on between its bends, 1 if none."""
+    """Return for how many samples a command (n,) goes straight on between regular bends, as a drive
+    that interpolates makes them, 1 if for none.
+    """
     bend = np.abs(np.diff(x, 2))
     bends = np.flatnonzero(bend > STRAIGHT * max(float(np.ptp(x)), 1e-300))
     if len(bends) < 3 or held_samples(x) > 1:
         return 1
-    usual = float(np.median(np.diff(bends)))
-    return round(usual) if usual > HOLD_FROM else 1
+    lines = np.diff(bends)
+    usual = round(float(np.median(lines)))
+    is_regular = usual <= LONGEST_LINE and float(np.mean(lines == usual)) >= REGULAR
+    return usual if is_regular else 1
 
 
 def _prefilter() -> np.ndarray:
