@@ -10,7 +10,9 @@ import ident
 from helpers import ROBOTS
 from ident.assess.drives import check_drives
 from ident.effects.command import late_command
+from ident.equations.unknowns import Point
 from ident.errors import MechanismError
+from ident.simulate.commands import command_laws, steps_of
 
 pl = pytest.importorskip("polars")
 pytest.importorskip("mujoco")
@@ -108,3 +110,24 @@ def test_check_says_how_commands_are_held(held):
 def test_another_word_is_refused():
     with pytest.raises(MechanismError, match=r"hold = 'zero'.*constant"):
         arm("hold=zero")
+
+
+def test_a_gain_that_changes_acts_on_the_straight_command_at_once():
+    n, change = 400, 200
+    t, kp = np.arange(n) / RATE, np.where(np.arange(n) < change, 1.0, 2.0)
+    ref = {joint: 0.3 + 0.4 * np.sin((1.0 + 0.2 * j) * t) for j, joint in enumerate(JOINTS)}
+    columns = {"t": t}
+    for joint in JOINTS:
+        columns |= {f"q.{joint}": ref[joint], f"ref.{joint}": ref[joint], f"kp.{joint}": kp}
+    for delay in (0.0, 0.25 / RATE):
+        mechanism = arm(f"kp=14,kd=0,delay={delay},hold=linear")
+        (e,) = ident.complete(mechanism, pl.DataFrame(columns)).experiments
+        laws = command_laws(mechanism, Point.prior(mechanism), e)
+        assert steps_of(laws) == pytest.approx([t[change]])
+        for part in (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5):
+            at = t[change] + part / RATE
+            q = np.array([np.interp(at - delay, t, ref[joint]) for joint in JOINTS])
+            for law in laws:
+                assert law.torque(at, q, 0 * q) == pytest.approx(0.0, abs=1e-9)
+                gain = 14.0 if part < 0 else 28.0
+                assert law.torque(at, q - 0.1, 0 * q) == pytest.approx(0.1 * gain)

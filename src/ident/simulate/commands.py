@@ -4,7 +4,8 @@
 
 T₀, T_q and T_v are taken from the drive's own law at unit states, so that what is simulated and
 what is identified cannot disagree. Commands are late by the drive's delay and held until the next
-sample, or go straight on between samples where the drive does so; gains and `on` are held.
+sample, or go straight on between samples where the drive does so; gains and `on` are held, so that
+T₀ goes straight on too, and jumps where a gain does.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from ident.simulate.dynamics import Actuator
 from ident.simulate.plant import InstantTerms
 
 GAINS = ("kp", "kd", "on")  # columns of a joint that act at once, and are held
+SAME = 1e-9  # numerics: share of the largest below which a term does not change
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +34,8 @@ class CommandLaw:
     drive: int  # place among the driven joints
     joint: int  # and among all joints
     t: np.ndarray  # (n,) [s] of all changes
-    terms: np.ndarray  # (3, n) T₀, T_q, T_v
-    straight: bool  # whether the first goes straight on between them, or is held like the others
+    terms: np.ndarray  # (3, n) T₀, T_q, T_v from then on
+    ends: np.ndarray  # (n,) T₀ to which it goes straight on until the next change; T₀ if it is held
     limit: float  # [N m | N]
     on: np.ndarray  # (n,) 1, or 0 where the drive is off
 
@@ -41,10 +43,19 @@ class CommandLaw:
         """Return the torque [N m | N] at an instant, coordinates and rates (J,) of all joints."""
         at = max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)
         T0, Tq, Tv = self.terms[:, at]
-        if self.straight:
-            T0 = np.interp(t, self.t, self.terms[0])
+        if at + 1 < len(self.t) and self.ends[at] != T0:
+            since, until = self.t[at : at + 2]
+            T0 += (self.ends[at] - T0) * max(t - since, 0.0) / (until - since)
         torque = T0 + Tq * y[self.joint] + Tv * yd[self.joint]
         return float(min(max(torque, -self.limit), self.limit) * self.on[at])
+
+    @property
+    def jumps(self) -> np.ndarray:
+        """Whether (n − 1,) a term is another from a change on than just before it."""
+        largest = np.abs(self.terms).max(axis=1)
+        least = SAME * np.maximum(largest[0], largest[1:, None])  # they are differences from T₀
+        slopes = (np.abs(np.diff(self.terms[1:])) > least).any(axis=0)
+        return np.asarray(slopes | (self.terms[0, 1:] != self.ends[:-1]))
 
 
 def command_laws(mechanism: Mechanism, point: Point, e: State) -> list[CommandLaw]:
@@ -56,20 +67,32 @@ def command_laws(mechanism: Mechanism, point: Point, e: State) -> list[CommandLa
         shape = {**drive.values, **point.of(drive)[1]}
         straight = not e.extra.get(HOLD + name, np.ones(1))[0]
         t, extra = _played(drive, point, e, straight)
+        arrived = {key: np.append(x[1:], x[-1:]) if _is_late(drive, key) else x
+                   for key, x in extra.items()}  # fmt: skip
         zero = np.zeros((len(t), 1))
-        T0, Tq, Tv = (
+        T0, Tq, Tv, ends = (
             drive.unlimited(
-                Signals(t, zero + q, zero + v, zero, np.zeros(1), extra, shape, point.values)
+                Signals(t, zero + q, zero + v, zero, np.zeros(1), columns, shape, point.values)
             )
-            for q, v in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
-        )
+            for columns, q, v in (
+                (extra, 0.0, 0.0), (extra, 1.0, 0.0), (extra, 0.0, 1.0), (arrived, 0.0, 0.0),
+            )
+        )  # fmt: skip
         terms = np.stack([T0, Tq - T0, Tv - T0])
         on = extra.get(f"on.{name}", np.ones(len(t))) > 0.5
         joint = mechanism.joint_index[name]
         at = mechanism.driven.index(name)
         limit = drive.setting("limit")
-        laws.append(CommandLaw(at, joint, t, terms, straight, limit, on.astype(float)))
+        laws.append(
+            CommandLaw(at, joint, t, terms, ends if straight else T0, limit, on.astype(float))
+        )
     return laws
+
+
+def _is_late(drive: Drive, column: str) -> bool:
+    """Return whether a column is a command of a drive, which acts late."""
+    kind, _, joint = column.partition(".")
+    return joint == drive.joints[0] and kind in drive.late
 
 
 def _played(
@@ -81,8 +104,7 @@ def _played(
     name, nothing = drive.joints[0], np.zeros(0)
     at = Signals(nothing, nothing, nothing, nothing, nothing, {}, {}, point.values)
     late = drive.delay(at) if "delay" in drive.settings else 0.0
-    commands = {key: x for key, x in e.extra.items()
-                if key.endswith(f".{name}") and key.partition(".")[0] in drive.late}  # fmt: skip
+    commands = {key: x for key, x in e.extra.items() if _is_late(drive, key)}
     gains = {key: x for key, x in e.extra.items()
              if key.endswith(f".{name}") and key.partition(".")[0] in GAINS}  # fmt: skip
     t = np.unique(np.concatenate([e.t + late, e.t])) if gains and late else e.t + late
@@ -110,6 +132,8 @@ def commanded(laws: list[CommandLaw], otherwise: Actuator) -> Actuator:
 
 
 def steps_of(laws: list[CommandLaw]) -> np.ndarray | None:
-    """Return the times (n,) [s] at which held commands change, at which integration steps end."""
-    times = [law.t[1:][np.diff(law.terms[0]) != 0] for law in laws if not law.straight]
+    """Return the times (n,) [s] at which held commands and gains change, where integration steps
+    end.
+    """
+    times = [law.t[1:][law.jumps] for law in laws]
     return np.unique(np.concatenate(times)) if times else None
