@@ -133,3 +133,24 @@ def test_a_column_that_only_the_last_weights_make_independent_is_held_too():
             [slow, fast], np.zeros(3), np.ones(2), plausible, weights, none_held, known=known
         )
         assert fit.fixed.tolist() == [False, held, False]
+
+
+def test_what_follows_an_unknown_below_zero_is_held_at_zero_too():
+    """Of (−1, 0.3, 2) the second becomes −0.6 once the first is at zero, and the third 1.5."""
+    C = np.array([[1.0, -0.9, -0.5], [-0.9, 1.0, 0.4], [-0.5, 0.4, 1.0]])
+    R = np.linalg.cholesky(np.linalg.inv(C)).T
+    total = Triangle.of(R, R @ [-1.0, 0.3, 2.0])
+    free = estimate([total], np.zeros(3), np.ones(1), sigma=np.ones(1))
+    assert free.limited(np.array([0])).x == pytest.approx([0, -0.6, 1.5])
+    at_zero = free.nonnegative(np.array([0, 1]))
+    assert at_zero.at_limit.tolist() == [0, 1]
+    last = C[2, :2] @ np.linalg.solve(C[:2, :2], [-1.0, 0.3])
+    assert at_zero.x == pytest.approx([0, 0, 2 - last])
+    # in two steps, and from another limit, as least squares of the third alone have it
+    assert free.limited(np.array([1])).limited(np.array([0])).x == pytest.approx(at_zero.x)
+    moved = free.limited(np.array([1]), 0.1).limited(np.array([0]))
+    assert moved.x[:2] == pytest.approx([0, 0.1])
+    assert moved.at_limit.tolist() == [0, 1]
+    fixed = np.array([True, True, False])
+    alone = estimate([total], at_zero.x, np.ones(1), sigma=np.ones(1), fixed=fixed)
+    assert alone.x == pytest.approx(at_zero.x)

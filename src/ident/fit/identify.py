@@ -38,7 +38,7 @@ from ident.fit.prediction import Prediction
 from ident.fit.residual import Charted, Failure, Residual, floor_of, residual_of
 from ident.fit.result import Fit
 from ident.fit.shapes import NoScale, beyond_bounds, refuse_scales, unknown_scales, working_point
-from ident.fit.springs import beyond_band, biases, within_signs
+from ident.fit.springs import at_zero, beyond_band, biases, within_signs
 from ident.fit.values import ParameterValues
 from ident.information.blocks import Error
 from ident.information.chance import covariance, held_out, prior_covariance
@@ -104,21 +104,23 @@ def identify(
         mechanism = without_held_drives(mechanism, motion, unscaled)
         compared = (*compared, *held_drives(sorted(unscaled.joints)))
         problem, estimate = _solved(mechanism, motion, start, shapes, equations)
-    estimate, at_zero = held_at_zero(problem, estimate)
+    estimate, of_drives = held_at_zero(problem, estimate)
     at_once, early = without_negative_delay(problem, estimate)
     if at_once is not None:
         mechanism = at_once
         problem, estimate = _solved(mechanism, motion, start, shapes, equations)
-        estimate, at_zero = held_at_zero(problem, estimate)
+        estimate, of_drives = held_at_zero(problem, estimate)
     estimate, rigid = within_signs(problem, estimate)
     rigid += beyond_band(problem, estimate)
     wider = biases(problem, estimate)
+    least_squares = estimate
     problem, estimate, likelihood, findings = weighed(problem, estimate, estimator, likely)
     findings = [
         *findings,
         *rigid,
+        *at_zero(problem, estimate, least_squares),
         *compared,
-        *at_zero,
+        *of_drives,
         *early,
         *delays_at_bounds(problem, estimate),
         *narrow_intervals(problem),

@@ -28,6 +28,7 @@ from ident.equations.motion_noise import (
 from ident.equations.problem import Problem, stacks_information
 from ident.errors import FitError
 from ident.finding import Finding
+from ident.fit.springs import extents
 from ident.information.estimate import Estimate, estimate
 from ident.information.evidence import EXCESS, MATTERS
 from ident.motion import Motion, State
@@ -340,4 +341,5 @@ class Linearization:
             information.totals, problem.prior, one, problem.plausible, one, first.fixed,
             known=first.base.independent,
         )  # fmt: skip
-        return runs, free.limited(first.at_limit)
+        places = np.array([*extents(problem)], dtype=int)
+        return runs, free.limited(first.at_limit, first.x[first.at_limit]).nonnegative(places)

@@ -37,31 +37,48 @@ def places_of(problem: Problem, effect: Effect) -> dict[str, int]:
     return {shape.name: place for shape, place in shapes if place >= 0}
 
 
+def extents(problem: Problem) -> dict[int, tuple[Effect, str]]:
+    """Return the unknown extents, and what goes with them, that cannot be negative: effect and name
+    of a shape by its place in x.
+    """
+    effects = (effect for effect in problem.mechanism.effects if effect.extent)
+    return {
+        place: (effect, shape.name)
+        for effect in effects
+        for shape in effect.shapes
+        if shape.nonnegative and (place := places_of(problem, effect).get(shape.name, -1)) >= 0
+    }
+
+
 def within_signs(problem: Problem, estimate: Estimate) -> tuple[Estimate, list[Finding]]:
     """Return the estimate whose extents, and what goes with them, are not negative, and a finding
     on each of an effect that is at this limit: with the standard error that it has without.
     """
-    findings, at_limit = list[Finding](), list[int]()
     if problem.stacked:
-        return estimate, findings
-    for effect in (effect for effect in problem.mechanism.effects if effect.extent):
-        signs = {shape.name: shape.nonnegative for shape in effect.shapes}
-        for name, place in places_of(problem, effect).items():
-            value = float(estimate.x[place])
-            if not signs[name] or value >= 0 or estimate.fixed[place]:
-                continue
-            at_limit.append(place)
-            joint = effect.joints[0]
-            findings.append(
-                Finding(
-                    HELD_AT_ZERO,
-                    f"{name} of {joint} ({effect.kind}): not to be seen here; it came out negative "
-                    f"({significant(value, 2)}) and is held at zero",
-                    f"log a faster motion of {joint}; else leave {effect.label} out",
-                    (effect.full[name],), value, 0.0,
-                )
-            )  # fmt: skip
-    return estimate.limited(np.array(at_limit, dtype=int)), findings
+        return estimate, []
+    within = estimate.nonnegative(np.array([*extents(problem)], dtype=int))
+    return within, at_zero(problem, within, estimate)
+
+
+def at_zero(problem: Problem, estimate: Estimate, before: Estimate) -> list[Finding]:
+    """Return a finding on each extent, or what goes with it, that is at its limit and was not
+    before.
+    """
+    findings, every = list[Finding](), extents(problem)
+    for place in np.setdiff1d(estimate.at_limit, before.at_limit).tolist():
+        effect, name = every[place]
+        joint, value = effect.joints[0], float(before.x[place])
+        came = f" ({significant(value, 2)})" if value < 0 else ""
+        findings.append(
+            Finding(
+                HELD_AT_ZERO,
+                f"{name} of {joint} ({effect.kind}): not to be seen here; it came out negative"
+                f"{came} and is held at zero",
+                f"log a faster motion of {joint}; else leave {effect.label} out",
+                (effect.full[name],), value, 0.0,
+            )
+        )  # fmt: skip
+    return findings
 
 
 def beyond_band(problem: Problem, estimate: Estimate) -> list[Finding]:

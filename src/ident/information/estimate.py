@@ -147,21 +147,41 @@ class Estimate:
         return self.solution.x
 
     def limited(self, places: Index, limit: ArrayLike = 0.0) -> Estimate:
-        """Return least squares with unknowns (n,) at their limit, with the covariance that they
-        have without it; of those that are not in the base nothing changes.
+        """Return least squares with unknowns (n,) at their limit beside those that are at theirs,
+        with the covariance that they have without it; of those not in the base nothing changes.
         """
         inside = np.isin(places, self.base.independent)
         limits = np.broadcast_to(limit, np.shape(places))[inside]
         places = np.asarray(places, dtype=int)[inside]
         if not len(places):
             return self
+        before = np.setdiff1d(self.at_limit, places)
+        places, limits = np.append(places, before), np.append(limits, self.x[before])
         x, at = self.x.copy(), np.searchsorted(self.base.independent, places)
         C = self.solution.C
         x[self.base.independent] -= C[:, at] @ np.linalg.solve(
             C[np.ix_(at, at)], x[places] - limits
         )
         x[places] = limits
-        return replace(self.at(x), at_limit=places)
+        return replace(self.at(x), at_limit=np.sort(places))
+
+    def nonnegative(self, places: Index) -> Estimate:
+        """Return least squares with unknowns (n,) that come out negative at zero, the farthest in
+        standard errors first, as others may follow it, until none is.
+        """
+        estimate = self
+        while len(below := estimate.negative(places)):
+            estimate = estimate.limited(below[:1])
+        return estimate
+
+    def negative(self, places: Index) -> Index:
+        """Return those of unknowns (n,) in the base that are negative, the farthest in standard
+        errors first.
+        """
+        base = self.base.independent
+        below = np.array([p for p in places if self.x[p] < 0 and p in base], dtype=int)
+        error = np.sqrt(self.solution.C.diagonal())[np.searchsorted(base, below)]
+        return below[np.argsort(self.x[below] / error)]
 
     def at(self, x: Array) -> Estimate:
         """Return the same equations and base, with the unknowns at another x (k,)."""
