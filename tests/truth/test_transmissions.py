@@ -16,6 +16,9 @@ from ident.equations.table import Table
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Point
 from ident.errors import MechanismError, MotionError
+from ident.fit.springs import within_signs
+from ident.information.chance import covariance
+from ident.information.evidence import CERTAIN
 from ident.simulate.inverse import point_of
 from ident.simulate.twisting import twisting
 
@@ -172,7 +175,7 @@ def test_a_search_for_a_spring_ends_no_worse_than_without_it():
     for joint in JOINTS:
         assert fit.relative[joint] < 1.1 * without.relative[joint]
     of = values(fit)
-    assert min(of[f"elasticity.elbow.{name}"].value for name in ("compliance", "damping")) >= 0
+    assert min(of["elasticity.elbow.compliance"].value for name in ("compliance", "damping")) >= 0
 
 
 # a gain that is too low by a quarter holds the rotor at zero: the refit alone shows it; so does
@@ -287,3 +290,33 @@ def test_a_spring_that_turns_a_four_bar_swings_as_an_integrator_has_it():
     assert fit.relative["crank"] < 1e-3
     rigid = ident.identify(bar, ident.complete(bar, log))
     assert rigid.relative["crank"] > 0.05
+
+
+@pytest.mark.parametrize("below", [1.0, 5.0])
+def test_only_what_is_negative_beyond_chance_is_known_to_be_zero(below):
+    """Right sides that put the compliance so many standard errors below zero."""
+    arm = ident.load(ROBOTS / "arm").with_effect("elasticity:elbow")
+    values = {"elasticity.elbow.compliance": 0.002, "elasticity.elbow.damping": 2.0}
+    noise = [ident.Noise("tau", 0.01, relative=True)]
+    log = ident.read_log(ROBOTS / "arm" / "run.csv")
+    simulated, _ = ident.simulate(arm, log, values=values, noise=noise, seed=5)
+    fit = ident.identify(arm, ident.complete(arm, simulated), estimator="least-squares")
+    place = fit.columns.index["elasticity.elbow.compliance"]
+    problem, first = fit.problem, fit.estimate
+    variances = np.diag(covariance(problem.fitting, first))
+    error = float(np.sqrt(variances[np.searchsorted(first.base.independent, place)]))
+    lower, blocks = first.x[place] + below * error, {}
+    for key, block in problem.information.blocks.items():
+        column = block.triangle.R @ (block.support == place)
+        triangle = replace(block.triangle, d=block.triangle.d - lower * column)
+        blocks[key] = replace(block, triangle=triangle)
+    problem = replace(problem, information=replace(problem.information, blocks=blocks))
+    shifted = problem.estimate(sigma=first.sigma, fixed=first.fixed)
+    assert shifted.x[place] == pytest.approx(-below * error, rel=1e-6)
+    problem, within, (finding, *_) = within_signs(problem, shifted)
+    certain = below > CERTAIN
+    assert within.x[place] == 0
+    assert within.fixed[place] == certain
+    assert (place in within.at_limit) != certain
+    assert finding.code == ("negative" if certain else "held at zero")
+    assert ("the model or the data are wrong there" in str(finding)) == certain

@@ -110,7 +110,7 @@ def identify(
         mechanism = at_once
         problem, estimate = _solved(mechanism, motion, start, shapes, equations)
         estimate, of_drives = held_at_zero(problem, estimate)
-    estimate, rigid = within_signs(problem, estimate)
+    problem, estimate, rigid = within_signs(problem, estimate)
     rigid += beyond_band(problem, estimate)
     wider = biases(problem, estimate)
     least_squares = estimate

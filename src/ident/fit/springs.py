@@ -22,7 +22,10 @@ from ident.equations.terms import Samples
 from ident.errors import IdentError
 from ident.finding import Finding
 from ident.fit.drives import HELD_AT_ZERO
+from ident.fit.findings import NEGATIVE_VALUE
+from ident.information.chance import covariance
 from ident.information.estimate import Estimate
+from ident.information.evidence import CERTAIN
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion, complete
 from ident.text import significant
@@ -50,14 +53,50 @@ def extents(problem: Problem) -> dict[int, tuple[Effect, str]]:
     }
 
 
-def within_signs(problem: Problem, estimate: Estimate) -> tuple[Estimate, list[Finding]]:
-    """Return the estimate whose extents, and what goes with them, are not negative, and a finding
-    on each of an effect that is at this limit: with the standard error that it has without.
+def within_signs(problem: Problem, estimate: Estimate) -> tuple[Problem, Estimate, list[Finding]]:
+    """Return the problem and the estimate whose extents, and what goes with them, are not negative,
+    and a finding on each that was: what chance alone makes negative is at its limit, with the
+    standard error that it has without, and what is negative beyond chance is known to be zero.
     """
+    findings, every = list[Finding](), extents(problem)
     if problem.stacked:
-        return estimate, []
-    within = estimate.nonnegative(np.array([*extents(problem)], dtype=int))
-    return within, at_zero(problem, within, estimate)
+        return problem, estimate, findings
+    places = np.array([*every], dtype=int)
+    while len(below := estimate.negative(places)):
+        errors = _standard_errors(problem, estimate)
+        z = estimate.x[below] / errors[below]
+        if not (z <= -CERTAIN).any():
+            break
+        worst = int(below[np.nanargmin(z)])
+        effect, name = every[worst]
+        findings.append(_impossible(effect, name, float(estimate.x[worst]), -float(np.nanmin(z))))
+        fixed = estimate.fixed.copy()
+        fixed[worst] = True
+        zero = problem.point.with_values({effect.full[name]: 0.0})
+        problem = replace(problem, point=zero)
+        estimate = problem.estimate(sigma=estimate.sigma, fixed=fixed)
+    within = estimate.nonnegative(places)
+    return problem, within, [*findings, *at_zero(problem, within, estimate)]
+
+
+def _standard_errors(problem: Problem, estimate: Estimate) -> np.ndarray:
+    """Return standard errors (k,) by the jackknife; NaN of what is not in the base."""
+    errors = np.full(len(estimate.x), np.nan)
+    variances = covariance(problem.fitting, estimate).diagonal()
+    errors[estimate.base.independent] = np.sqrt(variances)
+    return errors
+
+
+def _impossible(effect: Effect, name: str, value: float, z: float) -> Finding:
+    """Return the finding on a shape that is negative beyond chance and held at zero."""
+    return Finding(
+        NEGATIVE_VALUE,
+        f"{name} of {effect.joints[0]} ({effect.kind}) came out negative ({significant(value, 2)}, "
+        f"{z:.2g} standard errors), which none can be, and is held at zero: the model or the data "
+        "are wrong there",
+        f"see what is missing (ident diagnose), or leave {effect.label} out",
+        (effect.full[name],), -z, -CERTAIN,
+    )  # fmt: skip
 
 
 def at_zero(problem: Problem, estimate: Estimate, before: Estimate) -> list[Finding]:
