@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ident.excite.excitation import Separation
 from ident.information.evidence import (
     RIVAL,
     SAME_SHARE,
@@ -79,3 +80,15 @@ def test_the_share_that_another_cannot_do_is_the_sine_of_their_angle(angle):
     one, other = (orthonormal(beside(A, x + A @ [[1.0, 2.0], [3.0, 4.0]])) for x in (a, b))
     assert share_apart(one, [other]) == pytest.approx(np.sin(angle), abs=1e-7)
     assert (share_apart(one, [other]) > SAME_SHARE) == (angle > 0.1)
+
+
+def test_the_share_of_orthogonal_causes_is_no_more_than_one():
+    """By rounding it was 1 + 4e-16, whose cosine is that of no angle."""
+    for seed in range(200):
+        random = np.random.default_rng(seed)
+        Q = np.linalg.qr(random.normal(size=(50, 4)))[0]
+        share = share_apart(Q[:, :1], [Q[:, 1:]])
+        assert 1 - 1e-12 < share <= 1
+        separation = Separation("a", "b", share, (1.0, 1.0), ("1", "1"))
+        assert 0 <= separation.cosine < 1e-5
+    assert share_apart(Q, []) == 1

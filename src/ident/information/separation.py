@@ -45,4 +45,5 @@ def share_apart(a: Array, others: Sequence[Array]) -> float:
     """
     if not a.size:
         return 0.0
-    return min((float(linear.svd(beside(b, a), False)[1].min()) for b in others), default=1.0)
+    shares = (float(linear.svd(beside(b, a), False)[1].min()) for b in others)
+    return min([1.0, *shares])  # rounding makes more of it
