@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ident.diagnosis.experiment import Attempt
 from ident.excite.excitation import Separation
 from ident.information.evidence import (
     RIVAL,
     SAME_SHARE,
+    TOLD_APART_SE,
     credible,
     leaves_as_little,
     nearly_best,
@@ -92,3 +94,12 @@ def test_the_share_of_orthogonal_causes_is_no_more_than_one():
         separation = Separation("a", "b", share, (1.0, 1.0), ("1", "1"))
         assert 0 <= separation.cosine < 1e-5
     assert share_apart(Q, []) == 1
+
+
+def test_a_small_share_tells_two_apart_where_it_is_many_standard_errors():
+    """A clean log shows 4 % of what one predicts by 40; a share of 0.2 % is the same columns."""
+    apart, same = ("a", "b"), ("a", "c")
+    attempt = Attempt(None, {apart: (40.0, 0.04), same: (40.0, 0.002)})
+    assert attempt.separation(apart) == 40.0 > TOLD_APART_SE
+    assert attempt.separation(same) == 0.0
+    assert attempt.worth([apart, same]) == attempt.worth([apart]) > 0

@@ -18,7 +18,7 @@ from ident.equations.terms import Samples, unbalanced
 from ident.errors import IdentError
 from ident.faults.small_errors import away_from_reversals
 from ident.information.estimate import MATERIAL
-from ident.information.evidence import APART_SE, SAME_SHARE, TINY, TOLD_APART_SE, nearly_best
+from ident.information.evidence import APART_SE, SAME_COLUMNS, TINY, TOLD_APART_SE, nearly_best
 from ident.information.separation import beside, orthonormal, share_apart
 from ident.motion import Motion, State, complete
 from ident.motion.motion import left_out
@@ -200,9 +200,9 @@ class Attempt:
     separations: dict[Pair, tuple[float, float]]  # standard errors, share that differs
 
     def separation(self, pair: Pair) -> float:
-        """Standard errors; none where one can do what the other does."""
+        """Standard errors; none where the columns of both are the same."""
         x, share = self.separations[pair]
-        return x if share > SAME_SHARE else 0.0
+        return x if share > SAME_COLUMNS else 0.0
 
     def worth(self, pairs: Sequence[Pair]) -> float:
         """Value of the trial for these pairs: squared standard errors, up to AMPLE each."""

@@ -52,9 +52,12 @@ CERTAIN = 3.0
 POWER_SE = 1.5
 TOLD_APART_SE = 2 * (RIVAL + POWER_SE)  # level: distance of two rivals that are told apart
 APART_SE = 1.0  # level: the same from which a longer log tells them apart
-# level: share of what one cause predicts, up to which another one can do it in its place, as a
-# sine; its cosine is 0.999
+# level: share of what one cause predicts, up to which another one can do it in its place where
+# sizes are unknown, as a sine; its cosine is 0.999
 SAME_SHARE = 0.045
+# level: the same where sizes are known, up to which the columns are the same: of more a distance
+# in standard errors says whether two are apart
+SAME_COLUMNS = 0.003
 SURROGATES = 100  # work: random series with the spectrum of the residual
 EXCESS = 1.25  # tuned: times a noise or an error, from which something is more than that
 # tuned: share of what is explained, or left, that is worth no further number and no name
