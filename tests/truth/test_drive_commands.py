@@ -53,6 +53,19 @@ def test_a_servo_above_its_resonance_goes_against_its_command():
     refused(pl.DataFrame({**columns, "ref.yaw": -0.3 * np.roll(0.2 * late, -2)}), "scale = -1")
 
 
+@pytest.mark.parametrize("bits", [None, 12])
+@pytest.mark.parametrize("ahead", [0.0, 0.002])
+def test_a_turned_command_is_refused_however_well_it_is_followed(bits, ahead):
+    t = np.arange(0.0, 10.0, 0.005)
+    step = 2 * np.pi / 2**bits if bits else 0.0
+    columns = {"t": t}
+    for joint, f in (("yaw", 0.7), ("shoulder", 0.9), ("elbow", 1.1)):
+        ref, q = (0.3 * np.sin(2 * np.pi * f * x) + 0.1 * np.sin(19 * x) for x in (t, t + ahead))
+        columns |= {f"ref.{joint}": ref, f"q.{joint}": np.round(q / step) * step if step else q}
+    ident.complete(ident.load(ARM / "servo_arm.urdf").with_drives("servo"), pl.DataFrame(columns))
+    refused(pl.DataFrame({**columns, "ref.yaw": -columns["ref.yaw"]}), "scale = -1")
+
+
 def test_a_delay_longer_than_a_tenth_of_the_log(log):
     refused(log, "a tenth of the log", ("delay=0.9", "servo"))
 
