@@ -131,3 +131,25 @@ def test_a_gain_that_changes_acts_on_the_straight_command_at_once():
                 assert law.torque(at, q, 0 * q) == pytest.approx(0.0, abs=1e-9)
                 gain = 14.0 if part < 0 else 28.0
                 assert law.torque(at, q - 0.1, 0 * q) == pytest.approx(0.1 * gain)
+
+
+@pytest.mark.parametrize("rate", [50.0, 300.0])
+def test_delays_that_differ_by_whole_samples_make_no_shorter_steps(rate):
+    n = 300
+    random = np.random.default_rng(0)
+    columns = {"t": np.arange(n) / rate}
+    for joint in JOINTS:
+        ref = np.cumsum(random.normal(size=n)) * 0.01
+        columns |= {f"q.{joint}": ref, f"ref.{joint}": ref, f"kp.{joint}": np.full(n, 1.0)}
+    delays = (0.0, 3 / rate, 0.002 + 1 / rate)
+    drives = [f"{j}:kp=14,kd=0.3,delay={x}" for j, x in zip(JOINTS, delays, strict=True)]
+    mechanism = arm(*drives)
+    (e,) = ident.complete(mechanism, pl.DataFrame(columns)).experiments
+    laws = command_laws(mechanism, Point.prior(mechanism), e)
+    steps = steps_of(laws)
+    assert np.diff(np.union1d(steps, e.t)).min() > 1e-4 / rate
+    for law, late in zip(laws, (0, 3), strict=False):  # the command of its sample acts from then on
+        ref = e.extra[f"ref.{JOINTS[law.joint]}"]
+        for k in (10, 50, 99):
+            torque = law.torque(e.t[k + late], np.zeros(3), np.zeros(3))
+            assert torque == pytest.approx(14.0 * ref[k])

@@ -24,7 +24,9 @@ from ident.simulate.dynamics import Actuator
 from ident.simulate.plant import InstantTerms
 
 GAINS = ("kp", "kd", "on")  # columns of a joint that act at once, and are held
-SAME = 1e-9  # numerics: share of the largest below which a term does not change
+# numerics: share of the largest below which a term does not change, and of a sample within which
+# times are one: delays that differ by whole samples leave 3e-18 s
+SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +62,8 @@ class CommandLaw:
 
 def command_laws(mechanism: Mechanism, point: Point, e: State) -> list[CommandLaw]:
     """Return the laws of all drives whose commands a log has."""
-    laws = []
+    laws, instants = list[CommandLaw](), e.t
+    near = SAME * float(np.median(np.diff(e.t)))
     for name, drive in mechanism.drives.items():
         if not isinstance(drive, Drive) or not e.extra.keys() >= {*drive.reads()}:
             continue
@@ -83,10 +86,20 @@ def command_laws(mechanism: Mechanism, point: Point, e: State) -> list[CommandLa
         joint = mechanism.joint_index[name]
         at = mechanism.driven.index(name)
         limit = drive.setting("limit")
+        t = _snapped(t, instants, near)
+        instants = np.union1d(instants, t)
         laws.append(
             CommandLaw(at, joint, t, terms, ends if straight else T0, limit, on.astype(float))
         )
     return laws
+
+
+def _snapped(t: np.ndarray, instants: np.ndarray, near: float) -> np.ndarray:
+    """Return times (n,) [s], those near one of some instants (m,), ascending, at the instant."""
+    after = np.clip(np.searchsorted(instants, t), 1, len(instants) - 1)
+    before, after = instants[after - 1], instants[after]
+    nearest = np.where(t - before < after - t, before, after)
+    return np.where(np.abs(nearest - t) <= near, nearest, t)
 
 
 def _is_late(drive: Drive, column: str) -> bool:
