@@ -8,7 +8,8 @@ from servo_logs import Servos, servo_log
 from test_command_hold import arm
 
 import ident
-from ident.simulate.replay import unplayable
+from ident.errors import FitError
+from ident.simulate.replay import replay, unplayable
 
 pl = pytest.importorskip("polars")
 pytest.importorskip("mujoco")
@@ -42,3 +43,15 @@ def test_measured_torques_are_not_played(fit):
     other = with_value(fit, "rotor_inertia.elbow.Ia", -1.0)
     other.mechanism = replace(fit.mechanism, effects=())
     assert unplayable(other) == ""
+
+
+def test_poses_at_rest_are_not_played(fit):
+    (e,) = fit.motion.experiments
+    poses = replace(e, poses=True)
+    bad = with_value(fit, "rotor_inertia.elbow.Ia", -1.0)
+    bad.motion = replace(fit.motion, experiments=(poses,))
+    assert unplayable(bad) == ""
+    bad.motion = replace(fit.motion, experiments=(poses, e))  # the other log is
+    assert "mass matrix" in unplayable(bad)
+    with pytest.raises(FitError, match="poses at rest"):
+        replay(fit, motion=bad.motion)

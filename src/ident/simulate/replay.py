@@ -130,7 +130,8 @@ def replay(
         progress: called with (what is being done, share done).
 
     Raises:
-        FitError: if there is no model or no motion, or the window is shorter than two samples.
+        FitError: if there is no model or no motion, a log has poses, or the window is shorter than
+            two samples.
         MechanismError: for an effect that cannot be integrated, or parameters with which forces do
             not determine the motion.
     """
@@ -140,6 +141,10 @@ def replay(
     if motion is None:
         raise FitError("a fit that was read back has no motion; give motion=…")
     for e in motion.experiments:
+        if e.poses:
+            raise FitError(
+                f"{e.name}: has poses at rest, which are no motion; give logs of motions"
+            )
         if not 2 <= window * e.rate < np.inf:
             raise FitError(
                 f"window {window:g} s: {e.name} has a sample every {1 / e.rate:.4g} s; give two "
@@ -156,16 +161,20 @@ def replay(
 def unplayable(fit: Fit) -> str:
     """Return why the motion that a fit's drives make cannot be simulated, "" where it can.
 
-    Some windows of every log are played. A machine some of whose torques are measured is left out,
-    as it leaves its motion sooner or later; so is one with an effect that has no forward law.
+    Some windows of every log are played, but of poses. A machine some of whose torques are measured
+    is left out, as it leaves its motion sooner or later; so is one with an effect that has no
+    forward law.
     """
     mechanism = fit.mechanism
     if not mechanism.drives or {*mechanism.drives} != {*mechanism.driven}:
         return ""
     if any(effect.not_integrable for effect in mechanism.effects):
         return ""
+    moving = tuple(e for e in fit.motion.experiments if not e.poses)
+    if not moving:
+        return ""
     try:
-        run = replay(fit, most=PLAYED)
+        run = replay(fit, motion=replace(fit.motion, experiments=moving), most=PLAYED)
     except IdentError as error:
         return str(error)
     return next(iter(run.notes), "")
