@@ -19,6 +19,7 @@ ENGINES = {  # file: what it asks the rule
     "streams/causes.py": {"credible"},
     "assess/exploration.py": {"credible"},
     "diagnosis/experiment.py": {"nearly_best"},
+    "diagnosis/validation.py": {"surely_t"},
 }
 PLANNERS = ("diagnosis/experiment.py", "assess/experiment.py", "excite/excitation.py")
 

@@ -19,7 +19,7 @@ from ident.information.evidence import (
     surprise,
     zscore_in_noise,
 )
-from ident.information.separation import beside, orthonormal, share_apart
+from ident.information.separation import orthonormal, share_apart, without_columns_of
 
 
 def test_every_question_of_the_rule_counts():
@@ -79,7 +79,9 @@ def test_the_share_that_another_cannot_do_is_the_sine_of_their_angle(angle):
     A, e = Q[:, :2], Q[:, 2:]
     a = np.column_stack([e[:, 0], e[:, 2]]) @ random.standard_normal((2, 2))
     b = np.column_stack([np.cos(angle) * e[:, 0] + np.sin(angle) * e[:, 1], e[:, 3]])
-    one, other = (orthonormal(beside(A, x + A @ [[1.0, 2.0], [3.0, 4.0]])) for x in (a, b))
+    one, other = (
+        orthonormal(without_columns_of(A, x + A @ [[1.0, 2.0], [3.0, 4.0]])) for x in (a, b)
+    )
     assert share_apart(one, [other]) == pytest.approx(np.sin(angle), abs=1e-7)
     assert (share_apart(one, [other]) > SAME_SHARE) == (angle > 0.1)
 

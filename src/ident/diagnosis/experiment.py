@@ -19,7 +19,7 @@ from ident.errors import IdentError
 from ident.faults.small_errors import away_from_reversals
 from ident.information.estimate import MATERIAL
 from ident.information.evidence import APART_SE, SAME_COLUMNS, TINY, TOLD_APART_SE, nearly_best
-from ident.information.separation import beside, orthonormal, share_apart
+from ident.information.separation import orthonormal, share_apart, without_columns_of
 from ident.motion import Motion, State, complete
 from ident.motion.motion import left_out
 
@@ -95,7 +95,7 @@ class Probe:
     def _difference(self, a: Evidence, b: Evidence) -> tuple[float, float]:
         C = self.columns(a.effect, [a.shape])[0]
         names = a.effect.unknowns or a.effect.searched
-        signal = beside(self.Q, C @ a.refit.theta[: len(names)])[:, None]
+        signal = without_columns_of(self.Q, C @ a.refit.theta[: len(names)])[:, None]
         size = float(np.linalg.norm(signal))
         if b.effect.label not in self.memo_of_spans:  # at every shape
             self.memo_of_spans[b.effect.label] = self.spans(b.effect, [b.shape])
@@ -104,7 +104,7 @@ class Probe:
 
     def spans(self, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
         """What an effect's columns span beside the model, orthonormal, at each shape."""
-        return [orthonormal(beside(self.Q, C)) for C in self.columns(effect, shapes)]
+        return [orthonormal(without_columns_of(self.Q, C)) for C in self.columns(effect, shapes)]
 
     def visible(self, effect: Effect) -> float:
         """The largest share of an effect's columns that the model does not have; none where the
@@ -116,7 +116,7 @@ class Probe:
         largest = np.array([min(p.largest, ends.get(p.name, np.inf)) for p in parameters])
         shares = [0.0]
         for C in self.columns(effect, []):
-            projected = beside(self.Q, C)
+            projected = without_columns_of(self.Q, C)
             size, remaining = (np.linalg.norm(x, axis=0) for x in (C, projected))
             nonzero = remaining > 1e-9 * np.sqrt(len(C))
             if np.any(remaining[nonzero] * largest[nonzero] > TOLD_APART_SE):

@@ -152,7 +152,7 @@ class History(Concluded):
         steps: the ladder, from the model that was given.
         diagnosis: of the last model.
         stopped: what the next step would have added, and which error on a validation log would have
-            risen with it by more than its scatter; "" where the search came to its own end.
+            risen with it by more than chance makes; "" where the search came to its own end.
     """
 
     steps: tuple[Step, ...]
@@ -284,7 +284,9 @@ def grow(
                 search, effect_set = named_set(last, given, visited)
                 grown = refit_set(fit, search, carried(effect_set, given), validate)
         errors = ValidationErrors.of(grown[-1], validate) if grown is not None else best
-        if grown is not None and (stopped := errors.risen(best) or spoils(fit, grown[-1])):
+        if grown is not None and (
+            stopped := errors.increased_error(best) or spoils(fit, grown[-1])
+        ):
             stopped = f"{named(grown, search)}: {stopped}"
             grown = None
             if last is None:

@@ -4,8 +4,9 @@ A rung raises the error of a joint on a log if, beside the best rung so far ther
 
     D_k = |e_k now|² − |e_k of the best|²        e_k: errors in motion of a block k of time
 
-are above zero by RIVAL standard errors, and their sum is more than what matters of the torque. The
-best so far and not the rung before: many small rises are one.
+are above zero by more standard errors than chance makes of any of so many joints and logs
+(`surely_t`), and their sum is more than what matters of the torque. The best so far and not the
+rung before: many small rises are one.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from ident.equations.problem import information_of
 from ident.fit import Fit
 from ident.information.estimate import MATERIAL
-from ident.information.evidence import RIVAL, zscore
+from ident.information.evidence import surely_t, zscore
 from ident.motion import Motion
 
 Place = tuple[int, int]
@@ -61,15 +62,17 @@ class ValidationErrors:
         least = {place: min(x, y, key=lambda z: sum(z.values())) for place, x, y in pairs}
         return replace(self, squares=least)
 
-    def risen(self, best: ValidationErrors) -> str:
+    def increased_error(self, best: ValidationErrors) -> str:
         """Return in which joint and log the error is above that of the best rungs so far by more
-        than the scatter of its blocks; "" in none.
+        than the scatter of blocks makes by chance of any of them; "" in none.
         """
         for place, now in self.squares.items():
             before, torque = best.squares.get(place, {}), max(self.torque[place], 1e-300)
             both = [(before[block], x) for block, x in now.items() if block in before]
             old, new = np.array(both).reshape(-1, 2).T
-            if new.sum() - old.sum() > MATERIAL**2 * torque and zscore(new - old) > RIVAL:
+            if len(both) < 2 or new.sum() - old.sum() <= MATERIAL**2 * torque:
+                continue
+            if zscore(new - old) > surely_t(len(self.squares), len(both)):
                 was, is_ = (100 * float(np.sqrt(x.sum() / torque)) for x in (old, new))
                 joint, log = self.names[place]
                 return f"the error of {joint} on {log} would rise from {was:.3g} to {is_:.3g} %"

@@ -32,7 +32,7 @@ from ident.information import linear
 from ident.information.estimate import TOLERANCE, rank_revealing, solve
 from ident.information.evidence import SAME_SHARE
 from ident.information.linear import Triangle
-from ident.information.separation import beside, orthonormal, share_apart
+from ident.information.separation import orthonormal, share_apart, without_columns_of
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 
@@ -251,7 +251,7 @@ class Determined:
         share = 0.0
         if np.isfinite(e + f):
             Q = orthonormal(np.delete(self.R, [*a, *b], axis=1))
-            one, other = (orthonormal(beside(Q, self.R[:, x])) for x in (a, b))
+            one, other = (orthonormal(without_columns_of(Q, self.R[:, x])) for x in (a, b))
             share = share_apart(one, [other])
         units = columns.units[places[0][0]], columns.units[places[1][0]]
         return Separation(*pair, share, (e, f), units)

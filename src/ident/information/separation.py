@@ -22,7 +22,7 @@ from ident.information.projection import RANK
 NEW_COLUMN = 1e-12  # numerics: of the largest column, below which one is rounding
 
 
-def beside(Q: Array, X: Array) -> Array:
+def without_columns_of(Q: Array, X: Array) -> Array:
     """Return (I − QQᵀ) X, what columns X (M, …) have beside orthonormal ones Q (M, r)."""
     return np.asarray(X - Q @ (Q.T @ X))
 
@@ -45,5 +45,5 @@ def share_apart(a: Array, others: Sequence[Array]) -> float:
     """
     if not a.size:
         return 0.0
-    shares = (float(linear.svd(beside(b, a), False)[1].min()) for b in others)
+    shares = (float(linear.svd(without_columns_of(b, a), False)[1].min()) for b in others)
     return min([1.0, *shares])  # rounding makes more of it
