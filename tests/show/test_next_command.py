@@ -190,3 +190,15 @@ def test_a_plan_that_separates_nothing_says_so():
     apart = Separation("spring:a", "viscous:a", 0.2, (0.1, 0.1), ("N m/rad", "N m s/rad"))
     assert "does not separate" not in str(apart)
     assert "does not separate them" in str(replace(apart, share=0.0))
+
+
+def test_drives_of_a_command_go_with_what_is_added():
+    """`ident add` writes effects alone: a machine whose drives are options is identified."""
+    options = ("--drive", "servo", "--drive", "lift:kp=56,limit=3", "--with", "viscous")
+    request = given(options, logs=("run.csv",), mechanism="arm.urdf")
+    command = request.line(Step("add", ("backlash:pan",)))
+    words = "--drive servo --drive lift:kp=56,limit=3 --with viscous --with backlash:pan"
+    assert command.startswith(f"ident identify arm.urdf run.csv {words} --out ")
+    freed = request.line(Step("add", ("servo:lift",)))
+    assert "--drive lift:limit=3 --with viscous" in freed
+    assert "servo:lift" not in freed

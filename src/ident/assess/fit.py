@@ -174,7 +174,7 @@ def causes_of_fit(fit: Fit) -> tuple[Cause, ...]:
     clear = [
         item.effect
         for item in fit.effects
-        if not item.effect.known
+        if not (item.effect.known or item.effect.in_rows_alone)
         and any(v.stderr and abs(v.value) > CERTAIN * v.stderr for v in item.parameters)
     ]
     return tuple(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,6 +13,8 @@ from ident.request import Request, Step, planned_limits
 # options of the model that a verb takes: with a value, and without one
 WITH, PAIRS, FLAGS = "--with", ("--lock", "--unmeasured"), ("--absolute", "--allow-code")
 NO_BASIS = {"--basis", "--spacing"}  # options that `monitor` does not have
+DRIVE, GAINS = "--drive", {"kp", "kd", "gain", "kb"}  # drives of a command, which no file has
+DRIVES = ("servo", "motor_current", "motor_voltage", "motor_duty")  # their effects
 # names for what a command writes
 MOTION, GROWN, FIT, KEPT = "next.csv", "grown", "fit", "diagnosis"
 
@@ -28,6 +30,12 @@ class ShellRequest(Request):
         if step.files and not self.folder:  # the diagnosis writes them where it has a place
             words = [*self._words(Step("diagnose")), "--out", self.unused(KEPT)]
             return shlex.join(["ident", "diagnose", *words])
+        if step.verb == "add" and DRIVE in self.options and not step.files:
+            drives = [label for label in step.effects if label.partition(":")[0] in DRIVES]
+            effects = tuple(label for label in step.effects if label not in drives)
+            joints = {label.partition(":")[2] for label in drives}
+            request = self._with_free_gains(joints)
+            return request.line(replace(step, verb="identify", effects=effects))
         words = self._words(step) if step else []
         return shlex.join(["ident", step.verb, *words]) if words else ""
 
@@ -87,6 +95,18 @@ class ShellRequest(Request):
         folder = any(repair.file for repair in step.repairs)
         place = str(Path(self.mechanism).parent) if folder else self.mechanism
         return replace(self, mechanism=place, options=tuple(options))
+
+    def _with_free_gains(self, joints: Collection[str]) -> ShellRequest:
+        """Return the request without the given gains of the drives of some joints, which are to be
+        identified: `--drive elbow:kp=20,limit=3` becomes `elbow:limit=3`.
+        """
+        options = [*self.options]
+        for i, (name, text) in enumerate(pairwise(self.options), start=1):
+            joint, colon, rest = text.partition(":")
+            if name == DRIVE and colon and joint in joints:
+                parts = [x for x in rest.split(",") if x.partition("=")[0].strip() not in GAINS]
+                options[i] = f"{joint}:{','.join(parts) or 'source=servo'}"
+        return replace(self, options=tuple(options))
 
     @property
     def _held_back(self) -> list[str]:

@@ -267,9 +267,9 @@ def without_long_pulses(problem: Problem, estimate: Estimate) -> Estimate:
     while True:
         longest, worst = 1.0, None
         for effect in pulses:
-            at = [place[effect.full[unknown.name]] for unknown in effect.unknowns]
+            at = [place.get(effect.full[unknown.name], -1) for unknown in effect.unknowns]
             (joint,) = effect.joints
-            if joint not in dry or estimate.fixed[at].any():
+            if joint not in dry or min(at) < 0 or estimate.fixed[at].any():  # or given
                 continue
             places, friction = dry[joint]
             level = float(np.sqrt(np.mean((friction @ estimate.x[places]) ** 2)))

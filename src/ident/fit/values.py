@@ -351,6 +351,9 @@ class Changes(Displayed):
         compared, apart = list[Change](), list[str]()
         effects = {name: effect for effect in earlier.mechanism.effects for name in effect.names}
         for before in (value.in_data for value in earlier.base_parameters):
+            acting = (effects.get(name) for *_, name in TERM.findall(before.name))
+            if any(effect is not None and effect.in_rows_alone for effect in acting):
+                continue  # what a filter makes of reversals is no change of a machine
             c, known = np.zeros(len(columns)), True
             for sign, factor, name in TERM.findall(before.name):
                 known &= name in columns.index
