@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from servo_logs import Servos, servo_log
 
@@ -153,3 +154,18 @@ def test_delays_that_differ_by_whole_samples_make_no_shorter_steps(rate):
         for k in (10, 50, 99):
             torque = law.torque(e.t[k + late], np.zeros(3), np.zeros(3))
             assert torque == pytest.approx(14.0 * ref[k])
+
+
+def test_the_command_of_a_pose_is_the_one_that_holds_it():
+    """Rows are poses at rest in any order, so that no row is late against the one before."""
+    mechanism = ident.load(ROBOTS / "servo_arm")
+    names, model, random = mechanism.driven, mechanism.model, np.random.default_rng(4)
+    q, kp = random.uniform(-1.0, 1.0, (60, len(names))), np.array([20.0, 25.0, 14.0])
+    data = model.createData()
+    gravity = np.array([pin.computeGeneralizedGravity(model, data, x) for x in q])
+    columns = {f"q.{name}": q[:, j] for j, name in enumerate(names)}
+    columns |= {f"ref.{name}": (q + gravity / kp)[:, j] for j, name in enumerate(names)}
+    log = ident.Log.from_arrays("poses", np.arange(60.0), columns)
+    fit = ident.identify(mechanism, ident.complete(mechanism, log, poses=True))
+    for name, gain in list(zip(names, kp, strict=True))[1:]:  # gravity loads no yaw
+        assert fit[f"servo.{name}.kp"].value == pytest.approx(gain, rel=1e-6)

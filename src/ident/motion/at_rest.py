@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ident.effects.servo import AS_IT_ACTS, HOLD
 from ident.errors import MotionError
 from ident.log import Log
 from ident.log.poses import FEWEST_POSES
@@ -58,6 +59,8 @@ def measure_poses(mechanism: Mechanism, log: Log) -> LogSignals:
     for joint in mechanism.joints:
         at_rest = {name: x for name, x in columns.items() if name[:2] not in ("v.", "a.")}
         check_units(log.name, at_rest, 1.0, joint)
+    # a pose's command is the one that holds it, however late a drive follows
+    columns |= {HOLD + name: np.full(count, AS_IT_ACTS) for name in mechanism.drives}
     t = np.arange(count, dtype=float)
     notes_of_log = tuple(f"{log.name}: {note}" for note in notes)
     return LogSignals(log, t, columns, np.ones(count, dtype=bool), True, notes_of_log)
