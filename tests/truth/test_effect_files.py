@@ -16,8 +16,8 @@ from ident.show.laws import facts
 from identification import motion_log, plant, robot
 
 SITES = {
-    "coupling": "crank,coupler", "gravity_tilt": "", "payload": "rocker_link",
-    "geometry": "pin.a.x", "closure_compliance": "pin",
+    "coupling": "crank,coupler", "gravity_tilt": "", "gravity_compensation": "",
+    "payload": "rocker_link", "geometry": "pin.a.x", "closure_compliance": "pin",
     **{kind: "rocker_link" for kind in KINDS if KINDS[kind].sits == "frame"},
 }  # fmt: skip
 PLAIN = {
@@ -39,6 +39,7 @@ PLAIN = {
     "limit": 5.0,
     "delay": 0.004,
     "follows_velocity": 0.0,
+    "linear": 0.0,
 }
 
 

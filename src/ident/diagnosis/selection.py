@@ -42,7 +42,6 @@ from ident.information.evidence import (
 )
 from ident.information.hypotheses import Array, Gains, Index, PartialRegression, Refit
 from ident.mechanism.mechanism import Mechanism
-from ident.mechanism.parameters import pseudo_inertia
 
 # level: cosine of what two candidates explain: half of the squares are the same part
 SAME_PART = 0.7
@@ -417,19 +416,17 @@ def has_mass(mechanism: Mechanism, values: Array, stderr: Array) -> bool:
 
 
 def may_be_load(values: Array, stderr: Array) -> bool:
-    """Return whether ten parameters may be those of a body that was put on, or taken off,
+    """Return whether ten parameters may be those of a body that was put on, or taken off: its
+    moments are those of a mass there at least, h_y² + h_z² ≤ m L_xx, and so about y and z.
 
-        uᵀ P(values + δ) u ≥ 0        |δ| ≤ NEGATIVE stderr
-
-    P the pseudo-inertia, u the direction in which it is least. The errors are those of noise and
-    calibration; a parameter that has none is not determined: it may be anything.
+    All within their errors of noise and calibration; a moment that has none is not determined.
     """
     load = np.sign(values[0]) * values
-    u = np.linalg.eigh(pseudo_inertia(load))[1][:, 0]
-    slopes = np.array([u @ pseudo_inertia(one) @ u for one in np.eye(BODY)])
-    known = (stderr > 0) & np.isfinite(stderr)
-    reach = float(np.abs(slopes[known]) @ (NEGATIVE * stderr[known]))
-    return bool((slopes[~known] ** 2 > np.finfo(float).eps).any() or slopes @ load + reach >= 0)
+    error = NEGATIVE * np.where(np.isfinite(stderr), stderr, 0.0)
+    diagonal = [4, 6, 9]  # Lxx, Lyy, Lzz
+    h = np.maximum(np.abs(load[1:4]) - error[1:4], 0.0)
+    most = (load[0] + error[0]) * (load[diagonal] + error[diagonal])
+    return bool(np.all(((h @ h - h**2) <= most)[error[diagonal] > 0]))
 
 
 def differs(contest: Contest, effect: Effect, theta: Array, stderr: Array) -> bool:

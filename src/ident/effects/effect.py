@@ -519,9 +519,11 @@ class Effect(ABC):
     def twists(
         self, s: Signals, loads: np.ndarray, at_rest: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the twists and their two rates (3, n, m) that loads (n, m) of its joint make, of
-        an effect that is linear in them; `at_rest` (m,): the loads before the log, where it begins
-        at rest.
+        """Return the twists and their two rates (3, n, m) of an effect that is linear in its loads.
+
+        Args:
+            s: signals of its joint, with the shape; loads: (n, m) that act on it.
+            at_rest: (m,) the loads before the log, where it begins at rest.
         """
         raise NotImplementedError
 

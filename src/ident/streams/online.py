@@ -139,6 +139,7 @@ class Snapshot(Displayed):
         noise: by joint, the rms that noise of the sensors alone would leave [N m | N].
         rank: number of base parameters; condition_number: of their columns.
         lag: by how much `t` is behind the last sample at most [s].
+        mechanism: whose parameters these are; solved: the estimate behind them, with its budget.
         notes: what a person should know.
     """
 
@@ -165,7 +166,7 @@ class Snapshot(Displayed):
 
     def shares(self, name: str) -> dict[str, float]:
         """Return the share of each cause of calibration errors, and of `noise`, in the variance of
-        a parameter or base parameter; as `Fit.shares`.
+        a parameter or base parameter by its `name`; as `Fit.shares`.
         """
         if name not in {value.name for value in self.base_parameters}:
             self[name]
