@@ -7,10 +7,10 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from ident.fit.residual_maps import SignalMap, depends_on
+from ident.fit.residual_maps import LEAST, SignalMap, depends_on
 from ident.information.blocks import Block, Information, Part
 from ident.information.chance import SMOOTH, remaining_power, surrogates
-from ident.information.evidence import MATTERS, Chance, exceeding, paired, quantile, zscore
+from ident.information.evidence import Chance, exceeding, paired, quantile, zscore
 from ident.information.hypotheses import PartialRegression
 from ident.information.linear import Triangle
 
@@ -325,9 +325,9 @@ def test_what_a_residual_depends_on_does_not_depend_on_its_unit(size: float) -> 
     maps = [SignalMap("v.elbow", x[:, None])]
     (step,), threshold = depends_on(r, np.arange(n) // 60, maps, [slice(0, n)])
     assert step.r2 == pytest.approx(0.85, abs=0.03)
-    assert MATTERS <= threshold < 1
+    assert LEAST <= threshold < 1
     noise = size * random.standard_normal(n)
-    assert depends_on(noise, np.arange(n) // 60, maps, [slice(0, n)]) == ([], MATTERS)
+    assert depends_on(noise, np.arange(n) // 60, maps, [slice(0, n)]) == ([], LEAST)
 
 
 def test_rounding_does_not_change_random_residuals():
