@@ -29,6 +29,12 @@ def arm(*drives):
     return known.with_drives(*drives)
 
 
+def fit_of_servos(seed, seconds):
+    """By least squares, of a log of MuJoCo's servos."""
+    mechanism, log = arm("servo"), pl.DataFrame(servo_log(Servos(), seed, seconds))
+    return ident.identify(mechanism, ident.complete(mechanism, log), estimator="least-squares")
+
+
 def commanded(straight, rate=RATE, seconds=8.0):
     return pl.DataFrame(servo_log(TRUTH, 6100, seconds, rate, 18, straight=straight))
 

@@ -4,21 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from servo_logs import Servos, servo_log
-from test_command_hold import arm
+from test_command_hold import fit_of_servos
 
-import ident
 from ident.fit.drives import without_long_pulses
 
-pl = pytest.importorskip("polars")
+pytest.importorskip("polars")
 pytest.importorskip("mujoco")
 
 
 @pytest.fixture(scope="module")
 def fit():
-    mechanism = arm("servo")
-    log = pl.DataFrame(servo_log(Servos(), 6200, 10.0))
-    return ident.identify(mechanism, ident.complete(mechanism, log), estimator="least-squares")
+    return fit_of_servos(6200, 10.0)
 
 
 def pulses(fit, estimate):

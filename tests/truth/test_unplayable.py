@@ -4,22 +4,18 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from servo_logs import Servos, servo_log
-from test_command_hold import arm
+from test_command_hold import fit_of_servos
 
-import ident
 from ident.errors import FitError
 from ident.simulate.replay import replay, unplayable
 
-pl = pytest.importorskip("polars")
+pytest.importorskip("polars")
 pytest.importorskip("mujoco")
 
 
 @pytest.fixture(scope="module")
 def fit():
-    mechanism = arm("servo")
-    log = pl.DataFrame(servo_log(Servos(), 6300, 6.0))
-    return ident.identify(mechanism, ident.complete(mechanism, log), estimator="least-squares")
+    return fit_of_servos(6300, 6.0)
 
 
 def with_value(fit, name, value):

@@ -233,8 +233,8 @@ def change_within(first: Ranking) -> Change | None:
     least = min(always, key=lambda loss: float(loss.sum()))
     # of what is over after a while few blocks tell
     z = paired(least, change.loss) if change.cause.lasts == np.inf else np.inf
-    left, most = float(change.loss.sum()), MAIN_CAUSE * float(least.sum())
-    if not credible(z, contest.decision.rival_se, remaining=left, most=most):
+    remaining, most = float(change.loss.sum()), MAIN_CAUSE * float(least.sum())
+    if not credible(z, contest.decision.rival_se, remaining=remaining, most=most):
         return None
     return _with_values(_with_others(contest, change, causes), contest.fit)
 

@@ -49,9 +49,9 @@ class ValidationErrors:
             rows = information_of(fit.mechanism, fit.columns, validate, fit.problem.point)
             for key, block in rows.blocks.items():
                 one, u = replace(rows, blocks={key: block}), block.coordinate
-                left, tau, _ = one.squares(fit.estimate.x).in_motion
+                remaining, tau, _ = one.squares(fit.estimate.x).in_motion
                 place = block.log, u
-                squares.setdefault(place, {})[block.block] = float(left[u])
+                squares.setdefault(place, {})[block.block] = float(remaining[u])
                 torque[place] = torque.get(place, 0.0) + float(tau[u])
                 names[place] = validate.independent[u], validate.experiments[block.log].name
         return cls(squares, torque, names)

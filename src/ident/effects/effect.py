@@ -519,13 +519,14 @@ class Effect(ABC):
     def twists(
         self, s: Signals, loads: np.ndarray, at_rest: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the twists and their two rates (3, n, m) of an effect that is linear in its loads.
+        """Return the twists and their two rates (3, n, m) of an effect that is linear in its loads;
+        none of another one.
 
         Args:
             s: signals of its joint, with the shape; loads: (n, m) that act on it.
             at_rest: (m,) the loads before the log, where it begins at rest.
         """
-        raise NotImplementedError
+        return np.zeros((3, *loads.shape))
 
     def frequency(self, s: Signals) -> float:
         """Return the frequency [Hz] at which it swings with the shape `s.shape`; 0: at none."""

@@ -154,9 +154,9 @@ class Table(Rows):
         for number, s in enumerate(self.samples):
             pieces = []
             for first in range(0, len(shapes), step):  # one product each
-                some = shapes[first : first + step]
-                out = np.zeros((len(felt), len(some) * u, len(s))).transpose(2, 0, 1)  # by column
-                for i, shape in enumerate(some):
+                batch = shapes[first : first + step]
+                out = np.zeros((len(felt), len(batch) * u, len(s))).transpose(2, 0, 1)  # by column
+                for i, shape in enumerate(batch):
                     columns = out[:, :, i * u : (i + 1) * u]
                     if own_rows:
                         columns[:] = s.columns(effect, shape)
@@ -240,8 +240,8 @@ class Table(Rows):
         for number, base in enumerate(self.thin):
             pieces = list[np.ndarray]()
             for first in range(0, len(starts), step):
-                some = starts[first : first + step]
-                twists = [x for start in some for x in self._twists(effect, start, base)]
+                batch = starts[first : first + step]
+                twists = [x for start in batch for x in self._twists(effect, start, base)]
                 if name in base.e.logged:
                     S = -twist_slopes(base, name) @ np.array(twists).transpose(2, 1, 0)
                 else:  # closures place it

@@ -599,8 +599,8 @@ def effect_terms(
 
 def is_plain(effect: Effect) -> bool:
     """Whether all columns of an effect are functions of the sample's motion alone."""
-    plain = not (effect.corrects or effect.loaded_link or effect.memory or effect.implicit)
-    return plain and not effect.shapes
+    explicit = not (effect.corrects or effect.loaded_link or effect.memory or effect.implicit)
+    return explicit and not effect.shapes
 
 
 def is_smooth(effect: Effect) -> bool:

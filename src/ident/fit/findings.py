@@ -73,8 +73,8 @@ def findings_of(
     terms = problem.columns.terms
     parted = np.where(terms[:, None] == np.unique(terms), estimate.x[:, None], 0.0)
     more = [*more]
-    held = [finding for finding in more if finding.code in (HELD_AT_ZERO, NEGATIVE_VALUE)]
-    reported = {name for finding in held for name in finding.where}
+    at_zero = [finding for finding in more if finding.code in (HELD_AT_ZERO, NEGATIVE_VALUE)]
+    reported = {name for finding in at_zero for name in finding.where}
     findings = [
         *_equations(problem, estimate),
         *_held_unknowns(problem.columns, estimate, reported),

@@ -121,8 +121,10 @@ def switched_levels(x: np.ndarray) -> tuple[float, ...]:
     """Return the few values between which a command switches; () for any other signal (n,)."""
     n = len(x)
     most_others = (1 - SWITCHED_SHARE) * n  # samples that may have other values
-    some = x[:: max(1, int(n / (most_others + LEVELS + 1)))]
-    if len(np.unique(some)) > most_others + LEVELS:  # a thirtieth of the samples, for most signals
+    thinned = x[:: max(1, int(n / (most_others + LEVELS + 1)))]
+    if (
+        len(np.unique(thinned)) > most_others + LEVELS
+    ):  # a thirtieth of the samples, for most signals
         return ()
     values, counts = np.unique(x, return_counts=True)
     most = np.argsort(-counts)[:LEVELS]

@@ -54,16 +54,16 @@ class SampleExcerpt:
 
     def _begin(self, t: float) -> None:
         """Begin a stretch at a time [s]: leave out old ones, and of too many every second."""
-        kept = self._stretches
-        while kept and kept[0][1] and float(kept[0][1][-1][-1, 0]) < t - self._span:
-            del kept[0]
-        if len(kept) >= 2 * STRETCHES:
+        stretches = self._stretches
+        while stretches and stretches[0][1] and float(stretches[0][1][-1][-1, 0]) < t - self._span:
+            del stretches[0]
+        if len(stretches) >= 2 * STRETCHES:
             self._every *= 2
-            kept[:] = [(k, parts) for k, parts in kept if not k % self._every]
-        for i, (k, parts) in enumerate(kept[-1:], start=len(kept) - 1):
-            kept[i] = k, [np.concatenate(parts)]
+            stretches[:] = [(k, parts) for k, parts in stretches if not k % self._every]
+        for i, (k, parts) in enumerate(stretches[-1:], start=len(stretches) - 1):
+            stretches[i] = k, [np.concatenate(parts)]
         if not self._begun % self._every:
-            kept.append((self._begun, []))
+            stretches.append((self._begun, []))
         self._begun, self._room = self._begun + 1, self._length
 
     @property
@@ -98,12 +98,16 @@ class StreamRows(ReducedRows):
 
 
 def budget_of_samples(
-    stream: Stream, motion: Motion, kept: SampleExcerpt, information: Information, fitted: Estimate
+    stream: Stream,
+    motion: Motion,
+    excerpt: SampleExcerpt,
+    information: Information,
+    fitted: Estimate,
 ) -> Budget | None:
     """Return the error budget of an estimate by all rows of a stream, in the rows of the samples
     that were kept; `motion`: whose decisions these have in common. None where nothing may be wrong.
     """
-    mechanism, columns, states = stream.mechanism, stream.columns, kept.states(stream)
+    mechanism, columns, states = stream.mechanism, stream.columns, excerpt.states(stream)
     if mechanism.calibration.exact or mechanism.covariance is not None or not states:
         return None
     motion = replace(motion, experiments=states)
