@@ -18,7 +18,7 @@ from ident.fit import Fit, identify
 from ident.fit.values import BaseValue, Value
 from ident.lazy import lazy
 from ident.log import Log, read_log
-from ident.mechanism.causes import Cause, causes_of
+from ident.mechanism.causes import CalibrationError, causes_of
 from ident.mechanism.mechanism import Mechanism, Multipliers
 from ident.motion import Motion, complete
 from ident.pool import Workers
@@ -209,7 +209,7 @@ class TrialPlan:
         return noisy(log, snr, self.columns, random_of(self.seed, snr, run))
 
     @cached_property
-    def causes(self) -> tuple[Cause, ...]:
+    def causes(self) -> tuple[CalibrationError, ...]:
         """What may be wrong with the sensors."""
         logged = [n.partition(".")[2] for n in self.log.columns if n.startswith("q.")]
         spacing = float(np.median(np.diff(self.log.t)))

@@ -18,7 +18,7 @@ Range = tuple[float, float]  # the least and the largest
 
 
 @dataclass(frozen=True)
-class Cause:
+class NamedCause:
     """What was found: effects of one kind, with their values, and what may be in their place.
 
     Attributes:
@@ -117,7 +117,7 @@ class Assessment:
     verdict: str
     errors: tuple[JointErrors, ...] = ()
     compared: tuple[str, str] = ("", "")
-    causes: tuple[Cause, ...] = ()
+    causes: tuple[NamedCause, ...] = ()
     left: Remainder = field(default_factory=Remainder)
     doubts: tuple[Finding, ...] = ()
     good_enough: GoodEnough = field(default_factory=GoodEnough)

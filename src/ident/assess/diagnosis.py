@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from ident.assess.assessment import Assessment, Cause, Remainder
+from ident.assess.assessment import Assessment, NamedCause, Remainder
 from ident.assess.errors import (
     EARLIER_NUMBERS,
     REFITTED_BODIES,
@@ -75,14 +75,14 @@ def assess_diagnosis(
     )
 
 
-def causes_of(d: Diagnosis) -> tuple[Cause, ...]:
+def causes_of(d: Diagnosis) -> tuple[NamedCause, ...]:
     """Return what a diagnosis names: what has no rivals together, then each with its own."""
     if d.best is None:
         return ()
     values = {x.effect.label: x.parameters for x in d.every}
     changed = bool(d.candidates[0].known)
     return tuple(
-        Cause(
+        NamedCause(
             group,
             tuple(v for effect in group for v in values.get(effect.label, ())),
             d.rivals_in_group.get(group[0].label, ()),
@@ -185,7 +185,7 @@ def _with_rivals(history: History) -> set[str]:
     return {label for step in history.steps for label, near in step.rivals_of.items() if near}
 
 
-def causes_of_growth(history: History) -> tuple[Cause, ...]:
+def causes_of_growth(history: History) -> tuple[NamedCause, ...]:
     """Return what was added and is still in the model, kind by kind, with its rivals."""
     rivals = {label: near for step in history.steps for label, near in step.rivals_of.items()}
     values = values_by_effect(history.fit)
@@ -193,7 +193,7 @@ def causes_of_growth(history: History) -> tuple[Cause, ...]:
     for effects in by_kind(history.added):
         for group in apart_with_rivals(effects, rivals):
             of_group = tuple(v for e in group for v in values.get(e.label, ()))
-            causes.append(Cause(group, of_group, tuple(rivals.get(group[0].label, ()))))
+            causes.append(NamedCause(group, of_group, tuple(rivals.get(group[0].label, ()))))
     return tuple(causes)
 
 

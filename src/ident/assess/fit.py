@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.assess.assessment import Assessment, Cause, Remainder
+from ident.assess.assessment import Assessment, NamedCause, Remainder
 from ident.assess.errors import EARLIER_NUMBERS, URDF_NUMBERS, JointErrors, joint_errors
 from ident.assess.good_enough import GoodEnough, good_enough
 from ident.assess.machine import TESTING, watching_step
@@ -168,7 +168,7 @@ def worst_on_validation(
     return errors, floor
 
 
-def causes_of_fit(fit: Fit) -> tuple[Cause, ...]:
+def causes_of_fit(fit: Fit) -> tuple[NamedCause, ...]:
     """Return the effects of the model, kind by kind, that were identified clearly."""
     values = {effect.effect.label: tuple(effect.parameters) for effect in fit.effects}
     clear = [
@@ -178,7 +178,7 @@ def causes_of_fit(fit: Fit) -> tuple[Cause, ...]:
         and any(v.stderr and abs(v.value) > CERTAIN * v.stderr for v in item.parameters)
     ]
     return tuple(
-        Cause(tuple(group), tuple(v for e in group for v in values[e.label]))
+        NamedCause(tuple(group), tuple(v for e in group for v in values[e.label]))
         for group in by_kind(clear)
     )
 

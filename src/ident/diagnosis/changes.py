@@ -24,6 +24,7 @@ from ident.diagnosis.null import judging, null_shares
 from ident.diagnosis.selection import Ranking
 from ident.finding import Finding
 from ident.fit import Fit
+from ident.information.cause import Cause
 from ident.information.evidence import (
     CERTAIN,
     MAIN_CAUSE,
@@ -61,26 +62,28 @@ def _growing(since: np.ndarray) -> np.ndarray:
     return np.maximum(since, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Cause:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Course(Cause):
     """What may set in within a log, with its columns in the rows of each part."""
 
     words: str  # `coulomb:elbow`, or what happens to channels
-    joints: tuple[str, ...]
     names: tuple[str, ...]  # of its numbers, with their units
     units: tuple[str, ...]
     columns: list[np.ndarray]  # by part (m, u)
     least: float = -np.inf  # of its number, below which it is no such cause
     gate: Gate = _on  # how much of it acts, by the time since the change
     lasts: float = np.inf  # for so long [s]
-    kind: str = ""  # of friction that changes steadily
-    effect: str = ""  # its label
     values: tuple[float, ...] = ()  # of its parameters in the fit, over the whole log
 
     @property
     def grows(self) -> bool:
         """Return whether it grows from its time on, which may be the log's beginning."""
         return self.gate is _growing
+
+    @property
+    def warms(self) -> bool:
+        """Return whether it is friction that changes steadily, as a machine warms."""
+        return self.grows and self.kind in WARMING
 
     def gated(self, since: list[np.ndarray]) -> list[np.ndarray]:
         """Return its columns by part (m, u) at times since the change, by part (m,)."""
@@ -103,7 +106,7 @@ class Change:
         others: further causes of the same course in other places, with their numbers.
     """
 
-    cause: Cause
+    cause: Course
     log: str
     time: float
     values: Array
@@ -114,15 +117,15 @@ class Change:
     loss: Array
     begins: bool = False
     until: float = np.inf
-    others: tuple[tuple[Cause, Array], ...] = ()
+    others: tuple[tuple[Course, Array], ...] = ()
 
     @property
     def joints(self) -> tuple[str, ...]:
         """Return all joints in which something changes."""
-        every = (*self.cause.joints, *(joint for cause, _ in self.others for joint in cause.joints))
+        every = (*self.cause.places, *(joint for cause, _ in self.others for joint in cause.places))
         return tuple(dict.fromkeys(every))
 
-    def _share(self, cause: Cause, values: Array) -> str:
+    def _share(self, cause: Course, values: Array) -> str:
         """Return by how much a parameter changes until the log's end, of its value over the log."""
         pairs = zip(cause.values, values, strict=False)
         shares = [rate * (self.until - self.time) / value for value, rate in pairs if value]
@@ -149,7 +152,7 @@ class Change:
             since = f"all through {self.log}" if self.begins else since
             text = f"{since}: {self.cause.words} ({values}){self._others()}"
             parted = f"split the log at {begin:.2f} s and identify its parts by themselves"
-            remedy = warming_remedy(self.joints) if self.cause.kind else parted
+            remedy = warming_remedy(self.joints) if self.cause.warms else parted
         return Finding(CODE, text, remedy, (self.log, *self.joints), self.gain)
 
     def _others(self) -> str:
@@ -159,7 +162,7 @@ class Change:
         by_joint = dict[str, list[str]]()
         for cause, values in self.others:
             words = f"{cause.kind} {self._share(cause, values)}".rstrip()
-            by_joint.setdefault(listed(cause.joints), []).append(words)
+            by_joint.setdefault(listed(cause.places), []).append(words)
         return ", and so does the friction of " + listed(
             [f"{joint} ({', '.join(words)})" for joint, words in by_joint.items()]
         )
@@ -243,31 +246,31 @@ def _with_values(change: Change, fit: Fit) -> Change:
     """Return a change of friction with the values of the fit, which are made where they are said:
     errors of the calibration are in them.
     """
-    if not change.cause.kind:
+    if not change.cause.warms:
         return change
     values = {
         effect.effect.label: tuple(x.value for x in effect.parameters) for effect in fit.effects
     }
 
-    def valued(cause: Cause) -> Cause:
-        return replace(cause, values=values.get(cause.effect, ()))
+    def valued(cause: Course) -> Course:
+        return replace(cause, values=values.get(cause.name, ()))
 
     others = tuple((valued(cause), numbers) for cause, numbers in change.others)
     return replace(change, cause=valued(change.cause), others=others)
 
 
-def _with_others(contest: Contest, change: Change, causes: Sequence[Cause]) -> Change:
+def _with_others(contest: Contest, change: Change, causes: Sequence[Course]) -> Change:
     """Return a change with further friction that changes over the same time, one after the other,
     as long as each predicts time left out clearly better.
     """
-    if not change.cause.kind:
+    if not change.cause.warms:
         return change
     number = next(n for n, s in enumerate(contest.table.scenes) if s.e.name == change.log)
     since, bare = _since(contest, number, change.time), contest.regression.bare
     chosen = [change.cause]
-    rest = [x for x in causes if x.kind and x is not change.cause and len(x.names) == 1]
+    rest = [x for x in causes if x.warms and x is not change.cause and len(x.names) == 1]
 
-    def refit(group: Sequence[Cause]) -> Refit:
+    def refit(group: Sequence[Course]) -> Refit:
         columns = zip(*(cause.gated(since) for cause in group), strict=True)
         return bare.refit_with([np.concatenate(part, axis=1) for part in columns])
 
@@ -293,7 +296,7 @@ def _chance(gain: float, regression: PartialRegression, measured: Gains) -> floa
     return max(exceeding(gain, x) for x in (null[:SURROGATES], null[SURROGATES:]) if len(x))
 
 
-def _effects(contest: Contest) -> Iterator[Cause]:
+def _effects(contest: Contest) -> Iterator[Course]:
     """Yield effects that may set in: candidates, those of the model, and loads of unknown links."""
     fit, labels = contest.fit, set[str]()
     absorbed_loads = (e for e in possible(fit.mechanism, fit.motion) if absorbed(fit.mechanism, e))
@@ -307,10 +310,14 @@ def _effects(contest: Contest) -> Iterator[Cause]:
         shape = contest.table.starts(bare)[0] if bare.shapes else {}
         names = tuple(parameter.name for parameter in bare.unknowns)
         columns = contest.columns(bare, shape)
-        yield Cause(bare.label, bare.joints, names, bare.units[: len(names)], columns)
+        units = bare.units[: len(names)]
+        yield Course(
+            bare.label, bare.kind, bare.joints, words=bare.label, names=names, units=units,
+            columns=columns,
+        )  # fmt: skip
 
 
-def _exchanges(contest: Contest) -> Iterator[Cause]:
+def _exchanges(contest: Contest) -> Iterator[Course]:
     """Yield exchanges of two torque channels of a tree: τ_i − τ_j in row i, τ_j − τ_i in row j."""
     table = contest.table
     if table.mechanism.closures:
@@ -324,7 +331,10 @@ def _exchanges(contest: Contest) -> Iterator[Cause]:
             sign = {i: 1.0, j: -1.0}.get(u, 0.0)
             columns.append(sign * difference[contest.use[:, u], None])
         words = f"the torques of {one} and {other} are exchanged"
-        yield Cause(words, (one, other), ("share",), ("1",), columns, least=LEAST_SHARE)
+        yield Course(
+            words, "swapped", (one, other), words=words, names=("share",), units=("1",),
+            columns=columns, least=LEAST_SHARE,
+        )  # fmt: skip
 
 
 def _boundaries(contest: Contest) -> Iterator[tuple[int, float]]:
@@ -358,19 +368,17 @@ def _beginnings(contest: Contest) -> dict[int, float]:
     }
 
 
-def _courses(contest: Contest, cause: Cause) -> Iterator[Cause]:
+def _courses(contest: Contest, cause: Course) -> Iterator[Course]:
     """Yield what a cause does that does not set in at once: friction that changes as a machine
     warms, a constant torque that grows, as that of a sensor that warms, or lasts for a while.
     """
-    kind, _, place = cause.words.partition(":")
+    kind, place = cause.kind, listed(cause.places)
     if kind not in ("torque_offset", *WARMING):
         return
-    words = f"tau.{place} drifts" if kind == "torque_offset" else f"{cause.words} changes steadily"
+    words = f"tau.{place} drifts" if kind == "torque_offset" else f"{cause.name} changes steadily"
     units = tuple(f"{unit}/s" for unit in cause.units)
     names = ("rate",) if kind == "torque_offset" else tuple(f"{n} rate" for n in cause.names)
-    of_friction = kind if kind in WARMING else ""
-    course = replace(cause, words=words, names=names, units=units, gate=_growing)
-    yield replace(course, kind=of_friction, effect=cause.words if of_friction else "")
+    yield replace(cause, words=words, names=names, units=units, gate=_growing)
     if kind != "torque_offset":
         return
     table = contest.table
@@ -394,7 +402,7 @@ def _since(contest: Contest, number: int, time: float) -> list[np.ndarray]:
 
 
 def _with_time(
-    contest: Contest, cause: Cause, number: int, time: float,
+    contest: Contest, cause: Course, number: int, time: float,
     boundaries: list[tuple[int, float]], p: float,
 ) -> Change:  # fmt: skip
     """Return the change with the time near a boundary that leaves least."""

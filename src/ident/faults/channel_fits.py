@@ -213,7 +213,7 @@ class ChannelEquations:
         every = not self.drive_of_coordinate or cause.state is not None
         return np.array(
             [
-                every or self.driven[j] in cause.joints
+                every or self.driven[j] in cause.places
                 for j in self.drive_of_coordinate or self.rows[0]
             ]
         )
@@ -259,7 +259,7 @@ class ChannelEquations:
 
     def refined_delay(self, cause: Fault) -> float:
         """The delay [s] of a cause between the shifts that were tried, by a parabola."""
-        order, joints = np.argsort(self.lags), [self.driven.index(name) for name in cause.joints]
+        order, joints = np.argsort(self.lags), [self.driven.index(name) for name in cause.places]
         shift = cause.shift[joints[0]]
         i = int(np.flatnonzero(order == shift)[0])
         near, noise = order[i - 1 : i + 2], self.noise(cause)

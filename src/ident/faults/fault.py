@@ -15,11 +15,13 @@ from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, S
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, combinations
+from typing import Any
 
 import numpy as np
 
 from ident.effects import KINDS
 from ident.finding import Finding
+from ident.information.cause import Cause
 from ident.information.linear import Array
 from ident.log import Column
 from ident.mechanism.description import is_rotational, joint_axis
@@ -45,16 +47,18 @@ UNIT = 0.1  # shown: difference of logarithms within which a factor is that of a
 StateChange = Callable[[Mechanism, State], tuple[Mechanism, State]]
 
 
-@dataclass(frozen=True)
-class Fault:
-    """A hypothesis: what each joint is given instead of its own torque, and another motion."""
+@dataclass(frozen=True, kw_only=True)
+class Fault(Cause):
+    """A hypothesis: what each joint is given instead of its own torque, and another motion.
+
+    `kind` is the code of its finding, `places` are its joints, of exchanged ones those that are
+    read instead.
+    """
 
     driven: tuple[str, ...]  # names of the J driven joints
     take: tuple[int, ...]  # by driven joint, the channel that is its torque
     gain: tuple[float, ...]  # the channel's factor
     shift: tuple[int, ...]  # the number of its shift in time, 0: none
-    kind: str = ""  # code of its finding; empty for the log as it is
-    joints: tuple[str, ...] = ()  # of exchanged ones those that are read instead
     # the factor, those of several positions, the delay [s] (positive: the torque is late), the
     # scale of time, or the three components of gravity [m/s²]
     number: tuple[float, ...] = ()
@@ -67,14 +71,15 @@ class Fault:
     def none(cls, driven: tuple[str, ...]) -> Fault:
         """Return the log as it is."""
         J = len(driven)
-        return cls(driven, tuple(range(J)), (1.0,) * J, (0,) * J)
+        take, gain, shift = tuple(range(J)), (1.0,) * J, (0,) * J
+        return cls("the log as it is", driven=driven, take=take, gain=gain, shift=shift)
 
     @property
     def identity(self) -> Hashable:
         """What tells it from other faults of one log."""
         matrix = getattr(self.state, "matrix", None)  # of motors
         given = self.take, self.gain, self.shift
-        return (*given, self.kind, self.joints, self.number, matrix)
+        return (*given, self.kind, self.places, self.number, matrix)
 
     def replaced(
         self,
@@ -85,13 +90,16 @@ class Fault:
         **torques: Mapping[int, float],
     ) -> Fault:
         """Return the fault with further changes, by driven joint, in `take`, `gain` or `shift`."""
-        rows = {
+        rows: dict[str, Any] = {
             name: tuple(values.get(j, x) for j, x in enumerate(getattr(self, name)))
             for name, values in torques.items()
         }
         changed = sorted({j for values in torques.values() for j in values})
         joints = joints or tuple(self.driven[j] for j in changed)
-        return replace(self, kind=kind, joints=joints, number=number, state=state, at=None, **rows)
+        name = f"{kind} of {listed(joints)}" if joints else kind
+        return replace(
+            self, name=name, kind=kind, places=joints, number=number, state=state, at=None, **rows
+        )
 
 
 # --- torques ------------------------------------------------------------------------------------
@@ -384,7 +392,7 @@ def fault_finding(
     for rival in rivals:
         named = WORDS[rival.kind][0].format(**_fields(mechanism, rival))
         text += f"; {named} would do nearly as well"
-    channels = sorted(fault.joints, key=mechanism.joint_index.__getitem__)
+    channels = sorted(fault.places, key=mechanism.joint_index.__getitem__)
     where = tuple(f"{'q' if of_motion else 'tau'}.{name}" for name in channels)
     number = after / before if of_motion else fault.number[0]
     number *= 1e3 if fault.kind == "delay" else 1.0  # [ms]
@@ -393,7 +401,7 @@ def fault_finding(
 
 def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
     """Return what the words of a fault speak of, by name."""
-    number, joints = fault.number[0], fault.joints
+    number, joints = fault.number[0], fault.places
     size = max(abs(number) or 1.0, 1 / (abs(number) or 1.0))
     unit = min(UNITS, key=lambda known: abs(np.log(size / known)))
     other = abs(np.log(size / unit)) >= UNIT

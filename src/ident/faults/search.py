@@ -244,9 +244,9 @@ class FaultSearch:
         """
         names, turned = self.problem.motion.experiments[0].logged, set[str]()
         for trial in [
-            x for x in trials if x.fault.kind == "sign" and {*x.fault.joints} <= {*names}
+            x for x in trials if x.fault.kind == "sign" and {*x.fault.places} <= {*names}
         ]:
-            last, joints = trials[-1], trial.fault.joints
+            last, joints = trials[-1], trial.fault.places
             faults = turned_positions(last.fault, joints, names, turned)
             equations = self._equations_in(faults[0])
             if equations is None:
@@ -392,11 +392,11 @@ class FaultSearch:
             best = usual if best.ahead_of(usual) < surely_t(len(faults), len(base)) else best
         rows, D = best.rows, best.held_out_density - base
         t = min(zscore(D.sum(axis=1)), zscore(D[:, rows].sum(axis=1)))
-        identity = best.fault.kind, best.fault.joints
+        identity = best.fault.kind, best.fault.places
         # the best of each kind at the same joints
         rivals_by_kind = dict[tuple[object, ...], Fault]()
         for other in rivals_of(best, others, best.ahead_of):
-            rivals_by_kind.setdefault((other.fault.kind, other.fault.joints), other.fault)
+            rivals_by_kind.setdefault((other.fault.kind, other.fault.places), other.fault)
         if (alike_joints := rivals_by_kind.get(identity)) and best.fault.kind == "motors":
             same = [x.state.signs for x in (best.fault, alike_joints)]  # type: ignore[union-attr]
             if same[0] == same[1]:  # but for a ratio

@@ -36,7 +36,7 @@ from ident.information.chance import moderated_covariance
 from ident.information.estimate import MATERIAL, Estimate, estimate, term_sizes
 from ident.information.evidence import CERTAIN
 from ident.information.linear import Triangle
-from ident.mechanism.causes import Cause
+from ident.mechanism.causes import CalibrationError
 from ident.text import listed
 from ident.threads import on_one_thread
 
@@ -62,7 +62,7 @@ class Budget:
         values, errors: (c,) of the causes, in their prior scales; correlation: (c, c) of these.
     """
 
-    causes: tuple[Cause, ...]
+    causes: tuple[CalibrationError, ...]
     left_out: tuple[str, ...]
     noise: np.ndarray
     parts: np.ndarray

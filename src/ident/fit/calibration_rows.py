@@ -28,8 +28,9 @@ from ident.errors import IdentError
 from ident.fit.likelihood import Likelihood, Linearization
 from ident.information.blocks import Block, Information
 from ident.information.estimate import Estimate
+from ident.information.linear import Array
 from ident.information.stationary import rows_alike
-from ident.mechanism.causes import Cause, causes_of
+from ident.mechanism.causes import CalibrationError, causes_of
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 
@@ -46,7 +47,7 @@ class FitRows(ABC):
     tables: tuple[Table, ...]  #: the rows, one after the other
     white: bool  #: whether they are divided by their noise already
 
-    def causes(self) -> Iterator[Cause]:
+    def causes(self) -> Iterator[CalibrationError]:
         """Yield the causes of calibration errors of the fit's mechanism and logs."""
         states = self.problem.motion.experiments
         logged = dict.fromkeys(name for e in states for name in e.logged)
@@ -66,17 +67,17 @@ class FitRows(ABC):
         return self.problem.motion.poses
 
     @cached_property
-    def informed(self) -> np.ndarray:
+    def informed(self) -> Array:
         """(N, d) whether a row informs."""
         return np.concatenate([table.informed for table in self.tables])
 
     @cached_property
-    def torque(self) -> np.ndarray:
+    def torque(self) -> Array:
         """(d,) rms of the measured torques in the rows [N m | N]."""
         tau = np.concatenate([table.tau for table in self.tables])
         return np.asarray(np.sqrt((tau**2).mean(axis=0)))
 
-    def column(self, cause: Cause) -> np.ndarray | None:
+    def column(self, cause: CalibrationError) -> Array | None:
         """Return the change (N, d) of b − A x by one standard deviation of a cause, by a difference
         over a share of it: so that friction which jumps counts as it does in the mean. None if no
         difference can be made: a loop that cannot be closed with another length, say.
@@ -88,7 +89,7 @@ class FitRows(ABC):
                     return np.concatenate(parts)
         return None
 
-    def with_causes(self, fitted: Estimate, columns: np.ndarray, known: np.ndarray) -> Rows:
+    def with_causes(self, fitted: Estimate, columns: Array, known: Array) -> Rows:
         """Return the rows of [A_I, N S], `columns` (N, d, c) of causes behind those of the model,
         with what is corrected in the tables already (N, d) given back; unknowns that are held stay
         at their prior.
@@ -99,7 +100,7 @@ class FitRows(ABC):
         A = np.concatenate([every.A[:, :, base], columns], axis=2)
         return replace(every, A=A, b=b)
 
-    def repeated(self, rows: Rows, x: np.ndarray) -> np.ndarray:
+    def repeated(self, rows: Rows, x: Array) -> Array:
         """Return (d,) of how many rows that inform what is left at x (k,) tells as much as of one:
         filtered noise is alike in neighbouring rows.
         """
@@ -109,7 +110,7 @@ class FitRows(ABC):
         return np.array([rows_alike([series[run] for run in runs]) for series in residual.T])
 
     def _corrected(
-        self, x: np.ndarray, causes: Sequence[Cause], values: np.ndarray
+        self, x: Array, causes: Sequence[CalibrationError], values: Array
     ) -> tuple[Mechanism, Point]:
         """Return the mechanism without causes of some `values`, in units of their prior scales, and
         the point of the parameters x (k,).
@@ -127,13 +128,13 @@ class FitRows(ABC):
         return self
 
     @abstractmethod
-    def jitter(self, x: np.ndarray, causes: Sequence[Cause]) -> np.ndarray:
+    def jitter(self, x: Array, causes: Sequence[CalibrationError]) -> Array:
         """Return the variance (N, d) of rows by steps of friction that fall between samples: by
         parts of one, another one in each reversal, where channels are late by parts of a sample.
         """
 
     @abstractmethod
-    def corrected(self, x: np.ndarray, causes: Sequence[Cause], values: np.ndarray) -> FitRows:
+    def corrected(self, x: Array, causes: Sequence[CalibrationError], values: Array) -> FitRows:
         """Return the rows without causes of some values, at the parameters x (k,)."""
 
     @abstractmethod
@@ -141,13 +142,13 @@ class FitRows(ABC):
         """Return whether least squares in these rows is the estimate of the fit with `rows`."""
 
     @abstractmethod
-    def noise(self, scatter: np.ndarray, white: np.ndarray, now: Estimate) -> np.ndarray:
+    def noise(self, scatter: Array, white: Array, now: Estimate) -> Array:
         """Return the covariance by noise, from that of the blocks' scatter and that of rows whose
         residual is as large as noise, both (n, n).
         """
 
     @abstractmethod
-    def remaining(self, information: Information, x: np.ndarray, fitted: Estimate) -> np.ndarray:
+    def remaining(self, information: Information, x: Array, fitted: Estimate) -> Array:
         """Return the squared residual (d,) at x over that of the fit."""
 
     @abstractmethod
@@ -181,13 +182,13 @@ class ReducedRows(FitRows):
         every = rows.problem.information.rows // self.table.b.shape[1]
         return not rows.problem.stacked and len(self.table.t) == every
 
-    def corrected(self, x: np.ndarray, causes: Sequence[Cause], values: np.ndarray) -> FitRows:
+    def corrected(self, x: Array, causes: Sequence[CalibrationError], values: Array) -> FitRows:
         """Return the rows of corrected logs and mechanism."""
         mechanism, point = self._corrected(x, causes, values)
         table = Table.of(mechanism, Columns.of(mechanism), self.problem.motion, point)
         return ReducedRows(self.problem, table)
 
-    def jitter(self, x: np.ndarray, causes: Sequence[Cause]) -> np.ndarray:
+    def jitter(self, x: Array, causes: Sequence[CalibrationError]) -> Array:
         """Return the filtered squares of what an effect's torque changes by from sample to sample.
 
         A step at t is seen at the next sample, one that is late by d = k + φ samples k or k + 1
@@ -213,11 +214,11 @@ class ReducedRows(FitRows):
             variance[table.experiment == number] = rows
         return variance * table.scale**2
 
-    def noise(self, scatter: np.ndarray, white: np.ndarray, now: Estimate) -> np.ndarray:
+    def noise(self, scatter: Array, white: Array, now: Estimate) -> Array:
         """Return the blocks' covariance."""
         return scatter
 
-    def remaining(self, information: Information, x: np.ndarray, fitted: Estimate) -> np.ndarray:
+    def remaining(self, information: Information, x: Array, fitted: Estimate) -> Array:
         """Return mean squares over those of the fit."""
         before = _mean_squares(self.problem.information, fitted.x)
         return _mean_squares(information, x) / np.maximum(before, 1e-300)
@@ -268,7 +269,7 @@ class WhitenedRows(FitRows):
         """Return true: these are the rows of the fit."""
         return True
 
-    def corrected(self, x: np.ndarray, causes: Sequence[Cause], values: np.ndarray) -> FitRows:
+    def corrected(self, x: Array, causes: Sequence[CalibrationError], values: Array) -> FitRows:
         """Return the rows linear about corrected logs and mechanism."""
         mechanism, point = self._corrected(x, causes, values)
         grown = replace(
@@ -277,16 +278,16 @@ class WhitenedRows(FitRows):
         linear = self.linear.again(grown, x)
         return replace(self, linear=linear)
 
-    def jitter(self, x: np.ndarray, causes: Sequence[Cause]) -> np.ndarray:
+    def jitter(self, x: Array, causes: Sequence[CalibrationError]) -> Array:
         """Return zeros: the noise of the motion holds it."""
         return np.zeros(self.informed.shape)
 
-    def noise(self, scatter: np.ndarray, white: np.ndarray, now: Estimate) -> np.ndarray:
+    def noise(self, scatter: Array, white: Array, now: Estimate) -> Array:
         """Return the mean of both."""
         squares = self.linear.squares_per_row(now)
         return self.likelihood.mean_covariance(scatter, white, squares)
 
-    def remaining(self, information: Information, x: np.ndarray, fitted: Estimate) -> np.ndarray:
+    def remaining(self, information: Information, x: Array, fitted: Estimate) -> Array:
         """Return ones: the motion has moved, residuals are no measure."""
         return np.ones(self.problem.information.d)
 
@@ -303,7 +304,7 @@ class WhitenedRows(FitRows):
         return sorted(self.linear.parts, key=lambda run: run.experiment)
 
 
-def _column(table: Table, cause: Cause, share: float) -> np.ndarray:
+def _column(table: Table, cause: CalibrationError, share: float) -> Array:
     """Return the column (N, d) of a cause in the rows of a table."""
     effect, (parameter,) = cause.effect, cause.effect.parameters
     if not effect.corrects:
@@ -331,7 +332,7 @@ def _rows(table: Table) -> Rows:
     return Rows(**{name: getattr(table, name) for name in names})
 
 
-def _mean_squares(information: Information, x: np.ndarray) -> np.ndarray:
+def _mean_squares(information: Information, x: Array) -> Array:
     """Return the mean squared residual (d,) of unknowns x (k,)."""
     return np.array([t.residual_norm(x) ** 2 / max(t.rows, 1) for t in information.totals])
 

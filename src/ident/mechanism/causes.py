@@ -8,30 +8,21 @@ from dataclasses import dataclass
 from ident.effects import Effect
 from ident.effects.calibration import ClockError, LatePosition, LateTorque
 from ident.effects.drive import EncoderOffset, Geometry, TorqueGain
+from ident.information.cause import Cause
 from ident.mechanism.calibration import KINDS
 from ident.mechanism.mechanism import Mechanism
 
 
-@dataclass(frozen=True, eq=False)
-class Cause:
-    """One thing that may be a little wrong.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CalibrationError(Cause):
+    """An error of the calibration; `effect` has its column, at a value of 0."""
 
-    Attributes:
-        name: in words, as `gain of tau.elbow`; kind: of `KINDS`; place: what it is an error of.
-        scale: one standard deviation in `unit`; source: of that number.
-        effect: whose column, at a value of 0, it is.
-    """
-
-    name: str
-    kind: str
-    place: str
-    scale: float
-    unit: str
-    source: str
     effect: Effect
 
 
-def causes_of(mechanism: Mechanism, logged: Sequence[str], rate: float) -> Iterator[Cause]:
+def causes_of(
+    mechanism: Mechanism, logged: Sequence[str], rate: float
+) -> Iterator[CalibrationError]:
     """Yield the causes of a mechanism, for logs of a rate [Hz], 0 of poses, with the positions
     `logged`; without those that an effect of the mechanism has already.
     """
@@ -50,7 +41,8 @@ def causes_of(mechanism: Mechanism, logged: Sequence[str], rate: float) -> Itera
             scale = next(defaults, scale)
         if scale > 0:
             name = f"{KINDS[kind].words} {place}".strip()
-            yield Cause(name, kind, place, scale, unit, source, mechanism.placed(effect))
+            places, of = (place,) if place else (), mechanism.placed(effect)
+            yield CalibrationError(name, kind, places, scale, unit, source, effect=of)
 
 
 def _every(

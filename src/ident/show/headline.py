@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ident.assess.assessment import Assessment, Cause, Range, Remainder
+from ident.assess.assessment import Assessment, NamedCause, Range, Remainder
 from ident.assess.errors import BEFORE_NAMES
 from ident.assess.good_enough import Answer, GoodEnough, Reason
 from ident.effects import Effect
@@ -69,7 +69,7 @@ def error_words(a: Assessment) -> str:
     return f"error {share_words(a.before)}{before} → {share_words(now)}"
 
 
-def cause_words(cause: Cause, alone: bool = True) -> str:
+def cause_words(cause: NamedCause, alone: bool = True) -> str:
     """Return a cause: effects of one kind with their joints, counted where they are many, and what
     this data cannot tell from them, in brackets where it is not `alone`.
     """
@@ -80,7 +80,7 @@ def cause_words(cause: Cause, alone: bool = True) -> str:
     return f"{'other values of ' * cause.changed}{words}"
 
 
-def values_words(causes: Sequence[Cause]) -> str:
+def values_words(causes: Sequence[NamedCause]) -> str:
     """Return the values of what was found with their standard errors, those of one parameter of
     several joints together; empty without any.
     """
@@ -106,7 +106,7 @@ def values_words(causes: Sequence[Cause]) -> str:
     return "; ".join([*bodies, *texts[:GROUPS], *["more in the tables"] * (len(texts) > GROUPS)])
 
 
-def values_by_effect(causes: Sequence[Cause]) -> list[tuple[Effect, list[Value]]]:
+def values_by_effect(causes: Sequence[NamedCause]) -> list[tuple[Effect, list[Value]]]:
     """Return each effect of the causes with its own values."""
     return [
         (effect, [v for v in cause.values if v.name in effect.names])
@@ -123,9 +123,9 @@ def effects_words(effects: Sequence[Effect]) -> str:
     return f"{effect_noun(effects[0])} in {joints_words(single)}"
 
 
-def causes_words(causes: Sequence[Cause]) -> str:
+def causes_words(causes: Sequence[NamedCause]) -> str:
     """Return all causes; the kinds of effects in the same joints together."""
-    same: dict[tuple[str, ...], list[Cause]] = {}
+    same: dict[tuple[str, ...], list[NamedCause]] = {}
     for i, cause in enumerate(causes):
         similar = not (cause.rivals or cause.changed or any(x.signal for x in cause.effects))
         single = similar and all(len(effect.joints) == 1 for effect in cause.effects)

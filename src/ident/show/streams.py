@@ -36,7 +36,7 @@ from ident.show.motion import made_of
 from ident.streams.charts import OFTEN
 from ident.streams.gather import Gathered
 from ident.streams.many_logs import Disagreement, LogComparison, Verdict, Verdicts
-from ident.streams.monitor import Alarm, Cause, Monitor, ParameterChange
+from ident.streams.monitor import Alarm, Monitor, ParameterChange, SuspectedCause
 from ident.streams.online import Forces, Snapshot
 from ident.text import listed, percent, rounded, shortlist, stamp
 
@@ -216,8 +216,8 @@ def change_text(x: ParameterChange) -> str:
     return f"{x.name} {'' if change.startswith('-') else '+'}{change} {x.unit}".rstrip()
 
 
-@renders(Cause, "text")
-def cause_text(x: Cause) -> str:
+@renders(SuspectedCause, "text")
+def cause_text(x: SuspectedCause) -> str:
     """Return the cause and the changes of its parameters that are known."""
     known = [step for step in x.steps if step.stderr is not None]
     # what the motion does not determine by itself has an error without bound
@@ -248,7 +248,7 @@ def headline(x: Alarm) -> str:
     return f"changed {since}. One of {('; ' if few else ', ').join(which)}"
 
 
-def _sizes(x: Cause) -> str:
+def _sizes(x: SuspectedCause) -> str:
     """Return a cause with the changes of its parameters; of a load the mass stands for all."""
     masses = [step.name for step in x.steps if step.name.rpartition(".")[2] == "m"]
     loads = set(DYNAMIC[1:]) if masses else set()
@@ -257,7 +257,7 @@ def _sizes(x: Cause) -> str:
     )))  # fmt: skip
 
 
-def cause_nouns(x: Cause) -> str:
+def cause_nouns(x: SuspectedCause) -> str:
     """Return a cause in words: `a load on hand and dry friction in elbow`."""
     nouns = []
     for label in x.label.split(" + "):

@@ -14,9 +14,9 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from ident.information.cause import Cause
 from ident.information.cubic import cubic
 from ident.log import Log
-from ident.mechanism.causes import Cause
 
 
 def misread(log: Log, causes: Iterable[Cause], errors: Mapping[str, float]) -> Log:

@@ -20,7 +20,8 @@ from ident.fit.calibration import Budget, budget_of
 from ident.fit.calibration_rows import SAMPLES, STRETCHES, FitRows, ReducedRows
 from ident.information.blocks import Information
 from ident.information.estimate import Estimate
-from ident.mechanism.causes import Cause
+from ident.information.linear import Array
+from ident.mechanism.causes import CalibrationError
 from ident.motion import Motion
 from ident.motion.signals import GAP
 from ident.motion.state import State
@@ -40,9 +41,9 @@ class SampleExcerpt:
         self._longest_step = GAP / rate  # [s] between two samples of a run
         self._every, self._begun = 1, 0  # of so many stretches one is kept; how many began
         self._room = 0  # samples that the present stretch still takes
-        self._stretches: list[tuple[int, list[np.ndarray]]] = []  # number, and its samples
+        self._stretches: list[tuple[int, list[Array]]] = []  # number, and its samples
 
-    def add(self, X: np.ndarray) -> None:
+    def add(self, X: Array) -> None:
         """Take further samples."""
         while len(X):
             if not self._room:
@@ -67,7 +68,7 @@ class SampleExcerpt:
         self._begun, self._room = self._begun + 1, self._length
 
     @property
-    def runs(self) -> Iterator[np.ndarray]:
+    def runs(self) -> Iterator[Array]:
         """Samples (n, columns) that follow each other without a gap."""
         stretches = [np.concatenate(parts) for _, parts in self._stretches if parts]
         if not stretches:
@@ -90,7 +91,7 @@ class StreamRows(ReducedRows):
         """Return these."""
         return self
 
-    def corrected(self, x: np.ndarray, causes: Sequence[Cause], values: np.ndarray) -> FitRows:
+    def corrected(self, x: Array, causes: Sequence[CalibrationError], values: Array) -> FitRows:
         """Return the rows of corrected samples and mechanism."""
         corrected = super().corrected(x, causes, values)
         (table,) = corrected.tables

@@ -44,7 +44,7 @@ class ParameterChange(Displayed):
 
 
 @dataclass(frozen=True, repr=False)
-class Cause(Displayed):
+class SuspectedCause(Displayed):
     """One cause of an alarm, and what it would have done."""
 
     label: str  # `coulomb:elbow`
@@ -73,8 +73,8 @@ class Alarm(Displayed):
     detected: float
     named: float
     verdict: str
-    best: Cause | None
-    rivals: tuple[Cause, ...]
+    best: SuspectedCause | None
+    rivals: tuple[SuspectedCause, ...]
     seen_by: str
     evidence: float
     threshold: float
@@ -356,7 +356,7 @@ class Monitor(Displayed):
         raised.named, self._now = alarm.named, self._reference_after(naming)
         return alarm
 
-    def _cause(self, reading: Reading, naming: Naming) -> Cause:
+    def _cause(self, reading: Reading, naming: Naming) -> SuspectedCause:
         """The cause of a reading, one of those of a naming."""
         assert naming.best is not None
         excess = naming.best.fall / naming.explained  # squares beyond noise
@@ -376,7 +376,7 @@ class Monitor(Displayed):
             for name, triangle in zip(names, self.multipliers, strict=True)
         }
         explains = float(np.clip(reading.fall / excess, 0.0, 1.0))
-        return Cause(suspect.label, steps, explains, forces)
+        return SuspectedCause(suspect.label, steps, explains, forces)
 
     def _reference_after(self, naming: Naming) -> np.ndarray:
         """The reference with the change that is named best."""
