@@ -21,6 +21,11 @@ ENGINES = {  # file: what it asks the rule
     "diagnosis/experiment.py": {"nearly_best"},
     "diagnosis/validation.py": {"surely_t"},
 }
+CAUSES = {  # file: the class there of what may be wrong, missing or changed
+    "mechanism/causes.py": "CalibrationError",
+    "faults/fault.py": "Fault",
+    "diagnosis/changes.py": "Course",
+}
 PLANNERS = ("diagnosis/experiment.py", "assess/experiment.py", "excite/excitation.py")
 
 
@@ -42,6 +47,18 @@ def test_an_engine_asks_the_rule(file):
 @pytest.mark.parametrize("file", PLANNERS)
 def test_a_planner_measures_with_the_one_number(file):
     assert "share_apart" in calls(file)
+
+
+def classes(file: str) -> dict[str, list[str]]:
+    """Bases of the classes that a file defines, by name."""
+    nodes = (node for node in ast.walk(tree(file)) if isinstance(node, ast.ClassDef))
+    return {x.name: [b.id for b in x.bases if isinstance(b, ast.Name)] for x in nodes}
+
+
+def test_a_cause_is_one_thing():
+    files = [str(path.relative_to(SOURCE)) for path in SOURCE.rglob("*.py")]
+    assert [file for file in files if "Cause" in classes(file)] == ["information/cause.py"]
+    assert all("Cause" in classes(file)[name] for file, name in CAUSES.items())
 
 
 def test_thresholds_of_the_rule_are_defined_once():

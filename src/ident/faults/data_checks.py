@@ -74,11 +74,13 @@ TINY = 1e-12  # numerics: of a torque's squares
 ABSENT = 1e-9  # numerics: of the largest column, below which an unknown has no effect on any torque
 FAR = 10.0  # level: times noise of the sensors, from which values are those of another model
 LIKE = 0.9  # level: from there on four fifths of the squares of one are of the other's shape
-UNLIKE = 0.5**0.5  # level: below, less than half of the squares of one are of the other's shape
+# level: below, less than half of the squares of one are of the other's shape
+UNLIKE = MAIN_CAUSE**0.5
 # tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TIMES = 30.0
-SAME = 0.03  # tuned: difference of logarithms of factors that are one number, as no masses' are, …
-OTHER = 1.15  # tuned: … from which that number is another scale than the URDF's
+# tuned: from which a factor that torques have in common, as no masses' have, is another scale than
+# the URDF's
+OTHER = 1.15
 
 
 @dataclass(frozen=True, repr=False)
@@ -440,7 +442,7 @@ class DataChecks(FaultSearch):
         if turned:
             yield self._turned(turned)
         logs = np.log(list(gains.values()))
-        one = len(gains) > 1 and np.ptp(logs) < SAME and correlation > SAME_SHAPE
+        one = len(gains) > 1 and np.ptp(logs) < DOUBT and correlation > SAME_SHAPE
         # of poses every torque is gravity's, of whatever size: only a unit is told from masses
         least = OTHER if one and not self.problem.motion.poses else BEYOND
         far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}

@@ -51,7 +51,6 @@ LEAST_FACTOR = 1.5  # tuned: a smaller one is an effect's: a gain, a load-depend
 POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
 CLOSEST = 6  # work: hypotheses that are looked at in detail
 MOTION_SAMPLES = 300  # work: samples that tell a right motion from a wrong one
-CALM = 0.5  # level: of a fall of errors, which a delay must bring away from reversals, too
 # work: between two of these the best factor of a torque is sought
 FACTORS = np.geomspace(1e-4, 1e4, 17)
 NUMBERED = ("scale", "delay", "time")  # faults of which a number is sought, not one of several
@@ -453,7 +452,7 @@ class FaultSearch:
             before, after = (equations.noise(x) for x in (equations.as_logged, fault))
             return float(np.log(before[rows] / after[rows]).mean())
 
-        return fall(calm) >= CALM * fall(self.equations)
+        return fall(calm) >= MAIN_CAUSE * fall(self.equations)
 
 
 def refined(
