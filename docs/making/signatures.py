@@ -70,6 +70,7 @@ SHOWN: Mapping[str, Shown] = {
     "torque_offset": Shown("elbow", {"c": 0.5}, "v"),
     "torque_gain": Shown("elbow", {"g": 0.05}, "torque"),
     "delay": Shown("elbow", {"d": 0.008}, "slope"),
+    "position_delay": Shown("elbow", {"d": 0.008}, "v", ("elbow", "shoulder"), moves=("elbow",)),
     "encoder_offset": Shown(
         "elbow", {"delta": 0.03}, "q.elbow", ("elbow", "shoulder"), moves=("elbow",)
     ),

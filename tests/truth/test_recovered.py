@@ -100,6 +100,7 @@ CASES = [
     Case("five_bar", "torque_gain:left", {"g": 0.08}),
     Case("arm", "delay:elbow", {"d": 0.008}, ("coulomb",)),
     Case("four_bar", "delay:crank", {"d": 0.004}, ("coulomb",), tolerance=1e-3),  # few samples
+    Case("arm", "position_delay:elbow", {"d": 0.008}, ("coulomb",)),
     Case("arm", "encoder_offset:elbow", {"delta": 0.05}),
     Case("five_bar", "encoder_offset:left", {"delta": 0.03}),
     Case("four_bar", "encoder_offset:crank", {"delta": 0.05}),

@@ -77,6 +77,13 @@ def test_gravity_is_what_the_tilted_base_feels():
     assert repair_lines(assess_fit(fit).next)[0].startswith("gravity = [")
 
 
+def test_a_late_position_is_shifted():
+    _, fit = fitted("position_delay:elbow", {"position_delay.elbow.d": 0.015})
+    (repair,) = repairs_of(fit)
+    assert (repair.kind, repair.where) == ("delay", "q.elbow")
+    assert repair.number == pytest.approx(0.015, abs=0.002)
+
+
 def test_a_late_torque_is_shifted_and_what_is_known_or_uncertain_stays():
     label = "delay:elbow"
     _, fit = fitted(label, {"delay.elbow.d": 0.015})

@@ -97,6 +97,7 @@ CORRECTED = {  # where the equations are linearised, and how far from it the log
     ("arm", "gravity_tilt"): {"x": (0.03, 1e-3), "y": (-0.02, 1e-3)},
     ("arm", "gravity_compensation"): {"k": (0.9, 0.01)},
     ("arm", "delay:elbow"): {"d": (0.005, 5e-4)},
+    ("arm", "position_delay:elbow"): {"d": (0.005, 5e-4)},
     ("arm", "elasticity:elbow"): {"compliance": (1e-3, 2e-5), "damping": (5.0, 0.1)},
     ("four_bar", "elasticity:crank"): {"compliance": (1e-3, 1e-5), "damping": (1.0, 0.02)},
     ("arm", "backlash:wrist"): {"width": (0.01, 1e-4)},

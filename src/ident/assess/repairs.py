@@ -12,6 +12,8 @@ from ident.information.evidence import CERTAIN
 from ident.log import Column
 from ident.request import Repair, Step
 
+# effects of channels that are late, with the prefix of the channel
+LATE = {"delay": "tau", "position_delay": "q"}
 ROUNDING = 1e-9  # numerics: [m] of an origin, in the file and in the model
 
 
@@ -65,9 +67,9 @@ def _repairs(fit: Fit, values: EffectValues) -> Iterator[Repair]:
         source = mechanism.columns.get(channel, Column(channel))
         now = (source.scale / factor, source.offset / factor)
         yield Repair(effect.label, "scale", channel, factor, "1", source.column, now, file)
-    elif effect.kind == "delay":
+    elif effect.kind in LATE:
         for joint in effect.joints:
-            channel = f"tau.{joint}"
+            channel = f"{LATE[effect.kind]}.{joint}"
             column = mechanism.columns.get(channel, Column(channel)).column
             yield Repair(effect.label, "delay", channel, number[0], unit, column)
     elif effect.kind == "geometry":

@@ -1,4 +1,4 @@
-"""Errors of a calibration that no library entry of its own names: a clock, a late encoder.
+"""Errors of a calibration that no library entry of its own names: a clock, a late torque.
 
 They are in no diagnosis: every fit carries them as unknowns with priors (`fit.calibration`).
 """
@@ -7,11 +7,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-
 from ident.effects.drive import LATEST
 from ident.effects.effect import Correcting, Correction, Signals, Unknown
-from ident.information.cubic import late
 
 FASTEST = 0.5  # range: share by which a clock may be off
 
@@ -41,6 +38,7 @@ class LateTorque(Correcting):
     """
 
     kind = "late_torque"
+    shifts_in_time = True
     sits = "driven"
     shapes: ClassVar = (
         Unknown("d", ("s", "s"), "by which the torque is late", range=(-LATEST, LATEST)),
@@ -51,19 +49,3 @@ class LateTorque(Correcting):
 
     def correction(self, s: Signals) -> Correction:
         return Correction(late={self.joints[0]: s.shape["d"]})
-
-
-class LatePosition(Correcting):
-    """An encoder that is read late against the other channels, with its rates."""
-
-    kind = "late_position"
-    shapes: ClassVar = (
-        Unknown("d", ("s", "s"), "by which the position is late", range=(-LATEST, LATEST)),
-    )
-    equation = "q(t) logged at t + d"
-    signature = "coupling torques are shifted against the joint's own"
-    source = "Björklund, Ljung, IEEE CDC 2003"
-
-    def correction(self, s: Signals) -> Correction:
-        logged = np.stack([s.q[:, 0], s.v[:, 0], s.a[:, 0]], axis=1)
-        return Correction(dq={self.joints[0]: (late(s.t, logged, -s.shape["d"]) - logged).T})

@@ -12,6 +12,7 @@ import numpy as np
 
 from ident.effects.effect import Bounds, Correcting, Correction, Effect, Signals, Sites, Unknown
 from ident.effects.joint import direction
+from ident.information.cubic import late
 
 LATEST = 0.05  # range: [s] that a channel may be late or early
 KHALIL = "Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 9"
@@ -162,6 +163,31 @@ class Delay(Correcting):
 
     def correction(self, s: Signals) -> Correction:
         return Correction(delay=dict.fromkeys(self.joints, s.shape["d"]))
+
+
+class PositionDelay(Correcting):
+    """An encoder that is read late against the other channels, with its rates."""
+
+    kind = "position_delay"
+    noun = "late encoder"
+    candidate_sites = "logged"
+    shifts_in_time = True
+    margin = LATEST
+    shapes = (
+        Unknown(
+            "d", ("s", "s"), "by which the position is late", range=(-LATEST, LATEST),
+            negative="the position is early",
+        ),
+    )  # fmt: skip
+    equation = "q(t) logged at t + d"
+    signature = "the residuals of all joints follow the rate of what this joint makes them feel"
+    confused_with = ("delay",)
+    remedy = "log a motion of two frequencies, the higher at least three times the lower"
+    source = "Björklund, Ljung, IEEE CDC 2003"
+
+    def correction(self, s: Signals) -> Correction:
+        logged = np.stack([s.q[:, 0], s.v[:, 0], s.a[:, 0]], axis=1)
+        return Correction(dq={self.joints[0]: (late(s.t, logged, -s.shape["d"]) - logged).T})
 
 
 TILT = 0.35  # range: [rad] 20° of a base that is not level, or of an encoder's zero

@@ -270,6 +270,7 @@ class Effect(ABC):
     # its twist is linear in its joint's load (`twists`), from a state that no log knows
     by_load: ClassVar[bool] = False
     through_drives: ClassVar[bool] = False  # it corrects by the torques that drives supply
+    shifts_in_time: ClassVar[bool] = False  # the motion, or what is predicted of it
     margin: ClassVar[float] = 0.0  # [s] at both ends of a log that its correction cannot use
     whole_log: ClassVar[bool] = False  # its correction depends on statistics of the whole log
     asks: ClassVar[tuple[str, ...]] = ()  # of `a`, `torque`, `load`: predictions in its columns

@@ -31,6 +31,7 @@ TABLE = 20_000  # work: rows; of more, one in so many is kept: they decide, they
 BLOCKS = 20  # work: of time, in all experiments together
 SMOOTH = 16.0  # numerics: samples a period of the cut-off at which sensitivities are evaluated
 AT_ONCE = 32  # work: columns that are filtered in one product
+ROUNDING = 1e-6  # numerics: of a number of samples
 FEWEST = 4  # range: samples that a spline goes through
 MADE_BYTES = 100_000_000  # work: of columns at starts that are kept
 COARSE = 8.0  # numerics: the same, at least, from which formulas are screened
@@ -293,7 +294,11 @@ class Table(Rows):
 
         `step`: of a central difference, in the shape's unit; default: forward and as small as
         rounding allows, where what jumps with the motion, as dry friction does, would not be seen.
+        Of what shifts the motion in time it is whole samples: each reversal falls into as many.
         """
+        if effect.shifts_in_time:
+            spacing = max(float(s.e.t[1] - s.e.t[0]) for s in self.thin if len(s.e) > 1)
+            step = spacing * max(1.0, np.ceil((step or spacing) / spacing - ROUNDING))
         others = {
             f: shape[shape_parameter.name]
             for f, shape_parameter in zip(effect.names, effect.shapes, strict=True)

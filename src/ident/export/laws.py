@@ -37,7 +37,7 @@ SAMPLES = 200  # work: of a motion, at which the torque of gravity is taken
 FREQUENCY = 0.5  # range: [Hz] of its first joint; each further one is a little faster
 FRICTIONS = ("dry", "level", "state")  # `Unknown.acts` of friction
 # kinds that tell how a log was made, not how the machine moves
-OF_THE_LOG = ("delay", "gravity_compensation")
+OF_THE_LOG = ("delay", "position_delay", "gravity_compensation")
 DRIVES = ("servo", "motor_current", "motor_voltage", "command_delay")
 
 

@@ -36,7 +36,6 @@ from ident.motion import Motion
 
 SAMPLES = 8_000  # work: that columns are made of, as few as smooth series allow
 STRETCHES = 16  # work: of a log with more
-ROUNDING = 1e-6  # numerics: of a number of samples
 SMALLER = (1.0, 0.1, 0.01)  # work: shares of a prior scale at which a column is taken
 
 
@@ -312,11 +311,8 @@ def _column(table: Table, cause: CalibrationError, share: float) -> Array:
         column = np.zeros(table.b.shape)
         column[:, felt] = C[:, :, 0]
         return cause.scale * column
-    none, step = {parameter.name: 0.0}, share * cause.scale
-    if cause.kind == "lateness":  # each reversal of dry friction falls into as many samples
-        spacing = max(float(s.e.t[1] - s.e.t[0]) for s in table.thin if len(s.e) > 1)
-        step = spacing * np.ceil(step / spacing - ROUNDING)
-    return cause.scale * table.sensitivity(effect, none, parameter.name, step)
+    none = {parameter.name: 0.0}
+    return cause.scale * table.sensitivity(effect, none, parameter.name, share * cause.scale)
 
 
 def _of_a_share(spread: float) -> float:

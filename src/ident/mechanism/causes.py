@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from ident.effects import Effect
-from ident.effects.calibration import ClockError, LatePosition, LateTorque
-from ident.effects.drive import EncoderOffset, Geometry, TorqueGain
+from ident.effects.calibration import ClockError, LateTorque
+from ident.effects.drive import EncoderOffset, Geometry, PositionDelay, TorqueGain
 from ident.information.cause import Cause
 from ident.mechanism.calibration import KINDS
 from ident.mechanism.mechanism import Mechanism
@@ -64,5 +64,5 @@ def _every(
         every.append(("lateness", f"tau.{name}", LateTorque((name,)), 1.0, "s"))
     # what a drive supplies follows its position, and has a delay of its own
     for name in (name for name in logged if name not in mechanism.drives):
-        every.append(("lateness", f"q.{name}", LatePosition((name,)), 1.0, "s"))
+        every.append(("lateness", f"q.{name}", PositionDelay((name,)), 1.0, "s"))
     return (entry for entry in every if entry[2].label not in present)
