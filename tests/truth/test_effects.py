@@ -302,9 +302,7 @@ def test_columns_are_the_formula(kind):
 CORRECTIONS = {  # what s = 0.01 corrects
     "delay": lambda s, c: c.delay == {"a": 0.01},
     "encoder_offset": lambda s, c: c.dq == {"a": 0.01},
-    "position_delay": lambda s, c: np.allclose(  # where neighbours exist on both sides
-        c.dq["a"][0, 5:-5], np.interp(s.t + 0.01, s.t, s.q[:, 0])[5:-5] - s.q[5:-5, 0], atol=1e-3
-    ),
+    "position_delay": lambda s, c: c.position_delay == {"a": 0.01},
     "gravity_tilt": lambda s, c: c.tilt == (0.01, 0.01),
     "gravity_compensation": lambda s, c: c.compensated == 0.01,
     "elasticity": lambda s, c: np.allclose(

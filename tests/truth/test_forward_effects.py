@@ -33,6 +33,7 @@ ARM = {
     "torque_offset:elbow": {"c": 0.7},
     "torque_gain:elbow": {"g": 0.05},
     "delay:elbow": {"d": 0.01},
+    "position_delay:elbow": {"d": 0.01},
     "encoder_offset:elbow": {"delta": 0.02},
     "gravity_tilt": {"x": 0.03, "y": -0.02},
     "payload:hand": dict(

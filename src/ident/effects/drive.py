@@ -12,7 +12,6 @@ import numpy as np
 
 from ident.effects.effect import Bounds, Correcting, Correction, Effect, Signals, Sites, Unknown
 from ident.effects.joint import direction
-from ident.information.cubic import late
 
 LATEST = 0.05  # range: [s] that a channel may be late or early
 KHALIL = "Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 9"
@@ -186,8 +185,7 @@ class PositionDelay(Correcting):
     source = "Björklund, Ljung, IEEE CDC 2003"
 
     def correction(self, s: Signals) -> Correction:
-        logged = np.stack([s.q[:, 0], s.v[:, 0], s.a[:, 0]], axis=1)
-        return Correction(dq={self.joints[0]: (late(s.t, logged, -s.shape["d"]) - logged).T})
+        return Correction(position_delay={self.joints[0]: s.shape["d"]})
 
 
 TILT = 0.35  # range: [rad] 20° of a base that is not level, or of an encoder's zero

@@ -197,6 +197,8 @@ class Correction:
     # the same of a joint's link, where the joint's own effects act on the motor, which is logged
     twist: Mapping[str, np.ndarray] = field(default_factory=dict)
     delay: Mapping[str, float] = field(default_factory=dict)  # by joint, of its torque [s]
+    # by joint, of its position with both rates [s]
+    position_delay: Mapping[str, float] = field(default_factory=dict)
     tilt: tuple[float, float] = (0.0, 0.0)  # rotation of the base about x and y [rad]
     compensated: float = 0.0  # share of the given bodies' gravity that torques lack
     displaced: Mapping[str, float] = field(default_factory=dict)  # by place, displacement [m]

@@ -89,6 +89,12 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             tau[:, channel] = late(e.t, e.tau[:, channel], -d)  # read at t + d, without the ends
             inside = (e.t >= e.t[0] + margin) & (e.t <= e.t[-1] - margin)
             e = e.with_torques(tau, e.usable & inside)
+        for name, d in what.position_delay.items() if not e.poses else ():
+            if name in e.logged:
+                series = known[:, :, e.logged.index(name)]
+                series[:] = late(e.t, series.T, -d).T
+                inside = (e.t >= e.t[0] + margin) & (e.t <= e.t[-1] - margin)
+                e = replace(e, usable=e.usable & inside)
         for name, torque in what.torque.items():
             tau = e.tau.copy()
             tau[:, mechanism.driven.index(name)] = torque
@@ -101,7 +107,10 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         for name, twist in what.twist.items():
             if name in e.logged:
                 known[:, :, e.logged.index(name)] += _rates(e, twist, cutoff)
-    if any(what.dq or what.twist or what.displaced for what in every_correction):
+    moves = (
+        what.dq or what.position_delay or what.twist or what.displaced for _, what in corrections
+    )
+    if any(moves):
         # once: all are of the data as logged
         motors = e
         e = with_motors(mechanism, e.at(mechanism, known), motors, every_correction)

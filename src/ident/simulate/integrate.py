@@ -24,6 +24,7 @@ from ident.equations.rows import Scene, check_needs
 from ident.equations.unknowns import NOTHING, Point
 from ident.errors import MotionError, one_of
 from ident.information import linear
+from ident.information.cubic import late
 from ident.log import Log
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import State, complete
@@ -373,7 +374,11 @@ def _columns(
         tree = tuple(joint.name for joint in mechanism.joints if joint.in_tree)
         names = tree or tuple(joint.name for joint in mechanism.joints)
     for effect in mechanism.effects:
-        for name, dq in constant_correction(effect, point).dq.items():
+        what = constant_correction(effect, point)
+        for name, d in what.position_delay.items():
+            for x in sensed:
+                x[:, mechanism.joint_index[name]] = late(t, x[:, mechanism.joint_index[name]], d)
+        for name, dq in what.dq.items():
             i = mechanism.joint_index[name]
             dq = np.broadcast_to(np.asarray(dq, dtype=float), t.shape)
             dv = np.gradient(dq, t)
