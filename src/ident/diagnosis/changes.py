@@ -222,14 +222,11 @@ def change_within(first: Ranking) -> Change | None:
         cause, number, time = where[i]
         if id(cause) not in timed and len(timed) < COMPARED:
             timed[id(cause)] = _with_time(contest, cause, number, time, boundaries, p)
-    timed = {
-        i: change for i, change in timed.items() if (change.values >= change.cause.least).all()
-    }
-    if not timed:
+    able = [change for change in timed.values() if (change.values >= change.cause.least).all()]
+    most_left = (1 + PARSIMONY) * (1 - max((change.gain for change in able), default=1.0))
+    equal = [change for change in able if 1 - change.gain <= most_left]
+    if not equal:
         return None
-    least_left = 1 - max(change.gain for change in timed.values())
-    most_left = (1 + PARSIMONY) * least_left
-    equal = [change for change in timed.values() if 1 - change.gain <= most_left]
     change = min(equal, key=lambda change: (len(change.cause.names), -change.gain))
     always = [e.refit.loss[:, change.coordinate] for e in first.evidence]
     always.append(contest.regression.losses[:, change.coordinate])
@@ -248,9 +245,7 @@ def _with_values(change: Change, fit: Fit) -> Change:
     """
     if not change.cause.warms:
         return change
-    values = {
-        effect.effect.label: tuple(x.value for x in effect.parameters) for effect in fit.effects
-    }
+    values = {e.effect.label: tuple(x.value for x in e.parameters) for e in fit.effects}
 
     def valued(cause: Course) -> Course:
         return replace(cause, values=values.get(cause.name, ()))
@@ -425,6 +420,5 @@ def _with_time(
     log = contest.table.scenes[number].e.name
     stderr = noise * refit.stderr
     gain, of_coordinate = bare.gain(refit), refit.loss[:, u]
-    return Change(
-        cause, log, t, refit.theta, stderr, gain, p, u, of_coordinate, begins, until
-    )  # fmt: skip
+    theta = refit.theta
+    return Change(cause, log, t, theta, stderr, gain, p, u, of_coordinate, begins, until)

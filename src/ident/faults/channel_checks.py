@@ -194,11 +194,8 @@ def alternating(c: LoggedChannel) -> Judgement:
         f"jumps by {significant(2 * jump)} and back from row to row: two publishers in one topic, "
         "or two logs in one"
     )
-    return (
-        (flips, ALTERNATES, text, "log one of them; ros2 topic info -v names both")
-        if wild
-        else None
-    )
+    remedy = "log one of them; ros2 topic info -v names both"
+    return (flips, ALTERNATES, text, remedy) if wild else None
 
 
 def frozen(c: LoggedChannel) -> Judgement:
@@ -343,10 +340,8 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             yield from contradicted(log, state, mechanism)
             yield from late_rates(log, mechanism)
         for (code, meaning), judgements_of_check in same.items():
-            names, (_, number, threshold, remedy) = (
-                tuple(name for name, *_ in judgements_of_check),
-                judgements_of_check[0],
-            )
+            names = tuple(name for name, *_ in judgements_of_check)
+            _, number, threshold, remedy = judgements_of_check[0]
             text = f"{log.name}: {shortlist(names, NAMED)}: {meaning}"
             yield Finding(code, text, remedy, names, number, threshold)
     ends = [f(e.y, axis=0) for e in motion.experiments if len(e.y) for f in (np.min, np.max)]

@@ -76,23 +76,19 @@ class ChannelEquations:
         holds at its value; `blocks` (N,) number stretches of time, by default the table's.
         """
         driven, names = table.mechanism.driven, table.motion.independent
-        drive_of_coordinate = (
-            tuple(map(driven.index, names)) if sorted(driven) == sorted(names) else ()
-        )
+        own_drives = sorted(driven) == sorted(names)
+        drive_of_coordinate = tuple(map(driven.index, names)) if own_drives else ()
         fixed = estimate.fixed
         rows_in_use = use.any(axis=1)
         blocks = table.blocks if blocks is None else blocks
         numbers, block = np.unique(blocks[rows_in_use], return_inverse=True)
         prior = estimate.solution.x[fixed]
         columns = [table.effect_columns(effect, [{}]) for effect in effects]
-        steps, near = (
-            _steps(table) if shifts and drive_of_coordinate else (np.zeros(1, dtype=int), 1)
-        )
-        torques = (
-            _torques_of_drives(table, drive_of_coordinate, steps)
-            if drive_of_coordinate
-            else _spread_torques(table, driven)
-        )
+        steps, near = _steps(table) if shifts and own_drives else (np.zeros(1, dtype=int), 1)
+        if own_drives:
+            torques = _torques_of_drives(table, drive_of_coordinate, steps)
+        else:
+            torques = _spread_torques(table, driven)
         ends = np.cumsum([int((~fixed).sum()), *(C.shape[2] for C, _ in columns)])
         places = {e.label: np.arange(*x) for e, x in zip(effects, pairwise(ends), strict=True)}
         k, edges = int(ends[-1]), np.searchsorted(block, range(len(numbers) + 1))
@@ -211,12 +207,8 @@ class ChannelEquations:
     def rows_of(self, cause: Fault) -> Array:
         """Which coordinates (d,) feel a cause: those of its torques, or all."""
         every = not self.drive_of_coordinate or cause.state is not None
-        return np.array(
-            [
-                every or self.driven[j] in cause.places
-                for j in self.drive_of_coordinate or self.rows[0]
-            ]
-        )
+        drives = self.drive_of_coordinate or self.rows[0]
+        return np.array([every or self.driven[j] in cause.places for j in drives])
 
     def noise(self, cause: Fault, start: Array | None = None) -> Array:
         """Relative errors (d,), each coordinate weighted by its own: a joint with a missing effect
@@ -242,7 +234,7 @@ class ChannelEquations:
         sigma2 = error.sum(axis=0) + SMALL**2
         return -0.5 * (self.rows * np.log(sigma2) + self.rows.sum(axis=0) * error / sigma2)
 
-    def strangers(self, noise: Array) -> list[str]:
+    def torques_of_another_log(self, noise: Array) -> list[str]:
         """Driven joints of which the torque is explained no better than at another time of the log:
         it is not of this motion, or is noise; `noise` (d,) is that of the log as it is. None, if
         these are not most of several: effects that the library does not have may make a few.
@@ -300,8 +292,8 @@ def _steps(table: Table) -> tuple[Array, int]:
     """Shifts of the torques [samples], the first 0, and how many can be a delay; others are far."""
     e = next((s.e for s in table.scenes if not s.e.poses), table.scenes[0].e)
     most = min(LONGEST * e.rate, 0.05 * len(e))
-    some = {max(1, round(i * most / NODES)) for i in range(1, NODES + 1)} if e.rate else set()
-    near = [0, *sorted(-k for k in some), *sorted(some)]
+    late = {max(1, round(i * most / NODES)) for i in range(1, NODES + 1)} if e.rate else set()
+    near = [0, *sorted(-k for k in late), *sorted(late)]
     return np.array([*near, *(len(e) * k // FAR for k in range(1, FAR))]), len(near)
 
 
@@ -319,9 +311,8 @@ def _torques_of_drives(table: Table, drive_of_coordinate: tuple[int, ...], steps
         shifted_torques = (
             np.hstack([every, table.filtered(number, tau[shifted, j])]) for j in drive_of_coordinate
         )
-        pieces.append(
-            np.stack([*shifted_torques], axis=1)
-        )  # one drive after the other, to take less memory
+        # one drive after the other, to take less memory
+        pieces.append(np.stack([*shifted_torques], axis=1))
     return np.concatenate(pieces) * table.scale[:, :, None]
 
 
@@ -356,9 +347,8 @@ def limits_of_machines(
     rest = regressor(model, postures.q, none, none)
     for u in range(d):
         Z = postures.pinv[:, :, u - d]
-        gamma = np.einsum("nik,ni->k", regressor(model, postures.q, none, Z) - rest, Z) / len(
-            postures
-        )
+        of_speed = regressor(model, postures.q, none, Z) - rest
+        gamma = np.einsum("nik,ni->k", of_speed, Z) / len(postures)
         inertia[u, : len(columns.rigid)] = gamma[columns.rigid]
         offset[u] = gamma[known] @ mechanism.prior[known] + inertia[u, fixed] @ x[fixed]
     places = {name: i for i, name in enumerate(np.array(columns.names)[~fixed])}

@@ -147,7 +147,7 @@ class DataChecks(FaultSearch):
             dead = any(finding.code in DEAD for finding in channels)
             several = len(self.problem.motion.logs) > 1 and not (findings or dead)
             logs = differing_logs(self.problem, lambda: self.reference) if several else ()
-            findings = findings or [*logs] or self._strangers(noise) or sizes
+            findings = findings or [*logs] or self._torques_of_another_log(noise) or sizes
         return Health((*findings, *channels))
 
     def _of_models(self) -> list[Finding]:
@@ -164,9 +164,8 @@ class DataChecks(FaultSearch):
             values = {"terms": verdict.column, "model": name, "left": percent(verdict.number),
                       "before": percent(verdict.threshold)}  # fmt: skip
             text = f"{listed(where)}: {text.format(**values)}"
-            findings.append(
-                Finding(code, text, remedy, tuple(where), verdict.number, verdict.threshold)
-            )
+            numbers = verdict.number, verdict.threshold
+            findings.append(Finding(code, text, remedy, tuple(where), *numbers))
         return findings
 
     def _matters(self, finding: Finding) -> bool:
@@ -237,9 +236,9 @@ class DataChecks(FaultSearch):
                 weight = rigid_forces(scene.mechanism.model, e.q, 0 * e.v, 0 * e.a, pi)
                 squares.append(s.reduce(weight)[:, u] ** 2)
             rows = self.use[:, u]
-            left = table.b[rows, u] - table.A[rows, u] @ x
+            residual = table.b[rows, u] - table.A[rows, u] @ x
             gravity = float(np.sqrt(np.mean(np.concatenate(squares))))
-            if not rows.any() or np.sqrt(np.mean(left**2)) > EXPLAINED_BELOW * gravity:
+            if not rows.any() or np.sqrt(np.mean(residual**2)) > EXPLAINED_BELOW * gravity:
                 return False
         return True
 
@@ -318,10 +317,14 @@ class DataChecks(FaultSearch):
             where = tuple(f"tau.{name}" for name in names)
             yield Finding("delay", text, remedy, where, 1e3 * late.delay)
 
-    def _strangers(self, noise: Array) -> list[Finding]:
+    def _torques_of_another_log(self, noise: Array) -> list[Finding]:
         varies = self.varying.any(axis=0)
         noise = np.where(varies, noise, np.minimum(noise, EXPLAINED_BELOW))
-        names = [f"tau.{name}" for name in self.equations.strangers(noise)] if noise.any() else []
+        names = (
+            [f"tau.{name}" for name in self.equations.torques_of_another_log(noise)]
+            if noise.any()
+            else []
+        )
         if not names or self.reference[varies].max() <= EXPLAINED_BELOW:
             return []
         text = (
@@ -353,11 +356,9 @@ class DataChecks(FaultSearch):
         far = np.zeros_like(bad)
         if not problem.motion.poses:  # of which friction at rest makes most, not noise of sensors
             bad |= (errors > DOUBT) & (beyond > BEYOND)
-            calm_sizes = [
-                min((calm or {}).get(name, size), size)
-                for name, size in zip(names, sizes, strict=True)
-            ]
-            far = (errors > MATERIAL) & (np.array(calm_sizes) > FAR * np.maximum(floor, 1e-150))
+            both = zip(names, sizes, strict=True)
+            calm_sizes = np.array([min((calm or {}).get(name, size), size) for name, size in both])
+            far = (errors > MATERIAL) & (calm_sizes > FAR * np.maximum(floor, 1e-150))
             bad |= far
         if not bad.any():
             return
@@ -374,18 +375,10 @@ class DataChecks(FaultSearch):
             )
             spoilt = worst > EXPLAINED_BELOW or far.any()
             why += "; parameters are not to be trusted, whatever their ±" if spoilt else ""
-        text, remedy = (
-            f"the model leaves {largest_errors}{least}{why}",
-            "ident diagnose shows where it fails",
-        )
-        yield Finding(
-            "poor fit",
-            text,
-            remedy,
-            where,
-            None,
-            EXPLAINED_BELOW if worst > EXPLAINED_BELOW else FAR if far.any() else DOUBT,
-        )
+        text = f"the model leaves {largest_errors}{least}{why}"
+        threshold = EXPLAINED_BELOW if worst > EXPLAINED_BELOW else FAR if far.any() else DOUBT
+        remedy = "ident diagnose shows where it fails"
+        yield Finding("poor fit", text, remedy, where, None, threshold)
 
     def _magnitudes(self) -> Iterator[Finding]:
         """Report torques of another size or shape than the URDF's bodies need: a hint, for a URDF
@@ -477,8 +470,8 @@ class DataChecks(FaultSearch):
         equations = self.equations
         factors = {equations.driven.index(name): 1 / x for name, x in gains.items()}
         scaled = equations.as_logged.replaced("scale", gain=factors)
-        mine, both = equations.rows_of(scaled), (equations.as_logged, scaled)
-        before, after = (float(np.exp(np.log(equations.noise(x)[mine]).mean())) for x in both)
+        rows, both = equations.rows_of(scaled), (equations.as_logged, scaled)
+        before, after = (float(np.exp(np.log(equations.noise(x)[rows]).mean())) for x in both)
         explained = credible(before, DOUBT, remaining=after, most=MAIN_CAUSE * before)
         return (before, after) if explained else None
 

@@ -174,9 +174,8 @@ class _Logs:
             inverse = _inverse(H)
             own_step = inverse @ g
             others = _inverse(H - H_b)
-            errors = (others @ (g_b - H_b @ own_step)[..., None])[
-                ..., 0
-            ] @ H  # at the fit of all others
+            # at the fit of all others
+            errors = (others @ (g_b - H_b @ own_step)[..., None])[..., 0] @ H
             spare = total.rows - np.linalg.matrix_rank(inverse)
             remaining = (total.residual_norm(joint.x) ** 2 - float(g @ own_step)) / max(spare, 1)
             self.H[log], self.g[log], self.noise[log] = H, g, max(remaining, LEAST_NOISE[0])

@@ -62,9 +62,7 @@ class Fault(Cause):
     # the factor, those of several positions, the delay [s] (positive: the torque is late), the
     # scale of time, or the three components of gravity [m/s²]
     number: tuple[float, ...] = ()
-    state: StateChange | None = (
-        None  # makes the mechanism and the state as they would be; None: as is
-    )
+    state: StateChange | None = None  # makes mechanism and state as they would be; None: as is
     at: Callable[[float], Fault] | None = None  # the same fault with another factor or scale
 
     @classmethod
@@ -406,9 +404,8 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
     unit = min(UNITS, key=lambda known: abs(np.log(size / known)))
     other = abs(np.log(size / unit)) >= UNIT
     unit_text = "a gear ratio, a torque constant or a unit?" if other else f"{UNITS[unit]}?"
-    ordered = sorted(
-        joints, key=mechanism.joint_index.__getitem__
-    )  # as channels, joints as sources
+    # as channels, joints as sources
+    ordered = sorted(joints, key=mechanism.joint_index.__getitem__)
     effects = [kind for kind, effect_class in KINDS.items() if effect_class.fault == fault.kind]
     fields: dict[str, object] = {
         "number": number, "inverse": 1 / number if number else 0.0, "ms": abs(1e3 * number),

@@ -126,9 +126,7 @@ class FaultSearch:
         drives = {(name,) for name in self.mechanism.driven}
         changed = [effect.freed for effect in self.mechanism.effects if effect.known]
         every = (*self.mechanism.candidates(), *changed)
-        linear = [
-            effect for effect in every if effect.local and effect.linear and not effect.shapes
-        ]
+        linear = [e for e in every if e.local and e.linear and not e.shapes]
         return [effect for effect in linear if effect.joints in drives]
 
     @cached_property
@@ -162,9 +160,7 @@ class FaultSearch:
         """Relative errors (d,) of the log as it is with all linear effects of the library."""
         reference = self.every.noise(self.every.as_logged)
         with_diagnosis = np.sqrt(self._unexplained + SMALL**2)
-        return (
-            with_diagnosis if np.log(with_diagnosis).sum() < np.log(reference).sum() else reference
-        )
+        return min(reference, with_diagnosis, key=lambda errors: float(np.log(errors).sum()))
 
     @property
     def _unexplained(self) -> Array:
@@ -227,8 +223,7 @@ class FaultSearch:
             if self.explained is not None:
                 rival = equations.density(self.explained / equations.torque)
                 base = base if base.sum() > rival.sum() else rival
-            closest = self._closest(faults, trial, base, {})
-            if (best := self._best(faults, closest, trial, base, now.noise)) is None:
+            if (best := self._best(faults, trial, base, now.noise, {})) is None:
                 break
             trials.append(best)
             now = best
@@ -242,9 +237,8 @@ class FaultSearch:
         fit: in rows of single samples it hides what a turned torque leaves.
         """
         names, turned = self.problem.motion.experiments[0].logged, set[str]()
-        for trial in [
-            x for x in trials if x.fault.kind == "sign" and {*x.fault.places} <= {*names}
-        ]:
+        signs = [x for x in trials if x.fault.kind == "sign" and {*x.fault.places} <= {*names}]
+        for trial in signs:
             last, joints = trials[-1], trial.fault.places
             faults = turned_positions(last.fault, joints, names, turned)
             equations = self._equations_in(faults[0])
@@ -276,11 +270,10 @@ class FaultSearch:
         except (IdentError, np.linalg.LinAlgError):
             return None
         same = np.array_equal(table.t, self.table.t) and not (self.use & ~table.informed).any()
-        blocks = self.table.blocks
-        return (
-            ChannelEquations.of(self.estimate, table, self.use, self.common, True, blocks)
-            if same
-            else None
+        if not same:
+            return None
+        return ChannelEquations.of(
+            self.estimate, table, self.use, self.common, True, self.table.blocks
         )
 
     def _motion(self, noise: Array) -> FaultTrial | None:
@@ -327,19 +320,20 @@ class FaultSearch:
         faults = motion_faults(now.fault, mechanism, thin, poor)
         faults += motor_faults(now.fault, mechanism, thin[0].logged, poor)
         base = now.held_out_density
-        closest = self._closest(faults, trial, base, self.scores)
-        best = self._best(faults, closest, trial, base, min(now.noise, noise, key=rms))
+        best = self._best(faults, trial, base, min(now.noise, noise, key=rms), self.scores)
         return best if best and self._explains(best, every) else None
 
-    def _closest(
-        self,
-        faults: Sequence[Fault],
-        trial: Callable[[Fault], FaultTrial],
-        base: Array,
-        scores: dict[Hashable, float],
-    ) -> list[FaultTrial]:
-        """Return those of some faults that explain most, the best first, in blocks of `base`; and
-        fill in the `scores` by what a fault is that are not known.
+    def _best(
+        self, faults: Sequence[Fault], trial: Callable[[Fault], FaultTrial], base: Array,
+        before_rows: Array, scores: dict[Hashable, float],
+    ) -> FaultTrial | None:  # fmt: skip
+        """Return the best of some faults, if it is credible.
+
+        Args:
+            faults: all that are tried; trial: a fault in its equations.
+            base: log density (blocks, d) of blocks that are left out, without a fault.
+            before_rows: relative errors (d,) without a fault.
+            scores: by what a fault is; those that are not known are filled in.
         """
         for fault in faults:
             if fault.identity in scores:
@@ -350,35 +344,15 @@ class FaultSearch:
                 if len(attempt.equations.rows) == len(base) and np.isfinite(attempt.score):
                     scores[fault.identity] = attempt.score
         possible = [fault for fault in faults if scores[fault.identity] > -np.inf]
-        return [*map(trial, nlargest(CLOSEST, possible, key=lambda x: scores[x.identity]))]
-
-    def _best(
-        self,
-        faults: Sequence[Fault],
-        closest: Sequence[FaultTrial],
-        trial: Callable[[Fault], FaultTrial],
-        base: Array,
-        before_rows: Array,
-    ) -> FaultTrial | None:
-        """Return the best of some faults, if it is credible.
-
-        Args:
-            faults: all that were tried; closest: those that explain most, the best first.
-            trial: a fault in its equations.
-            base: log density (blocks, d) of blocks that are left out, without a fault.
-            before_rows: relative errors (d,) without a fault.
-        """
+        closest = [*map(trial, nlargest(CLOSEST, possible, key=lambda x: scores[x.identity]))]
         if not closest:
             return None
         best, *others = closest
         if best.fault.kind == "motors":  # of several matrices as good the simplest is named
-            alike = [
-                other
-                for other in closest
-                if (other.fault.kind, other.fault.number) == ("motors", best.fault.number)
-                and best.ahead_of(other) < RIVAL
-            ]
-            best = min([best, *alike], key=lambda x: faults.index(x.fault))
+            ratio = "motors", best.fault.number
+            same = [x for x in others if (x.fault.kind, x.fault.number) == ratio]
+            equal = [best, *rivals_of(best, same, best.ahead_of)]
+            best = min(equal, key=lambda x: faults.index(x.fault))
             others = [other for other in closest if other is not best]
         if best.fault.kind == "time":
             at = CLOCKS.index(best.fault.number[0])
@@ -396,9 +370,9 @@ class FaultSearch:
         rivals_by_kind = dict[tuple[object, ...], Fault]()
         for other in rivals_of(best, others, best.ahead_of):
             rivals_by_kind.setdefault((other.fault.kind, other.fault.places), other.fault)
-        if (alike_joints := rivals_by_kind.get(identity)) and best.fault.kind == "motors":
-            same = [x.state.signs for x in (best.fault, alike_joints)]  # type: ignore[union-attr]
-            if same[0] == same[1]:  # but for a ratio
+        if (at_joints := rivals_by_kind.get(identity)) and best.fault.kind == "motors":
+            signs = {x.state.signs for x in (best.fault, at_joints)}  # type: ignore[union-attr]
+            if len(signs) == 1:  # the same but for a ratio
                 del rivals_by_kind[identity]
         if identity[0] in NUMBERED:
             rivals_by_kind.pop(identity, None)
@@ -407,11 +381,11 @@ class FaultSearch:
         most = min(EXPLAINED_BELOW, max(MAIN_CAUSE * before, DOUBT))
         if len(before_rows) == 1 or any(rival.kind != best.fault.kind for rival in rivals):
             most = DOUBT  # nothing else holds it, or nobody can tell by which of two faults
-        fault = _determined(best, trial)
+        determined = _determined(best, trial)
         chance = surely_t(len(faults), len(base))
-        if fault is None or not credible(t, chance, remaining=best.error, most=most):
+        if determined is None or not credible(t, chance, remaining=best.error, most=most):
             return None
-        return replace(best, fault=fault, before_fault=before, rivals=rivals)
+        return replace(best, fault=determined, before_fault=before, rivals=rivals)
 
     def _explains(self, last: FaultTrial, every: ChannelEquations) -> bool:
         """Whether faults leave not much more than all effects of the library together, and less

@@ -52,9 +52,8 @@ def away_from_reversals(table: Table) -> np.ndarray:
     """
     guard = min(GUARD, 0.3 / max(table.motion.band.motion, 1e-9))
     while True:
-        calm_rows = np.concatenate(
-            [_away_in_log(table, i, guard) for i in range(len(table.scenes))]
-        )
+        numbers = range(len(table.scenes))
+        calm_rows = np.concatenate([_away_in_log(table, i, guard) for i in numbers])
         if guard < 1e-3 or calm_rows.mean(axis=0).min() >= ENOUGH:
             moving = calm_rows & table.moving
             too_few = moving.mean(axis=0) < ENOUGH  # slow filters have standstill in most rows

@@ -15,6 +15,7 @@ the fit of a load leaves while its window is short looks like a further cause.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
@@ -58,19 +59,10 @@ def name_together(
 def pairs_of(leaders: Sequence[Suspect], suspects: Sequence[Suspect]) -> list[Suspect]:
     """Return each leader together with each other suspect that shares no column with it."""
     pairs: dict[frozenset[int], Suspect] = {}
-    for one in leaders:
-        for other in suspects:
-            shared = set(one.places.tolist()) & set(other.places.tolist())
-            if shared or (one.load and other.load):
-                continue
-            joined = Suspect(
-                (*one.effects, *other.effects),
-                np.concatenate([one.places, other.places]),
-                one.parameters + other.parameters,
-                one.units + other.units,
-                one.load + other.load,
-            )
-            pairs.setdefault(frozenset(joined.places.tolist()), joined)
+    for one, other in product(leaders, suspects):
+        shared = {*one.places.tolist()} & {*other.places.tolist()}
+        if not (shared or (one.load and other.load)):
+            pairs.setdefault(frozenset([*one.places.tolist(), *other.places.tolist()]), one + other)
     return list(pairs.values())
 
 

@@ -250,12 +250,9 @@ class Monitor(Displayed):
         sigma = self.design.normal.sigma
         alarms = []
         for part in self._cutter.cut(self.watched.with_gains(rows)):
-            error = np.where(part.informed, part.b - part.A @ self.normal, 0.0)
-            torque = np.where(part.informed, part.tau, 0.0)
-            count = part.informed.sum(axis=0)
-            self._of_normal.append(
-                np.stack([*((x**2).sum(axis=0) for x in (error, torque)), count])
-            )
+            series = part.b - part.A @ self.normal, part.tau, np.ones(part.tau.shape)
+            squares = (np.where(part.informed, x, 0.0) ** 2 for x in series)
+            self._of_normal.append(np.stack([x.sum(axis=0) for x in squares]))
             alarms.append(self._step(WatchedInterval.of(part, sigma, self._now)))
         return [alarm for alarm in alarms if alarm is not None]
 
@@ -266,29 +263,21 @@ class Monitor(Displayed):
         """
         if not self._of_normal:
             return {}
-        units = [self.watched.mechanism.joint(name).force_unit for name in self.watched.joints]
-        sums = zip(self.watched.joints, *np.sum(self._of_normal, axis=0), units, strict=True)
-        return {
-            name: Error(
-                float(np.sqrt(error / max(count, 1))),
-                float(np.sqrt(error / torque)) if torque > 0 else None,
-                unit,
-            )
-            for name, error, torque, count, unit in sums
-        }
+        *squares, count = np.sum(self._of_normal, axis=0)
+        return self._errors(*np.sqrt(np.array(squares) / np.maximum(count, 1)))
 
     @property
     def usual_errors(self) -> dict[str, Error]:
         """Error in normal running by joint, as a share of the torques there."""
-        normal, mechanism = self.design.normal, self.watched.mechanism
-        rms = normal.sigma * np.sqrt(normal.energy)
+        normal = self.design.normal
+        return self._errors(normal.sigma * np.sqrt(normal.energy), self.torque)
+
+    def _errors(self, rms: np.ndarray, torque: np.ndarray) -> dict[str, Error]:
+        """Return errors by joint from their rms (d,) and that of the torques (d,)."""
+        rows = zip(map(self.watched.mechanism.joint, self.watched.joints), rms, torque, strict=True)
         return {
-            name: Error(
-                float(x),
-                float(x / torque) if torque > 0 else None,
-                mechanism.joint(name).force_unit,
-            )
-            for name, x, torque in zip(self.watched.joints, rms, self.torque, strict=True)
+            joint.name: Error(float(x), float(x / size) if size > 0 else None, joint.force_unit)
+            for joint, x, size in rows
         }
 
     def finish(self) -> list[Alarm]:

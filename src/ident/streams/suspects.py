@@ -115,6 +115,14 @@ class Suspect:
         """(k,) whether a column is one of a load."""
         return np.isin(self.places, self.load)
 
+    def __add__(self, other: Suspect) -> Suspect:
+        """Return both together."""
+        places = np.concatenate([self.places, other.places])
+        parameters, units = self.parameters + other.parameters, self.units + other.units
+        return Suspect(
+            self.effects + other.effects, places, parameters, units, self.load + other.load
+        )
+
     def contains(self, other: Suspect) -> bool:
         """Whether it is the other one and more."""
         return set(other.places.tolist()) < set(self.places.tolist())
@@ -313,9 +321,8 @@ def name_change(
     scatter = max(float(np.sqrt((2.0 / normal.freedom * usual**2).sum())), TINY)
     squares = float(e @ e + triangle.rho**2)
     rest = squares - (best.fall if best else 0.0)
-    unexplained = (
-        normal.beyond_error(triangle.R, e - best.predicted if best else e) + triangle.rho**2
-    )
+    beyond = normal.beyond_error(triangle.R, e - best.predicted if best else e)
+    unexplained = beyond + triangle.rho**2
     louder = max(1.0, unexplained / expected / MARGIN) ** 0.5  # than normal running with its margin
     apart = {id(reading): readings[0].apart_from(reading, phi2) for reading in readings}
 
@@ -382,9 +389,8 @@ def name_since_onset(
     """Fit all suspects to the intervals since the onset that the best of them gives."""
 
     def naming_from(start: int) -> Naming:
-        window = (
-            intervals[start + 1 :] or intervals[start:]
-        )  # without the interval in which the onset was
+        # without the interval in which the onset was
+        window = intervals[start + 1 :] or intervals[start:]
         return name_change(suspects, window, x, normal, least)
 
     start = max(len(intervals) - since, 0)
