@@ -51,16 +51,16 @@ class MotorCoordinates:
         known = e.known(mechanism, self.names) @ self.inverse.T
         return mechanism, e.at(mechanism, known, self.names, start="near")
 
-    def table(self, logged: Table, moved: Table) -> Table:
+    def table(self, logged: Table, of_joints: Table) -> Table:
         """Return the rows of the motors from those as logged and those of the joints."""
         B, columns = self.inverse, logged.columns
         bodies = np.concatenate([np.arange(len(columns.rigid)), *(x for _, x in columns.loads)])
         bodies = bodies[bodies >= 0].astype(int)
         A = logged.A.copy()
-        A[:, :, bodies] = np.einsum("nik,iu->nuk", moved.A[:, :, bodies], B)
-        b = (moved.b - moved.tau) @ B + logged.tau
+        A[:, :, bodies] = np.einsum("nik,iu->nuk", of_joints.A[:, :, bodies], B)
+        b = (of_joints.b - of_joints.tau) @ B + logged.tau
         experiments = []
-        for e in moved.motion.experiments:
+        for e in of_joints.motion.experiments:
             transmission = np.broadcast_to(B, (len(e), *B.shape))
             experiments.append(replace(e, loop=(transmission, transmission)))
         motion = replace(logged.motion, experiments=tuple(experiments))
@@ -74,14 +74,14 @@ class MotorCoordinates:
     @property
     def motors(self) -> tuple[Motor, ...]:
         """The motors as [motors] states them, among them joints with their own in the same rows."""
-        motors, moved = [], set[str]()
+        motors, coupled = [], set[str]()
         for name, row in zip(self.names, self.matrix, strict=True):
             ratios = {joint: x for joint, x in zip(self.names, row, strict=True) if x}
             if ratios != {name: 1.0}:
                 motors.append(Motor(f"m_{name}", ratios))
-                moved |= {*ratios}
+                coupled |= {*ratios}
         changed = {motor.name.removeprefix("m_") for motor in motors}
-        at_joints = (Motor(name, {name: 1.0}) for name in self.names if name in moved - changed)
+        at_joints = (Motor(name, {name: 1.0}) for name in self.names if name in coupled - changed)
         return (*at_joints, *motors)
 
     @property
