@@ -42,7 +42,8 @@ import ident
 
 NAMES = (
     "tx40", "kr300", "kr300_slow", "panda", "lwr4", "ur10e", "baxter", "xl330", "airbot", "ur10",
-    "xmate", "tiago", "mtm", "mtm_poses", "psm", "double_pendulum",
+    "xmate", "tiago", "mtm", "mtm_poses", "psm", "psm_whole",
+    "double_pendulum",
 )  # fmt: skip
 COLUMNS = (
     "machine", "published", "viscous + Coulomb", "by hand", "possible bodies", "grown", "effects",

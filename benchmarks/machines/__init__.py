@@ -93,7 +93,7 @@ def chain(
     joints: Sequence[str],
     origins: np.ndarray,
     *,
-    parents: Mapping[str, str] | None = None,
+    parents: Mapping[str, str | None] | None = None,
     masses: Mapping[str, tuple[float, float]] | None = None,
     sliding: Collection[str] = (),
 ) -> Path:
@@ -103,7 +103,7 @@ def chain(
         path: of the URDF.
         joints: names.
         origins: (joints, 6) x, y, z [m], roll, pitch, yaw [rad] of each joint in the one before.
-        parents: by joint, the joint that it sits on, where that is not the one before.
+        parents: by joint, the one that it sits on, None for the base, where not the one before.
         masses: by joint, of its link [kg], and its centre's x [m], where that is not 1 kg at 0.
         sliding: joints that slide along z.
     """
@@ -112,7 +112,8 @@ def chain(
     lines, parent = [f'<robot name="{path.stem}">', '<link name="base"/>'], "base"
     for joint, origin in zip(joints, origins, strict=True):
         xyz, rpy = (" ".join(map(str, x)) for x in (origin[:3], origin[3:]))
-        parent = f"link_{parents[joint]}" if joint in parents else parent
+        if joint in parents:
+            parent = f"link_{parents[joint]}" if parents[joint] else "base"
         kind = "prismatic" if joint in sliding else "revolute"
         mass, x = masses.get(joint, (1.0, 0.0))
         body = f'<origin xyz="{x} 0 0"/><mass value="{mass}"/>{inertia}'

@@ -203,6 +203,23 @@ class Kinematics:
             return ConstraintRows(none, np.zeros((len(q), 0, self.model.nv)), none)
         return self._rows(self._place_function if v is None else self.closure_function, q, v)
 
+    def closure_rates(self, q: np.ndarray) -> np.ndarray:
+        """Return J (n, m, nv) alone, of q (n, nq); in the memory of one sample where it is the same
+        at all q.
+        """
+        if self._constant_rates and len(q):
+            J = self.closure_rows(q[:1]).rate
+            return np.broadcast_to(J, (len(q), *J.shape[1:]))
+        return self.closure_rows(q).rate
+
+    @cached_property
+    def _constant_rates(self) -> bool:
+        """Whether J is the same at all q: of gears, belts and cables."""
+        if not self.closures:
+            return False
+        q, _ = self._symbols
+        return bool((ca.jacobian(self._phi, q) @ rates(self.model, q)).is_constant())
+
     def closure_values(self, q: np.ndarray) -> np.ndarray:
         """Return Φ (n, m) alone, of q (n, nq)."""
         if not self.closures:
@@ -212,8 +229,8 @@ class Kinematics:
 
     def closure_drift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return J̇v (n, m) alone, of q (n, nq) and v (n, nv)."""
-        if not self.closures:
-            return np.zeros((len(q), 0))
+        if not self.closures or self._constant_rates:
+            return np.zeros((len(q), len(self.multipliers)))
         return self._outputs(self._drift_function, q, v)[0][..., 0]
 
     def own_rows(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:

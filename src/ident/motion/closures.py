@@ -13,6 +13,7 @@ K⁺ also gives the reduced equations and the multipliers: W_uᵀτ_u − Jᵀλ
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from itertools import combinations, islice, pairwise
 
 import numpy as np
@@ -33,6 +34,7 @@ FARTHEST = 1000.0  # range: [rad | m] from the start to the nearest sample; beyo
 BENT = 0.2  # numerics: share of a step by which the tangents at its ends may mispredict it
 DEPENDENT = 1e-9  # numerics: of the largest singular value of [J; W_u]: u is no set of coordinates
 PARALLEL = 1e-6  # numerics: sine of the angle between axes that are meant to be parallel
+REPEATED = 1e-10  # numerics: of the largest entry of J, within which its rows repeat each other
 SETS = 500  # work: sets of independent joints that are compared
 LEAP = 20.0  # range: [rad | m] from one sample to the next
 
@@ -46,6 +48,30 @@ def pseudo_inverse(K: np.ndarray) -> np.ndarray:
         return np.linalg.solve(R, Q.transpose(0, 2, 1))
     except np.linalg.LinAlgError:
         return linear.pinv(K)
+
+
+def inverse_with_coordinates(J: np.ndarray, at: Sequence[int]) -> np.ndarray:
+    """K⁺ (n, nv, m + d) of K = [J; W_u] of J (n, m, nv) where the coordinates u are those `at` of
+    the tree: only the columns of the others are inverted, δq_o = J_o⁺ (r − J_u δy).
+
+    That is K⁺ where J_u = J_o J_o⁺ J_u: equations that are more than needed repeat the others.
+    """
+    n, m, nv = J.shape
+    if n > 1 and J.strides[0] == 0:  # the same of all samples, in the memory of one
+        same = inverse_with_coordinates(J[:1], at)
+        return np.broadcast_to(same, (n, *same.shape[1:]))
+    others = np.setdiff1d(np.arange(nv), at)
+    if m >= len(others) and len(others) + len(at) == nv:
+        inverse = pseudo_inverse(J[:, :, others])
+        of_coordinates = inverse @ J[:, :, at]
+        off = J[:, :, at] - J[:, :, others] @ of_coordinates if m > len(others) else np.zeros(1)
+        if np.abs(off).max(initial=0.0) <= REPEATED * np.abs(J).max(initial=0.0):
+            K = np.zeros((n, nv, m + len(at)))
+            K[:, others, :m], K[:, others, m:] = inverse, -of_coordinates
+            K[:, at, np.arange(m, m + len(at))] = 1.0
+            return K
+    W = np.broadcast_to(np.eye(nv)[list(at)], (n, len(at), nv))
+    return pseudo_inverse(np.concatenate([J, W], axis=1))
 
 
 def _times(M: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -67,12 +93,26 @@ class LoopSolver:
         self.surplus = len(self.joints) > mechanism.degrees_of_freedom
         self.scale = np.ones(len(self.joints)) if scale is None or not self.surplus else scale
 
+    @cached_property
+    def places(self) -> list[int] | None:
+        """The joints' coordinates in q; None where one is a closure's own."""
+        if all(joint.in_tree for joint in self.joints):
+            return [joint.index for joint in self.joints]
+        return None
+
+    def inverse(self, q: np.ndarray, J: np.ndarray) -> np.ndarray:
+        """K⁺ (n, nv, m + d) at q of J (n, m, nv), with rates over their `scale`."""
+        if self.places is not None and not self.surplus:
+            return inverse_with_coordinates(J, self.places)
+        W = self.coordinates(q).rate / self.scale[:, None]
+        return pseudo_inverse(np.concatenate([J, W], axis=1))
+
     def coordinates(self, q: np.ndarray, v: np.ndarray | None = None) -> ConstraintRows:
         """y (n, d), W_u (n, d, nv) and Ẇ_u v (n, d) of the joints."""
         n, d, nv = len(q), len(self.joints), self.mechanism.model.nv
         y, W, drift = np.empty((n, d)), np.zeros((n, d, nv)), np.zeros((n, d))
         rates = None
-        if not all(joint.in_tree for joint in self.joints):
+        if self.places is None:
             rates = self.mechanism.kinematics.own_rows(q, v)
         for i, joint in enumerate(self.joints):
             at = joint.index
@@ -103,8 +143,8 @@ class LoopSolver:
 
     def _off(self, q: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Return how far the joints' coordinates at q are from the target (n, d)."""
-        if all(joint.in_tree for joint in self.joints):
-            return target - q[:, [joint.index for joint in self.joints]]
+        if self.places is not None:
+            return target - q[:, self.places]
         return self._turned(target - self.coordinates(q).value)
 
     def newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -165,8 +205,8 @@ class LoopSolver:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """v and a (n, nv) as `rates`, and K⁺ (n, nv, m + d) with rates over their `scale`."""
         kinematics = self.mechanism.kinematics
-        J, W = kinematics.closure_rows(q).rate, self.coordinates(q).rate
-        Kp = pseudo_inverse(np.concatenate([J, W / self.scale[:, None]], axis=1))
+        J = kinematics.closure_rates(q)
+        Kp = self.inverse(q, J)
         v = _times(Kp[:, :, J.shape[1] :], yd / self.scale)
         Jp = linear.pinv(J, 1e-9) if self.surplus else None
         if Jp is not None:

@@ -17,7 +17,7 @@ import pinocchio as pin
 from ident.errors import MotionError, one_of
 from ident.information import linear
 from ident.mechanism.mechanism import Mechanism
-from ident.motion.closures import LoopSolver, pseudo_inverse
+from ident.motion.closures import LoopSolver
 from ident.motion.signals import runs
 from ident.motion.spline import Smooth, Smoothed
 
@@ -275,11 +275,16 @@ class State:
         if not all(joint.in_tree for joint in joints):
             every = LoopSolver(mechanism, (j.name for j in joints)).coordinates(self.q).rate
         if inverse is None:
-            J = mechanism.kinematics.closure_rows(self.q).rate
-            W = LoopSolver(mechanism, independent).coordinates(self.q).rate
-            inverse = pseudo_inverse(np.concatenate([J, W], axis=1))
+            J = mechanism.kinematics.closure_rates(self.q)
+            inverse = LoopSolver(mechanism, independent).inverse(self.q, J)
         Kp, Z = inverse, inverse[:, :, m:]
-        leverage = Z[:, [joint.index for joint in joints]] if every is None else every @ Z
+        same = inverse.strides[0] == 0 and every is None  # in the memory of one sample
+        if every is None:
+            leverage = Z[: 1 if same else None, [joint.index for joint in joints]]
+        else:
+            leverage = every @ Z
+        if same:
+            leverage = np.broadcast_to(leverage, (len(self), *leverage.shape[1:]))
         e = replace(self, loop=(Kp, leverage), independent=independent)
         size = nearness(e)
         limit = largest_nearness(size) if largest is None else largest
@@ -303,7 +308,9 @@ def tour(y: np.ndarray) -> np.ndarray:
 
 def nearness(e: State) -> np.ndarray:
     """‖K⁺‖ (n,) of every sample: it grows towards a singular position."""
-    return np.asarray(np.linalg.norm(e.pinv, axis=(1, 2)))
+    one = len(e) > 0 and e.pinv.strides[0] == 0  # of all samples the same
+    sizes = np.linalg.norm(e.pinv[:1] if one else e.pinv, axis=(1, 2))
+    return np.broadcast_to(sizes, len(e)) if one else np.asarray(sizes)
 
 
 def largest_nearness(sizes: np.ndarray) -> float:
