@@ -17,7 +17,7 @@ import ident
 from helpers import ROBOTS
 
 checkpoint = import_module("ident.streams.portions")
-ROWS, SAMPLES = 10_240, 1024
+ROWS, SAMPLES = 6144, 1024
 RUN = """
 import sys
 from importlib import import_module
