@@ -293,7 +293,11 @@ class Samples:
 
     def add_torque(self, out: np.ndarray, name: str, torque: np.ndarray) -> None:
         """Adds Wᵀτ to forces `out`: (n, r) for τ (n,), (n, r, c) for τ (n, c) of c columns."""
+        rows: slice | np.ndarray
         rows, W = self.lever(name)
+        if len(W) > 1 and W.strides[0] == 0:  # of all samples the same: most rows have none
+            felt = np.flatnonzero(W[0])
+            rows, W = felt, W[:1, felt]
         if torque.ndim == 2:
             W = W[:, :, None]
         out[:, rows] += W * torque[:, None]
