@@ -47,6 +47,12 @@ def shared_data(root: Path) -> Path:
 
 
 @pytest.fixture
+def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loops that no start closes are given up after a tenth of the processor's time."""
+    monkeypatch.setattr("ident.mechanism.assembly.SEARCH", 0.5)
+
+
+@pytest.fixture
 def spoken(monkeypatch, capsys):
     """`spoken(*words)`: exit status, standard output and standard error of `ident WORDS`."""
     from ident.cli.app import main

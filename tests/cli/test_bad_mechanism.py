@@ -132,6 +132,7 @@ EDITS = {
 }
 
 
+@pytest.mark.usefixtures("short_search")
 @pytest.mark.parametrize(("old", "new", "words"), EDITS.values(), ids=EDITS)
 def test_mechanisms_with_one_fault(old, new, words, slider, change, refused):
     file = slider / "mechanism.toml"

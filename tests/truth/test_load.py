@@ -377,6 +377,7 @@ def test_a_toml_without_its_urdf(tmp_path):
         load(tmp_path)
 
 
+@pytest.mark.usefixtures("short_search")
 def test_loops_that_do_not_close_are_said(make):
     urdf = tree_urdf([J("a"), J("b", parent="a")], seed=1)
     far = PIN.replace("tool_link", "b_link").replace("[1.0, 0.0, 0.0]", "[100.0, 0.0, 0.0]")
@@ -386,6 +387,7 @@ def test_loops_that_do_not_close_are_said(make):
     assert "do not close" in str(mechanism)  # it prints itself all the same
 
 
+@pytest.mark.usefixtures("short_search")
 def test_a_loop_that_cannot_close_by_itself_is_told_from_the_others(make):
     """A point that would meet another 100 m away, beside two joints that a ratio ties."""
     urdf = tree_urdf([J("a"), J("b", parent="a")], seed=1)

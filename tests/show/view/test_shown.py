@@ -174,6 +174,7 @@ def test_the_ground_has_rods_between_its_joints(robots, tmp_path):
         assert len(ground) == 1
 
 
+@pytest.mark.usefixtures("short_search")
 def test_loops_that_do_not_close_are_shown_open(robots, tmp_path):
     text = (robots / "four_bar" / "mechanism.toml").read_text().replace("0.41,", "4.1,")
     (tmp_path / "mechanism.toml").write_text(text)
