@@ -57,7 +57,7 @@ def test_placeholders_do_not_hold_bodies():
     """Bodies that all are thirty plausible sizes from the prior show that it is none."""
     scales, changes = [], []
     for seed in range(10):
-        truth, fitted, shrinkage = _case(seed, spread=30.0)
+        _, fitted, shrinkage = _case(seed, spread=30.0)
         if shrinkage is None:
             continue
         scales.append(shrinkage.scale)
