@@ -67,18 +67,19 @@ def servo_log(
     for _ in range(round(SETTLING / step) if twists else 0):
         data.qfrc_applied[motors] = kp * (ref[0] - data.qpos[motors]) - kd * data.qvel[motors]
         mujoco.mj_step(model, data)
-    load = np.zeros(model.nv)
-    for i in range(len(t) * hold):
-        since, part = np.divmod(np.maximum(0, i - late), hold)
-        command = ref[since, np.arange(n)]
-        if straight:
-            after = ref[np.minimum(since + 1, len(ref) - 1), np.arange(n)]
-            command = command + part / hold * (after - command)
-        torque = kp * (command - data.qpos[motors]) - kd * data.qvel[motors]
+    load, at = np.zeros(model.nv), np.arange(n)
+    since, part = np.divmod(np.maximum(0, np.arange(len(t) * hold)[:, None] - late), hold)
+    commands = ref[since, at]
+    if straight:
+        after = ref[np.minimum(since + 1, len(ref) - 1), at]
+        commands = commands + part / hold * (after - commands)
+    places, qpos, qvel, applied = np.array(motors), data.qpos, data.qvel, data.qfrc_applied
+    for i, command in enumerate(commands):
+        angles, k = qpos[places], i // hold
+        torque = on[k] * (kp * (command - angles) - kd * qvel[places])
         if i % hold == 0:
-            twist[i // hold] = data.qpos[twists]
-            q[i // hold], tau[i // hold] = data.qpos[motors], on[i // hold] * torque
-        data.qfrc_applied[motors] = on[i // hold] * torque
+            q[k], tau[k], twist[k] = angles, torque, qpos[twists]
+        applied[places] = torque
         if loaded and i:
             mujoco.mj_rne(model, data, 1, load)
             for j, mu in loaded:  # rne has no armature: what the bodies need
