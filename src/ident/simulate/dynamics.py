@@ -127,7 +127,7 @@ class _Instant:
             self.explicit += law.c.sum() * z * m.W[law.at[0]]
         self.tau = dynamics.actuator(m, self.explicit - self.external)
         self.applied = m.W[plant.driven].T @ self.tau + self.external
-        self.A = m.Z.T @ m.M @ m.Z
+        self.A = m.Z.T @ m.M @ m.Z if len(m.J) else m.M  # Z is 1 in a tree
         self.delta = self.w @ m.a0 + plant.dry @ m.drift
         self.B = self.w @ m.Z
 
@@ -148,6 +148,8 @@ class _Instant:
         for law in laws.smooth:
             if law.effect.asks:
                 r = r - m.W[list(law.at)].T @ law.torque(s)
+        if not laws.dry:
+            return self._smooth(r)
         F = np.array([joint.limit(s) for joint in laws.dry])
         f = np.where(self.stuck, 0.0, self.modes * F)
         b = m.Z.T @ (r - self.w.T @ f - m.M @ m.a0)
@@ -170,6 +172,17 @@ class _Instant:
         a, rates = m.a0 + m.Z @ alpha, self.B @ alpha + self.delta
         multipliers = m.Jp.T @ (r - self.w.T @ f - m.M @ a)
         return Balance(a, self.tau, multipliers, f, F, rates, sides, holding)
+
+    def _smooth(self, r: np.ndarray) -> Balance:
+        """Return accelerations and forces by forces r (nv,) where no joint has dry friction."""
+        m, none = self.m, np.zeros(0)
+        if len(m.J):
+            alpha = self._least(self.A, (m.Z.T @ (r - m.M @ m.a0))[:, None])[:, 0]
+            a = m.a0 + m.Z @ alpha
+        else:
+            a = self._least(self.A, r[:, None])[:, 0]
+        multipliers = m.Jp.T @ (r - m.M @ a)
+        return Balance(a, self.tau, multipliers, none, none, none, none.astype(int), True)
 
     def predicted(self, x: np.ndarray) -> np.ndarray:
         """Return g(x): the model's predictions where effects take x for them."""
