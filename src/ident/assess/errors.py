@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 from ident.fit import Fit
 from ident.information.blocks import Error
+from ident.information.evidence import NOISY
 
-NOISY = 1.5  # level: times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
 # names of errors before, each the only one for its thing
 URDF_NUMBERS, EARLIER_NUMBERS = "with the URDF's numbers", "with the earlier numbers"
 REFITTED_BODIES, REFITTED_MODEL = "with bodies refitted", "with bodies and effects refitted"

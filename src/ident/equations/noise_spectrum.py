@@ -9,8 +9,10 @@ P of n frequencies each, and what it has below, f_c no lower than a part of the 
 too. What the rows' filter passes of S, and not of white noise alone, is the rms that noise makes.
 
 Of a model that lacks what the motion determines, S is no noise: ask whether the residual depends on
-the motion first. A residual with a line, which a disturbance of one frequency makes and no noise
-has, is not taken for noise either.
+the motion first. What a motion makes of a wrong gain or length has overtones of its band and dies
+away some octaves above, where noise that is slow enough to fill the band is as loud as it was: ask
+whether S above overtones of the band says the same. A residual with a line, which a disturbance of
+one frequency makes and no noise has, is not taken for noise either.
 """
 
 from __future__ import annotations
@@ -41,17 +43,18 @@ LINE = 1e-3  # level: chance of a line anywhere in the spectrum of noise without
 
 def coloured_noise(
     mechanism: Mechanism, experiments: Sequence[State], point: Point,
-    cutoff: float | None, band: float,
+    cutoff: float | None, bands: Sequence[float],
 ) -> np.ndarray:  # fmt: skip
-    """Return the rms (d,) of r that noise makes in the filtered rows, of the spectrum that r has
-    above the `band` [Hz] of the motion [N m | N]; 0 where there is too little above it.
+    """Return the rms (bands, d) of r that noise makes in the filtered rows, of the spectrum that r
+    has above each of some `bands` [Hz], such as that of the motion [N m | N]; 0 where there is too
+    little above one.
     """
     squares = []
     for e in experiments:
         r = residual(corrected(Samples(mechanism, e, slice(None), point), cutoff))
         taps = Decimator.of(cutoff, e.rate).taps
         longest = max(e.segments(), key=lambda run: run.stop - run.start, default=slice(0, 0))
-        squares.append([_passed(x, e.rate, taps, band) for x in r[longest].T])
+        squares.append([[_passed(x, e.rate, taps, f) for x in r[longest].T] for f in bands])
     return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
 

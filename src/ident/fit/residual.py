@@ -20,11 +20,12 @@ from ident.equations.motion_noise import noise_floor
 from ident.equations.noise_spectrum import coloured_noise
 from ident.equations.problem import block_edges, too_short
 from ident.errors import FitError
+from ident.faults.channel_fits import DOUBT
 from ident.fit import residual_maps
 from ident.fit.prediction import Prediction, Trace, predict
 from ident.fit.values import Model
 from ident.information.blocks import Error, Squares
-from ident.information.evidence import EXCESS, paired, surely_t
+from ident.information.evidence import BEYOND, EXCESS, NOISY, paired, surely_t
 from ident.motion import Motion
 from ident.motion.signals import runs
 from ident.text import stamp
@@ -36,6 +37,9 @@ SHORTEST, LONGEST = 0.1, 1.0  # shown: s, of a window
 WINDOW_LARGER = 2.0  # shown: times the median of local rms values
 MOST_WINDOWS = 5  # shown: windows
 LEAST = 30  # shown: rows from which an error away from reversals is one
+
+# level: times the band of a motion, as far as squares and products of its speeds reach
+OVERTONES = (2.0, 3.0, 4.0)
 
 
 class Charted(Plotted):
@@ -195,11 +199,24 @@ class Residual(Displayed):
             return {}
         if any(self.failure(joint).of_motion for joint in loud):
             return {}
-        noise = coloured_noise(model.mechanism, experiments, model.point, band.cutoff, band.motion)
-        sizes = dict(zip(self.motion.independent, noise, strict=True))
-        more = {joint: min(sizes[joint], self.errors[joint].rms) for joint in loud}
+        bands = [times * band.motion for times in (1.0, *OVERTONES)]
+        noise = coloured_noise(model.mechanism, experiments, model.point, band.cutoff, bands)
+        sizes = dict(zip(self.motion.independent, noise.T, strict=True))
+        more = {joint: self._believed(joint, *sizes[joint]) for joint in loud}
         ratios = {joint: x / max(floor[joint], 1e-300) for joint, x in more.items()}
         return {joint: ratio for joint, ratio in ratios.items() if ratio > EXCESS}
+
+    def _believed(self, joint: str, noise: float, *above: float) -> float:
+        """Return the `noise` that a residual shows above the motion [N m | N], no more than is
+        left; or the least that it shows `above` overtones of the motion, 0 where that is unknown,
+        if more is left than that is: far more, or more of an error that is large and far above
+        white noise, which a wrong gain leaves more often than sensors do.
+        """
+        error, least = self.errors[joint], min(filter(None, above), default=noise)
+        large = (error.relative or 0.0) > DOUBT
+        large = large and error.rms > BEYOND * self._white_noise[joint]
+        believed = error.rms <= (NOISY if large else BEYOND) * least
+        return min(noise if believed else least, error.rms)
 
     @cached_property
     def _white_noise(self) -> dict[str, float]:

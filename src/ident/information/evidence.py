@@ -59,6 +59,7 @@ SAME_SHARE = 0.045
 # in standard errors says whether two are apart
 SAME_COLUMNS = 0.003
 SURROGATES = 100  # work: random series with the spectrum of the residual
+NOISY = 1.5  # level: times the noise of the sensors, in good logs 0.5 to 1.3, from which it is more
 EXCESS = 1.25  # tuned: times a noise or an error, from which something is more than that
 # tuned: share of what is explained, or left, that is worth no further number and no name
 PARSIMONY = 0.1

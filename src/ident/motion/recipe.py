@@ -29,7 +29,7 @@ from ident.motion.state import HOPELESS, State, largest_nearness, nearness
 AUTO = "auto"
 NEAREST = 0.1  # work: periods of a given cut-off between two knots: the least of automatic choices
 CLEAN = 1e-3  # tuned: share of noise below which a channel is taken as it is
-NOISY = 0.02  # tuned: share of noise in an acceleration that the filter may let pass
+FILTERED_NOISE = 0.02  # tuned: share of noise in an acceleration that the filter may let pass
 ROWS_OVER_MOTION = 5.0  # tuned: cut-off of the rows' filter over the motion's bandwidth
 ROWS_OVER_MOTION_LEAST = 2.0  # tuned: the same where accelerations are noisy
 SMOOTH_OVER_MOTION = 2.0 * ROWS_OVER_MOTION  # level: of splines: twice what the rows' filter passes
@@ -147,14 +147,14 @@ def _calm_cutoff(channels: list[tuple[int, np.ndarray, float, float]], motion: f
     """Cut-off [Hz] below which the acceleration of a logged joint holds little noise.
 
     White noise σ of the k-th derivative, seen in the acceleration below f, with j = 2 − k:
-    σ_a² = σ² 2 dt (2π)^(2j) f^(2j+1) / (2j+1)      ≤ (NOISY · its rms)²
+    σ_a² = σ² 2 dt (2π)^(2j) f^(2j+1) / (2j+1)      ≤ (FILTERED_NOISE · its rms)²
     """
     size = acceleration_size(*channels[0][1:3], motion)
     cutoff = ROWS_OVER_MOTION_LEAST * motion
     for k, x, step, _ in channels:
         j = 2 - k
         noise = noise_level(x) * (2 * np.pi) ** j * np.sqrt(2 * step / (2 * j + 1))
-        calm = (NOISY * size / max(noise, 1e-12 * size, 1e-300)) ** (2 / (2 * j + 1))
+        calm = (FILTERED_NOISE * size / max(noise, 1e-12 * size, 1e-300)) ** (2 / (2 * j + 1))
         cutoff = max(cutoff, float(calm))
     return cutoff
 
