@@ -134,3 +134,36 @@ def test_friction_that_changes_from_some_time_on_has_that_time(steady):
     _, finding = warmed(steady, ["elbow"], start=SECONDS)
     time = re.search(r"from t = ([0-9.]+) s", finding.meaning)
     assert float(time[1]) == pytest.approx(SECONDS, abs=1.5)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_interval_of_a_change_holds_errors_of_the_calibration(steady, seed):
+    """Torques are read up to 6 % wrong, which no noise shows, by gains that are good for 3 %."""
+    mechanism, values, _ = steady
+    changed, sensors = {**values, "coulomb.elbow.Fc": 3.4}, (Noise("tau", 0.001, relative=True),)
+    before, after = (
+        plant(mechanism, motion_log("arm", RATE, SECONDS), x, noise=sensors, seed=3).log
+        for x in (values, changed)
+    )
+    gains = 1 + 0.06 * np.random.default_rng(seed).choice([-1.0, 1.0], len(mechanism.driven))
+    columns = {
+        name: np.where(before.t >= CHANGED, after.columns[name], x) if name[:4] == "tau." else x
+        for name, x in before.columns.items()
+    }
+    for joint, gain in zip(mechanism.driven, gains, strict=True):
+        columns[f"tau.{joint}"] = gain * columns[f"tau.{joint}"]
+    log = ident.Log.from_arrays("run.csv", before.t, columns)
+    changes = []
+    for calibration in ("exact", "tau=3%"):
+        calibrated = mechanism.with_calibration(calibration)
+        d = ident.diagnose(ident.identify(calibrated, ident.complete(calibrated, log)))
+        change = change_within(d.selection.first)
+        assert change is not None
+        assert change.cause.words == "coulomb:elbow"
+        changes.append(change)
+    by_noise, by_all = (float(change.stderr[0]) for change in changes)
+    off = abs(changes[1].values[0] - 3.0)
+    assert off > 3 * by_noise
+    assert off < 3 * by_all
+    assert by_all == pytest.approx(0.03 * changes[1].values[0], rel=0.5)
+    assert f"± {by_all:.1g}" in changes[1].finding().meaning

@@ -24,6 +24,7 @@ from ident.diagnosis.null import judging, null_shares
 from ident.diagnosis.selection import Ranking
 from ident.finding import Finding
 from ident.fit import Fit
+from ident.fit.calibration_rows import ReducedRows
 from ident.information.cause import Cause
 from ident.information.evidence import (
     CERTAIN,
@@ -99,7 +100,8 @@ class Change:
         cause: an effect of the library or of the model, whose values differ from then on, or an
             exchange of channels.
         log: name of the log; time: in it [s].
-        values, stderr: (u,) of its numbers, by how much they differ.
+        values, stderr: (u,) of its numbers, by how much they differ, with the standard errors of
+            noise and calibration.
         gain: share of the left-out squares that it explains; p: chance of such a gain.
         coordinate: whose error it lowers most; loss: (blocks,) left-out squares there with it.
         begins: whether the time is the log's beginning; until: the log's end [s].
@@ -236,7 +238,31 @@ def change_within(first: Ranking) -> Change | None:
     remaining, most = float(change.loss.sum()), MAIN_CAUSE * float(least.sum())
     if not credible(z, contest.decision.rival_se, remaining=remaining, most=most):
         return None
-    return _with_values(_with_others(contest, change, causes), contest.fit)
+    change = _with_values(_with_others(contest, change, causes), contest.fit)
+    return _with_calibration(contest, change)
+
+
+def _with_calibration(contest: Contest, change: Change) -> Change:
+    """Return a change whose standard errors hold errors of the calibration as well: what one
+    standard deviation of each would make of its numbers, if no other column took a part of it.
+    """
+    fit, table = contest.fit, contest.table
+    if fit.mechanism.calibration.exact or fit.known_errors is not None:
+        return change
+    rows = ReducedRows(fit.problem, table)
+    number = next(n for n, s in enumerate(table.scenes) if s.e.name == change.log)
+    every = [change.cause, *(cause for cause, _ in change.others)]
+    since = _since(contest, number, change.time)
+    gated = zip(*(cause.gated(since) for cause in every), strict=True)
+    columns = [np.concatenate(part, axis=1) for part in gated]
+    variance, parts = change.stderr**2, contest.regression.parts
+    for error in rows.causes():
+        if (column := rows.column(error)) is None:
+            continue
+        targets = [column[contest.use[:, p.coordinate], p.coordinate, None] for p in parts]
+        refit = contest.regression.bare.with_targets(targets).refit_with(columns)
+        variance = variance + refit.theta[: len(variance)] ** 2
+    return replace(change, stderr=np.sqrt(variance))
 
 
 def _with_values(change: Change, fit: Fit) -> Change:
