@@ -15,6 +15,7 @@ class Finding:
     where: tuple[str, ...] = ()  #: joints, bodies, parameters or logs that it is about
     number: float | None = None  #: what was measured, if it is that, …
     threshold: float | None = None  #: … and from which value on it is mentioned
+    effects: tuple[str, ...] = ()  #: labels of effects with which a model takes it into account
 
     def __str__(self) -> str:
         return f"{self.meaning}; {self.remedy}" if self.remedy else self.meaning

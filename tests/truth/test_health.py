@@ -784,15 +784,17 @@ def test_a_command_in_three_values_is_an_experiment():
     assert motion.experiments[0].usable.mean() > 0.9
 
 
-def test_an_encoder_behind_its_neighbours_gears_is_found():
-    """The wrist of an arm, whose axis is across the elbow's."""
+@pytest.mark.parametrize(("read", "sign"), [("elbow", 1.0), ("shoulder", 1.0), ("shoulder", -1.0)])
+def test_an_encoder_behind_the_gears_of_joints_before_it_is_found(read, sign):
+    """The wrist of an arm, whose axis is across that of the joints one and two links up."""
     p = planted("arm", seed=21)
     c = dict(p.log.columns)
     for letter in "qva":
-        c[f"{letter}.wrist"] = c[f"{letter}.wrist"] + c[f"{letter}.elbow"]
+        c[f"{letter}.wrist"] = c[f"{letter}.wrist"] + sign * c[f"{letter}.{read}"]
     unlimited = tuple(replace(j, lower=-np.inf, upper=np.inf) for j in p.mechanism.joints)
     mechanism = replace(p.mechanism, joints=unlimited)
     judgement = judged(mechanism, Log.from_arrays("run.csv", p.log.t, c))
     assert [(fault.code, fault.where[:2]) for fault in judgement.faults] == [
-        ("position from", ("q.elbow", "q.wrist"))
+        ("position from", (f"q.{read}", "q.wrist"))
     ]
+    assert f"q.wrist {'-' if sign > 0 else '+'} q.{read}" in str(judgement)

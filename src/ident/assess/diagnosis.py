@@ -17,7 +17,7 @@ from ident.assess.experiment import Inseparable, SeparateRivals, next_experiment
 from ident.assess.fit import worst_on_validation
 from ident.assess.good_enough import Answer, good_enough
 from ident.assess.machine import TESTING, watching_step
-from ident.assess.repairs import repairing_step
+from ident.assess.repairs import correcting_step, repairing_step
 from ident.assess.verdict import (
     errors_with_named,
     incomplete_before,
@@ -112,6 +112,8 @@ def next_step(d: Diagnosis, added: Sequence[Effect] = (), *, grown: bool = False
 
 
 def _next_step(d: Diagnosis) -> Step:
+    if step := correcting_step("diagnose", d.health.findings):
+        return step
     if d.verdict == "nothing":  # of a model without unknowns nothing is to be identified
         if step := repairing_step(d.fit):
             return step

@@ -12,7 +12,7 @@ from ident.assess.assessment import Assessment, NamedCause, Remainder
 from ident.assess.errors import EARLIER_NUMBERS, URDF_NUMBERS, JointErrors, joint_errors
 from ident.assess.good_enough import GoodEnough, good_enough
 from ident.assess.machine import TESTING, watching_step
-from ident.assess.repairs import repairing_step
+from ident.assess.repairs import correcting_step, repairing_step
 from ident.assess.verdict import doubts_of, faults_that_explain
 from ident.effects.library import by_kind
 from ident.fit import Fit
@@ -205,6 +205,8 @@ def next_step(fit: Fit, answer: GoodEnough) -> Step:
     """Return what goes on from a fit: another log, a diagnosis, or friction where it rubs."""
     if fit.changes is not None and fit.changes.changed:
         return Step("diagnose", known=True)  # with the earlier bodies known, which names the cause
+    if step := correcting_step("identify", fit.health.findings):
+        return step
     if answer.fits:
         if step := repairing_step(fit):
             return step

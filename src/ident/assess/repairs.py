@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
+from ident.finding import Finding
 from ident.fit import Fit
 from ident.fit.values import EffectValues
 from ident.information.evidence import CERTAIN
@@ -41,6 +42,15 @@ def repairing_step(fit: Fit, effects: Collection[str] = (), but: Collection[str]
     gone = {repair.effect for repair in repairs}
     rest = tuple(label for label in effects if label not in gone)
     return Step("identify", rest, repairs=repairs)
+
+
+def correcting_step(verb: str, findings: Collection[Finding]) -> Step:
+    """Return the step that takes into a model the faults of the data for which it has effects; an
+    empty one where there are none, or something else is wrong that no model can have.
+    """
+    if not findings or not all(finding.effects for finding in findings):
+        return Step()
+    return Step(verb, tuple(dict.fromkeys(x for finding in findings for x in finding.effects)))
 
 
 def _certain(values: EffectValues) -> bool:

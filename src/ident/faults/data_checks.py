@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ident.display import Displayed
+from ident.effects import KINDS
 from ident.equations.motion_noise import noise_floor
 from ident.equations.problem import Problem
 from ident.equations.table import Table
@@ -161,11 +162,12 @@ class DataChecks(FaultSearch):
         findings = []
         for verdict, where in channels.items():
             code, text, remedy = MODELS[verdict.cause]
+            effects = [kind for kind, effect_class in KINDS.items() if effect_class.fault == code]
             values = {"terms": verdict.column, "model": name, "left": percent(verdict.number),
                       "before": percent(verdict.threshold)}  # fmt: skip
             text = f"{listed(where)}: {text.format(**values)}"
             numbers = verdict.number, verdict.threshold
-            findings.append(Finding(code, text, remedy, tuple(where), *numbers))
+            findings.append(Finding(code, text, remedy, tuple(where), *numbers, tuple(effects)))
         return findings
 
     def _matters(self, finding: Finding) -> bool:
@@ -313,9 +315,10 @@ class DataChecks(FaultSearch):
                 "filter of that time constant on one of them): with one common delay the error of "
                 f"time left out falls from {percent(late.before)} to {percent(late.after)}"
             )
-            remedy = f"shift the columns, or give --with delay:{','.join(names)}"
+            effect = f"delay:{','.join(names)}"
+            remedy = f"shift the columns, or give --with {effect}"
             where = tuple(f"tau.{name}" for name in names)
-            yield Finding("delay", text, remedy, where, 1e3 * late.delay)
+            yield Finding("delay", text, remedy, where, 1e3 * late.delay, effects=(effect,))
 
     def _torques_of_another_log(self, noise: Array) -> list[Finding]:
         varies = self.varying.any(axis=0)
@@ -340,7 +343,7 @@ class DataChecks(FaultSearch):
         times what these leave.
 
         Args:
-            noise: rms by joint of noise of any colour [N m | N], for FAR; default: white noise.
+            noise: rms by joint of noise of any colour [N m | N]; default: white noise.
             calm: rms away from reversals of joints with dry friction [N m | N].
         """
         problem, x, names = self.problem, self.estimate.x, self.problem.motion.independent
@@ -350,8 +353,8 @@ class DataChecks(FaultSearch):
         sizes = [t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in problem.information.totals]
         states, cutoff = problem.motion.experiments, problem.motion.band.cutoff
         white = noise_floor(problem.mechanism, states, problem.point_at(x), cutoff)
-        beyond = np.array(sizes) / np.maximum(white, 1e-150)  # over what noise of the sensors makes
         floor = white if noise is None else np.array([noise[name] for name in names])
+        beyond = np.array(sizes) / np.maximum(floor, 1e-150)  # over what noise of the sensors makes
         bad = errors > EXPLAINED_BELOW
         far = np.zeros_like(bad)
         if not problem.motion.poses:  # of which friction at rest makes most, not noise of sensors

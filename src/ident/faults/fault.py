@@ -42,6 +42,7 @@ UNITS = {  # by which factors units of torque differ, or their inverses
     9.81: "kgf m for N m",
     8.851: "lbf in for N m",
 }
+LINKS_PASSED = 2  # range: joints that a shaft or a cable to an encoder passes
 LARGE_UNIT = 500.0  # shown: factor of a unit beyond which it is hardly a gear ratio
 UNIT = 0.1  # shown: difference of logarithms within which a factor is that of a unit
 StateChange = Callable[[Mechanism, State], tuple[Mechanism, State]]
@@ -208,16 +209,14 @@ def _positions(
             if set(joints) & set(poor):
                 state = with_positions({j: row})
                 yield none.replaced("position from", *row.values(), joints=joints, state=state)
-        # encoders behind a neighbour's gears, whatever its axis, as in wrists
-        pairs = (pair for pair in mechanism.sites.geared if name in pair)
-        for other in sorted({*chain.from_iterable(pairs)} - {name}):
-            if other in names and other not in dict(joints_before(mechanism, name)):
-                for sign in (1.0, -1.0) if {name, other} & {*poor} else ():
-                    row = {j: 1.0, names.index(other): sign}
-                    state = with_positions({j: row})
-                    yield none.replaced(
-                        "position from", 1.0, sign, joints=(name, other), state=state
-                    )
+        before = joints_before(mechanism, name)
+        counted = next(before, None)  # with the joint before it that is parallel: tried above
+        for other in _geared_within(mechanism, name):
+            if other not in names or (counted and other == counted[0]):
+                continue
+            for sign in (1.0, -1.0) if {name, other} & {*poor} else ():
+                state = with_positions({j: {j: 1.0, names.index(other): sign}})
+                yield none.replaced("position from", 1.0, sign, joints=(name, other), state=state)
     count = len(names)
     orders = [{i: j, j: i} for i, j in combinations(range(count), 2)]
     if count > 2 and set(names) <= set(driven):  # a column too few, or another sorting
@@ -275,6 +274,17 @@ def turned_positions(
         now.replaced("position sign", -1.0, joints=where, state=state, gain=back),
         now.replaced("axis", -1.0, joints=where, state=state),
     )
+
+
+def _geared_within(mechanism: Mechanism, name: str) -> list[str]:
+    """Return the names of joints behind whose gears the encoder of a joint may be, whatever their
+    axes: its neighbours of one type and theirs, as cables and shafts pass two joints of a wrist.
+    """
+    pairs = mechanism.sites.geared
+    near = {name}
+    for _ in range(LINKS_PASSED):
+        near |= {*chain.from_iterable(pair for pair in pairs if near & {*pair})}
+    return sorted(near - {name})
 
 
 def joints_before(mechanism: Mechanism, name: str) -> Iterator[tuple[str, float]]:
@@ -394,7 +404,14 @@ def fault_finding(
     where = tuple(f"{'q' if of_motion else 'tau'}.{name}" for name in channels)
     number = after / before if of_motion else fault.number[0]
     number *= 1e3 if fault.kind == "delay" else 1.0  # [ms]
-    return Finding(fault.kind, text, remedy, where, number)
+    effects = _effects(fault, channels)
+    return Finding(fault.kind, text, remedy, where, number, effects=effects)
+
+
+def _effects(fault: Fault, joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the labels of the effects of the library that are this fault of the torques."""
+    kinds = [kind for kind, effect_class in KINDS.items() if effect_class.fault == fault.kind]
+    return tuple(f"{kind}:{','.join(joints)}" for kind in kinds)
 
 
 def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
@@ -406,16 +423,13 @@ def _fields(mechanism: Mechanism, fault: Fault) -> dict[str, object]:
     unit_text = "a gear ratio, a torque constant or a unit?" if other else f"{UNITS[unit]}?"
     # as channels, joints as sources
     ordered = sorted(joints, key=mechanism.joint_index.__getitem__)
-    effects = [kind for kind, effect_class in KINDS.items() if effect_class.fault == fault.kind]
     fields: dict[str, object] = {
         "number": number, "inverse": 1 / number if number else 0.0, "ms": abs(1e3 * number),
         "lengths": number**-2 if number else 0.0, "unit": unit_text,
         "late": "late" if number > 0 else "early", "joints": listed(ordered),
         "several": "s together: two clocks, or a filter on one of them" if ordered[1:] else "",
         "wrench": "with the other sign" if number else "left out",
-        "effect": "".join(
-            f", or add the effect {k}:{ordered[0]}" for k in effects if not ordered[1:]
-        ),
+        "effect": "".join(f", or give --with {label}" for label in _effects(fault, ordered)),
         "alike": " and their torques" if fault.kind == "joints swapped" else "",
         "order": "one in the other's place" if len(ordered) == 2 else "columns in another order",
         "t_line": log_entry(mechanism, "t", number),

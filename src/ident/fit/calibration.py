@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.effects import KINDS
 from ident.equations.rows import Rows
 from ident.errors import IdentError
 from ident.finding import Finding
@@ -45,6 +46,7 @@ NEAR = 0.1  # work: prior scales, below which a second round is saved: errors di
 PASSES = 6  # work: over the weights of the coordinates
 SETTLED = 1e-3  # numerics: of a weight: a smaller change is the last
 TRADES = 0.9  # level: correlation of two causes' errors from which one stands for the other
+LIBRARY = {"late_torque": "delay"}  # kinds of calibration errors: the library's for the same
 MOST_NAMED = 3  # shown: causes that trade with one that is named
 
 
@@ -116,7 +118,15 @@ class Budget:
                 f"{cause.scale:.2g}{unit} that its calibration is stated to be good for{also}"
             )
             remedy = f"calibrate it, or state what it is: [calibration] {cause.kind}"
-            yield Finding("calibration", text, remedy, (cause.place or "t",), float(size), CERTAIN)
+            kind, effects = LIBRARY.get(cause.effect.kind, cause.effect.kind), tuple[str, ...]()
+            if kind in KINDS and not rivals:
+                effects = (f"{kind}:{','.join(cause.effect.joints)}",)
+                remedy += f"; or give --with {effects[0]}"
+            elif cause.kind == "lateness":
+                to = "earlier" if value > 0 else "later"
+                remedy += f"; or shift column {cause.place} {abs(1e3 * value):.2g} ms {to}"
+            where = (cause.place or "t",)
+            yield Finding("calibration", text, remedy, where, float(size), CERTAIN, effects)
 
 
 @on_one_thread

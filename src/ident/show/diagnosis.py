@@ -12,6 +12,7 @@ from ident.assess.assessment import Assessment
 from ident.assess.diagnosis import assess_diagnosis, inseparable_effects
 from ident.assess.errors import NOISY
 from ident.assess.experiment import next_experiment
+from ident.assess.repairs import correcting_step
 from ident.assess.verdict import failing_joints, incomplete_before, spoiling_faults
 from ident.diagnosis.changes import CODE
 from ident.diagnosis.result import Diagnosis, Explanation, errors_of
@@ -26,7 +27,7 @@ from ident.show.experiment import effect_words, formula_noun, motion_words
 from ident.show.headline import good_enough_words
 from ident.show.html import Sheet
 from ident.show.laws import NONE, curve_name, curves, laws, numbers
-from ident.show.next_step import step_words
+from ident.show.next_step import effects_of, step_words
 from ident.show.residual import errors_of_fit, failure_text
 from ident.show.verdict import RAREST, certainty, known_values, verdict_line
 from ident.text import lines_of, listed, percent, places, shortlist, significant, two_digits
@@ -62,7 +63,7 @@ def card(
     sentences = " ".join(filter(None, parts))
     line, change = f"{a.subject}: {verdict_line(d, a)}.", " → ".join(filter(None, a.compared))
     bars = tuple(map(Bar.of, a.errors))
-    if not d.health.good:
+    if not d.health.good and not correcting_step("diagnose", d.health.findings):
         # another log is needed, of which no command knows the name
         return Card(line, sentences, bars, then=f"{remedies}." * within, first=a.worst)
     command, (then, how) = request.line(a.next), next_words(d, a)
@@ -75,6 +76,11 @@ def next_words(d: Diagnosis, a: Assessment) -> tuple[str, str]:
     answers = a.good_enough
     if step.verb == "excite" and (step.range or step.speed) and experiment.motion:
         return motion_words(experiment.motion, d.fit.mechanism)
+    if not d.health.good:
+        return (
+            f"diagnose with {effects_of(step)} in the model, if the columns stay as they are.",
+            "",
+        )
     if step.verb in ("add", "diagnose") and d.best is not None:
         effects = named(d.group)
         if apart := inseparable_effects(d):
