@@ -162,12 +162,12 @@ class DataChecks(FaultSearch):
         findings = []
         for verdict, where in channels.items():
             code, text, remedy = MODELS[verdict.cause]
-            effects = [kind for kind, effect_class in KINDS.items() if effect_class.fault == code]
+            kinds = (kind for kind, effect_class in KINDS.items() if effect_class.fault == code)
             values = {"terms": verdict.column, "model": name, "left": percent(verdict.number),
                       "before": percent(verdict.threshold)}  # fmt: skip
             text = f"{listed(where)}: {text.format(**values)}"
-            numbers = verdict.number, verdict.threshold
-            findings.append(Finding(code, text, remedy, tuple(where), *numbers, tuple(effects)))
+            sizes = verdict.number, verdict.threshold
+            findings.append(Finding(code, text, remedy, tuple(where), *sizes, tuple(kinds)))
         return findings
 
     def _matters(self, finding: Finding) -> bool:
