@@ -255,11 +255,20 @@ def _with_calibration(contest: Contest, change: Change) -> Change:
     since = _since(contest, number, change.time)
     gated = zip(*(cause.gated(since) for cause in every), strict=True)
     columns = [np.concatenate(part, axis=1) for part in gated]
+    values = np.concatenate([change.values, *(numbers for _, numbers in change.others)])
     variance, parts = change.stderr**2, contest.regression.parts
     for error in rows.causes():
         if (column := rows.column(error)) is None:
             continue
         targets = [column[contest.use[:, p.coordinate], p.coordinate, None] for p in parts]
+        if error.kind == "tau":  # of the torque that the model predicts, which lacks the change
+            joint = error.place.removeprefix("tau.")
+            targets = [
+                target + error.scale * (C @ values)[:, None]
+                if table.motion.independent[part.coordinate] == joint
+                else target
+                for target, C, part in zip(targets, columns, parts, strict=True)
+            ]
         refit = contest.regression.bare.with_targets(targets).refit_with(columns)
         variance = variance + refit.theta[: len(variance)] ** 2
     return replace(change, stderr=np.sqrt(variance))
