@@ -61,6 +61,9 @@ def assess_diagnosis(
         doubts=d.health.findings,
     )  # fmt: skip
     worst = d.candidates[0].joint if d.best else d.laws[0].felt if d.laws else ""
+    step = next_step(d, added, grown=grown)
+    if step.verb == "explore" and not left.joints:  # nothing is left that an effect could explain
+        step = replace(TESTING, effects=step.effects, grown=step.grown)
     return Assessment(
         subject=f"{d.fit.mechanism.name} on {', '.join(d.fit.motion.names)}",
         verdict=d.verdict,
@@ -70,7 +73,7 @@ def assess_diagnosis(
         left=left,
         doubts=tuple(spoiling_faults(d)),
         good_enough=answer,
-        next=next_step(d, added, grown=grown),
+        next=step,
         worst=worst,
     )
 

@@ -16,6 +16,7 @@ from ident.show.repairs import repair_lines
 from ident.text import percent, places, significant, width, wrapped
 
 STRIP = 34  # shown: characters of the axis of errors in a terminal that has room for it
+LONG = 240  # shown: characters of a command, from which a page folds it
 BARS = 8  # shown: joints that a terminal shows at most
 
 
@@ -97,6 +98,14 @@ class Card:
         most = self.most + (len(self.bars) == self.most + 1)  # a line says as much as the joint
         chosen = sorted(self.bars, key=rank)[:most]
         return [bar for bar in self.bars if bar in chosen]
+
+    @property
+    def summary(self) -> str:
+        """What stands for a command that a page folds; empty of one that is not long."""
+        if len(self.command) < LONG:
+            return ""
+        effects, verb = self.command.count("--with "), self.command.split(maxsplit=2)[:2]
+        return f"{' '.join(verb)} …{f' with {effects} effects' * bool(effects)}"
 
     @property
     def pasted(self) -> list[str]:
