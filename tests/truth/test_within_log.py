@@ -136,8 +136,7 @@ def test_friction_that_changes_from_some_time_on_has_that_time(steady):
     assert float(time[1]) == pytest.approx(SECONDS, abs=1.5)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_interval_of_a_change_holds_errors_of_the_calibration(steady, seed):
+def test_the_interval_of_a_change_holds_errors_of_the_calibration(steady):
     """Torques are read up to 6 % wrong, which no noise shows, by gains that are good for 3 %."""
     mechanism, values, _ = steady
     changed, sensors = {**values, "coulomb.elbow.Fc": 3.4}, (Noise("tau", 0.001, relative=True),)
@@ -145,7 +144,7 @@ def test_the_interval_of_a_change_holds_errors_of_the_calibration(steady, seed):
         plant(mechanism, motion_log("arm", RATE, SECONDS), x, noise=sensors, seed=3).log
         for x in (values, changed)
     )
-    gains = 1 + 0.06 * np.random.default_rng(seed).choice([-1.0, 1.0], len(mechanism.driven))
+    gains = 1.06, 1.06, 1.06, 0.94
     columns = {
         name: np.where(before.t >= CHANGED, after.columns[name], x) if name[:4] == "tau." else x
         for name, x in before.columns.items()
