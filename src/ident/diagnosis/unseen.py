@@ -25,7 +25,7 @@ from ident.diagnosis.effect_set import EffectSet, Member
 from ident.fit.residual_maps import period_of
 from ident.information.blocks import Part
 from ident.information.evidence import CERTAIN, MAIN_CAUSE, PARSIMONY, RIVAL, paired
-from ident.information.hypotheses import Array, PartialRegression
+from ident.information.hypotheses import Array, Index, PartialRegression
 
 CARRIED_SHARE = 0.01  # level: of a joint's torque (rms), that an effect takes from its error
 PHASES = 10  # work: of a period, that are left out in turn
@@ -104,11 +104,22 @@ class Unseen:
 
     def _regions(self, member: Member) -> PartialRegression | None:
         """Return the rows by position and direction of a member's joint; None of one at rest."""
-        table = self.effect_set.contest.table
-        index = table.mechanism.joint_index
+        index = self.effect_set.contest.table.mechanism.joint_index
         if not {*member.effect.joints[:1]} <= {*index}:
             return None
         at = index[member.effect.joints[0]]
+        if at not in self._by_region:
+            self._by_region[at] = self._regions_of(at)
+        return self._by_region[at]
+
+    @cached_property
+    def _by_region(self) -> dict[int, PartialRegression | None]:
+        """What `_regions` has returned, by joint."""
+        return {}
+
+    def _regions_of(self, at: int) -> PartialRegression | None:
+        """Return the rows by position and direction of a joint; None of one at rest."""
+        table = self.effect_set.contest.table
         q, v = np.empty(len(table.t)), np.empty(len(table.t))
         for number, scene in enumerate(table.scenes):
             rows = table.experiment == number
@@ -122,16 +133,16 @@ class Unseen:
     def _parted(self, labels: np.ndarray) -> PartialRegression:
         """Return the rows of the set's model alone, in parts by labels (N,) of the table's rows."""
         contest, regression = self.effect_set.contest, self.effect_set.regression
-        numbers, parts = np.unique(labels), []
+        numbers, parts, orders, first = np.unique(labels), list[Part](), list[Index](), 0
         for part in regression.parts:
             of_rows = labels[contest.use[:, part.coordinate]]
             order = np.argsort(of_rows, kind="stable")
             edges = np.searchsorted(of_rows[order], [*numbers, numbers[-1] + 1])
             X = part.taken(regression.model)[order]
             parts.append(Part(part.coordinate, regression.model, X, part.Y[order, :1], edges))
-        return PartialRegression(
-            tuple(parts), regression.model, regression.weight, regression.columns
-        )
+            orders.append(first + order)
+            first += len(order)
+        return regression.in_order(parts, np.concatenate(orders))
 
 
 def carried(effect_set: EffectSet, given: Collection[str]) -> EffectSet:

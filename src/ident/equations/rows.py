@@ -736,14 +736,15 @@ def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.nd
     # a load twists its spring, and that moves all bodies behind it
     if e.loop is not None or any(effect.by_load for effect in mechanism.effects):
         return [np.arange(k)] * e.leverage.shape[2]
-    supports_of_rows = []
+    index, supports_of_rows = mechanism.joint_index, []
+    of_effects = [
+        (effect.local and {mechanism.joint(n).index for n in effect.joints if n in index}, places)
+        for effect, places in columns.effects
+    ]
     for row, bodies in enumerate(supports(mechanism.model)):
-        support = np.flatnonzero(np.isin(columns.rigid, bodies)).tolist()
-        for effect, places in columns.effects:
-            joints = {mechanism.joint(n).index for n in effect.joints if n in mechanism.joint_index}
-            if not effect.local or row in joints:
-                support.extend(int(place) for place in places if place >= 0)
-        supports_of_rows.append(np.array(support, dtype=int))
+        support = [np.flatnonzero(np.isin(columns.rigid, bodies))]
+        support += [at[at >= 0] for rows, at in of_effects if rows is False or row in rows]
+        supports_of_rows.append(np.concatenate(support).astype(int))
     return supports_of_rows
 
 

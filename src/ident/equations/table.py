@@ -61,15 +61,18 @@ class Table(Rows):
     made: dict[str, MadeColumns] = field(default_factory=dict)  #: by label, at starts of searches
 
     @classmethod
-    def of(cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point) -> Table:
-        """Return the rows of a model at a working point."""
+    def of(
+        cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point,
+        keep: bool = True,
+    ) -> Table:  # fmt: skip
+        """Return the rows of a model at a working point; `keep`: as `rows` takes it."""
         cutoff = motion.band.cutoff
         scenes = tuple(Scene.of(mechanism, columns, e, point, cutoff) for e in motion.experiments)
         expected = sum(len(s.e) // Decimator.of(cutoff, s.e.rate).factor for s in scenes)
         every = max(1, -(-expected // TABLE))
         parts, number, scales = [], [], []
         for i, scene in enumerate(scenes):
-            for piece in rows(scene, cutoff):
+            for piece in rows(scene, cutoff, keep=keep):
                 if every > 1:  # copies: a view would keep all rows
                     piece = piece[np.arange(0, len(piece), every)]
                 scales.append(piece.scale_of(scene.e.rest, every))

@@ -15,7 +15,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from ident.information.evidence import BEYOND, EXCESS, EXPLAINED_BELOW
 from ident.information.hypotheses import Array
 from ident.information.lapack import lapack
 from ident.information.linear import nonnegative
-from ident.mechanism.parameters import regressor
+from ident.mechanism.parameters import kinetic_energies
 
 FAR = 7  # work: shifts round the log by so many parts of it: torques of another time
 IN_MEMORY = 30_000_000  # work: numbers of all Gram matrices, a quarter of a gigabyte
@@ -43,6 +43,32 @@ ROUNDS = 3  # work: in which weights settle
 SQUARES_ROUNDING = 1e-12  # numerics: of the largest torque's squares: a smaller torque is none
 RIDGE = 1e-10  # numerics: of unit columns' squares: settles what no row determines
 POSTURES = 40  # work: samples at which the mean inertia must be positive
+
+
+class EffectsAndTorques(NamedTuple):
+    """Columns of further effects and torques in the rows of a table."""
+
+    columns: list[tuple[Array, Array]]  # (N, c, unknowns) of each effect, and the c coordinates
+    torques: Array  # (N, d, …), see `ChannelEquations`
+    drive_of_coordinate: tuple[int, ...]  # empty where a coordinate has no drive of its own
+    steps: Array  # shifts of the torques [samples]
+    near: int  # how many of them can be a delay
+
+    @classmethod
+    def of(cls, table: Table, effects: Sequence[Effect], shifts: bool = False) -> EffectsAndTorques:
+        """Make them, `shifts`: with torques that are shifted in time."""
+        driven, names = table.mechanism.driven, table.motion.independent
+        drives = tuple(map(driven.index, names)) if sorted(driven) == sorted(names) else ()
+        columns = [table.effect_columns(effect, [{}]) for effect in effects]
+        steps, near = _steps(table) if shifts and drives else (np.zeros(1, dtype=int), 1)
+        if drives:
+            return cls(columns, _torques_of_drives(table, drives, steps), drives, steps, near)
+        return cls(columns, _spread_torques(table, driven), drives, steps, near)
+
+    def at(self, rows: Array) -> EffectsAndTorques:
+        """Return those in some of the rows."""
+        columns = [(C[rows], felt) for C, felt in self.columns]
+        return self._replace(columns=columns, torques=self.torques[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,45 +97,46 @@ class ChannelEquations:
     def of(
         cls, estimate: Estimate, table: Table, use: np.ndarray, effects: Sequence[Effect],
         shifts: bool = False, blocks: Array | None = None,
+        further: EffectsAndTorques | None = None,
     ) -> ChannelEquations:  # fmt: skip
         """Reduce the rows `use` (N, d) of a table, with further linear effects and what an estimate
-        holds at its value; `blocks` (N,) number stretches of time, by default the table's.
+        holds at its value; `blocks` (N,) number stretches of time, by default the table's;
+        `further`: the effects' columns and unshifted torques in these rows, where they are made.
         """
-        driven, names = table.mechanism.driven, table.motion.independent
-        own_drives = sorted(driven) == sorted(names)
-        drive_of_coordinate = tuple(map(driven.index, names)) if own_drives else ()
+        names = table.motion.independent
+        further = further or EffectsAndTorques.of(table, effects, shifts)
+        columns, torques, drive_of_coordinate, steps, near = further
         fixed = estimate.fixed
         rows_in_use = use.any(axis=1)
         blocks = table.blocks if blocks is None else blocks
         numbers, block = np.unique(blocks[rows_in_use], return_inverse=True)
         prior = estimate.solution.x[fixed]
-        columns = [table.effect_columns(effect, [{}]) for effect in effects]
-        steps, near = _steps(table) if shifts and own_drives else (np.zeros(1, dtype=int), 1)
-        if own_drives:
-            torques = _torques_of_drives(table, drive_of_coordinate, steps)
-        else:
-            torques = _spread_torques(table, driven)
         ends = np.cumsum([int((~fixed).sum()), *(C.shape[2] for C, _ in columns)])
         places = {e.label: np.arange(*x) for e, x in zip(effects, pairwise(ends), strict=True)}
         k, edges = int(ends[-1]), np.searchsorted(block, range(len(numbers) + 1))
         shape, width, most = (len(numbers), len(names)), k + 1 + torques.shape[2], np.diff(edges)
         short = most.max() < width and np.prod(shape) * width**2 > IN_MEMORY
-        gram = np.zeros((*shape, int(most.max()) if short else width, width))
-        rows = np.zeros(shape)
+        height = int(most.max())
+        gram = np.zeros((*shape, height if short else width, width))
+        counted = use[rows_in_use]
+        rows = np.add.reduceat(counted, edges[:-1], axis=0, dtype=float)
+        place = edges[:-1, None] + np.arange(height)  # of the rows of each block, and of none
+        place[place >= edges[1:, None]] = len(counted)
         for u in range(len(names)):
             X = columns_of(table, ~fixed, columns, u)
             known = table.b[:, u] - table.tau[:, u] - table.A[:, u, fixed] @ prior
-            stack = np.column_stack([X, known, torques[:, u]])[rows_in_use]
-            stack[~use[rows_in_use, u]] = 0.0
-            for n, (i, j) in enumerate(pairwise(edges)):
-                if short:
-                    gram[n, u, : j - i] = stack[i:j]
-                else:
-                    np.matmul(stack[i:j].T, stack[i:j], out=gram[n, u])
-                rows[n, u] = use[rows_in_use, u][i:j].sum()
+            stack = np.zeros((len(counted) + 1, width))
+            both = np.column_stack([X, known, torques[:, u]])
+            np.copyto(stack[:-1], both[rows_in_use], where=counted[:, u, None])
+            blocks_of_rows = stack[place]
+            if short:
+                gram[:, u] = blocks_of_rows
+            else:
+                np.matmul(blocks_of_rows.transpose(0, 2, 1), blocks_of_rows, out=gram[:, u])
         rate = _rate(table)
         lags = steps / rate if rate else 0.0 * steps
         limits = limits_of_machines(estimate, table, effects, k)
+        driven = table.mechanism.driven
         return cls(driven, drive_of_coordinate, list(gram), k, places, rows, lags, near, limits)
 
     def with_effects(self, effects: Collection[str]) -> ChannelEquations:
@@ -343,12 +370,8 @@ def limits_of_machines(
     known = np.setdiff1d(np.arange(len(mechanism.prior)), columns.rigid)
     e, model = table.motion.experiments[0], mechanism.model
     postures = e.at_samples(np.flatnonzero(e.usable)[:: max(1, int(e.usable.sum()) // POSTURES)])
-    none = np.zeros_like(postures.v)
-    rest = regressor(model, postures.q, none, none)
     for u in range(d):
-        Z = postures.pinv[:, :, u - d]
-        of_speed = regressor(model, postures.q, none, Z) - rest
-        gamma = np.einsum("nik,ni->k", of_speed, Z) / len(postures)
+        gamma = 2 * kinetic_energies(model, postures.q, postures.pinv[:, :, u - d]).mean(axis=0)
         inertia[u, : len(columns.rigid)] = gamma[columns.rigid]
         offset[u] = gamma[known] @ mechanism.prior[known] + inertia[u, fixed] @ x[fixed]
     places = {name: i for i, name in enumerate(np.array(columns.names)[~fixed])}

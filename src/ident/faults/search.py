@@ -30,7 +30,8 @@ from ident.faults.fault import (
     torque_faults,
     turned_positions,
 )
-from ident.faults.motors import WIDTH, MotorCoordinates, motor_faults, nearest_nice
+from ident.faults.motion_trials import MotionTrials
+from ident.faults.motors import WIDTH, motor_faults, nearest_nice
 from ident.faults.small_errors import away_from_reversals
 from ident.information.estimate import Estimate
 from ident.information.evidence import (
@@ -50,7 +51,6 @@ from ident.mechanism.mechanism import Mechanism
 LEAST_FACTOR = 1.5  # tuned: a smaller one is an effect's: a gain, a load-dependent friction
 POOR = np.sqrt(2) * SMALL  # with SMALL counted in: of a joint that something may be wrong with
 CLOSEST = 6  # work: hypotheses that are looked at in detail
-MOTION_SAMPLES = 300  # work: samples that tell a right motion from a wrong one
 # work: between two of these the best factor of a torque is sought
 FACTORS = np.geomspace(1e-4, 1e4, 17)
 NUMBERED = ("scale", "delay", "time")  # faults of which a number is sought, not one of several
@@ -282,35 +282,12 @@ class FaultSearch:
         """
         if min(noise.max(), np.sqrt(self._unexplained.max())) < DOUBT:
             return None
-        motion, mechanism = self.problem.motion, self.mechanism
-        step = -(-sum(int(e.usable.sum()) for e in motion.experiments) // MOTION_SAMPLES)
-        thin = [e.at_samples(np.flatnonzero(e.usable)[::step]) for e in motion.experiments]
-        band = replace(motion.band, cutoff=None)
-
-        def table_of(mechanism: Mechanism, states: Sequence) -> Table:
-            unfiltered = replace(motion, experiments=tuple(states), band=band)
-            return Table.of(mechanism, self.problem.columns, unfiltered, self.table.point)
-
-        logged = table_of(mechanism, thin)
-        first = np.cumsum([0, *map(len, thin)])
-        logged_samples = first[logged.experiment] + logged.sample
-
-        @lru_cache(maxsize=1)  # an axis and a sign have the same state
-        def equations_of(state: StateChange) -> ChannelEquations:
-            """Return the equations in the rows that count as logged and in which it closes."""
-            states = [state(mechanism, e) for e in thin]
-            table = table_of(states[0][0], [e for _, e in states])
-            if isinstance(state, MotorCoordinates):
-                table = state.table(logged, table)
-            samples = first[table.experiment] + table.sample
-            nearest = np.minimum(np.searchsorted(logged_samples, samples), len(logged_samples) - 1)
-            use = logged.informed[nearest] & (logged_samples[nearest] == samples)[:, None]
-            blocks = logged.blocks[nearest]
-            return ChannelEquations.of(self.estimate, table, use, self.common, blocks=blocks)
-
+        trials = MotionTrials(self.problem, self.estimate, self.table, self.common)
+        logged, thin, mechanism = trials.logged, trials.states, self.mechanism
+        equations_of = lru_cache(maxsize=1)(trials.equations)  # an axis and a sign have one state
         every = ChannelEquations.of(self.estimate, logged, logged.informed, self.effects)
         now = FaultTrial.of_log(self._with_common(every))
-        both = zip(motion.independent, noise, strict=True)
+        both = zip(self.problem.motion.independent, noise, strict=True)
         poor = {name for name, x in both if x > DOUBT}
 
         def trial(fault: Fault) -> FaultTrial:
@@ -320,6 +297,13 @@ class FaultSearch:
         faults = motion_faults(now.fault, mechanism, thin, poor)
         faults += motor_faults(now.fault, mechanism, thin[0].logged, poor)
         base = now.held_out_density
+        by_change = dict[StateChange, list[Fault]]()
+        for fault in faults:
+            if fault.identity not in self.scores and fault.state is not None:
+                by_change.setdefault(fault.state, []).append(fault)
+        for change, equations in trials.equations_together([*by_change]):
+            for fault in by_change[change]:
+                _score(self.scores, FaultTrial(fault, equations, now.noise))
         best = self._best(faults, trial, base, min(now.noise, noise, key=rms), self.scores)
         return best if best and self._explains(best, every) else None
 
@@ -341,8 +325,8 @@ class FaultSearch:
             scores[fault.identity] = -np.inf
             with suppress(IdentError, np.linalg.LinAlgError):  # a motion that does not close
                 attempt = trial(fault)
-                if len(attempt.equations.rows) == len(base) and np.isfinite(attempt.score):
-                    scores[fault.identity] = attempt.score
+                if len(attempt.equations.rows) == len(base):
+                    _score(scores, attempt)
         possible = [fault for fault in faults if scores[fault.identity] > -np.inf]
         closest = [*map(trial, nlargest(CLOSEST, possible, key=lambda x: scores[x.identity]))]
         if not closest:
@@ -427,6 +411,14 @@ class FaultSearch:
             return float(np.log(before[rows] / after[rows]).mean())
 
         return fall(calm) >= MAIN_CAUSE * fall(self.equations)
+
+
+def _score(scores: dict[Hashable, float], attempt: FaultTrial) -> None:
+    """Fill in the score of a fault: −∞ where it has none."""
+    scores[attempt.fault.identity] = -np.inf
+    with suppress(np.linalg.LinAlgError):
+        if np.isfinite(attempt.score):
+            scores[attempt.fault.identity] = attempt.score
 
 
 def refined(

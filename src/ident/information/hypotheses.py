@@ -17,8 +17,8 @@ The largest g over all candidates on r_1 … r_B is the null distribution of the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -33,6 +33,7 @@ from ident.information.projection import VISIBLE, Projection
 
 AT_ONCE = 600  # work: columns of candidates whose gains are found at once
 TOGETHER = 64  # work: columns that are projected at once
+NUMBERS = 1_000_000  # work: of random series, by group and block, that are in memory at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +84,30 @@ class PartialRegression(Projection):
         D, by = np.zeros((len(groups), self.blocks)), np.zeros((len(groups), self.d))
         null, visible = np.zeros((len(groups), self.d, B)), np.zeros(len(groups))
         sizes = np.array([len(group) for group in groups])
-        for u in np.unique(sizes[sizes > 0]):
-            which = np.flatnonzero(sizes == u)
-            for chosen in np.array_split(which, -(-len(which) * u // AT_ONCE)):
-                gains = self._gains(np.array([groups[i] for i in chosen]))
-                D[chosen], by[chosen] = gains.D, gains.by
-                null[chosen], visible[chosen] = gains.null, gains.visible
+        for alone, _, of_sets in self._parted_by_sets(groups):
+            for u in np.unique(sizes[of_sets]):
+                which = of_sets[sizes[of_sets] == u]
+                for chosen in np.array_split(which, -(-len(which) * u // AT_ONCE)):
+                    gains = alone._gains(np.array([groups[i] for i in chosen]))
+                    D[chosen], by[chosen] = gains.D, gains.by
+                    null[chosen], visible[chosen] = gains.null, gains.visible
         return Gains(D, by, null, visible)
+
+    def _parted_by_sets(
+        self, groups: Sequence[Index]
+    ) -> Iterator[tuple[PartialRegression, np.ndarray, Index]]:
+        """Yield the rows of some sets of coordinates by themselves, which of all rows they are, and
+        the numbers of the groups that have any columns, all of them there.
+        """
+        present, by_sets = self.squares > 0, dict[tuple[int, ...], list[int]]()
+        for i, group in enumerate(groups):
+            if len(group):
+                felt = np.flatnonzero(present[group].any(axis=0)) if self.sets[1:] else ()
+                by_sets.setdefault(self.sets_of(felt) if len(felt) else self.sets[:1], []).append(i)
+        every = np.ones(len(self._Q), dtype=bool)
+        for sets, numbers in by_sets.items():
+            alone, rows = (self, every) if sets == self.sets else self.of_sets(sets)
+            yield alone, rows, np.array(numbers)
 
     def _gains(self, groups: Index) -> Gains:
         """Return the gains of groups (n, u) of equal size, those of r_1 … r_B in single precision.
@@ -150,16 +168,19 @@ class PartialRegression(Projection):
             s = cn.sum(axis=0) - P.astype(np.float32) @ q[:, :, 1:].sum(axis=0).astype(np.float32)
             random = [_combined(single[present], x.random) for present, x in terms]
             Z, inverse = Z.astype(np.float32), inverse.astype(np.float32)
-            for k in range(blocks):
-                QZ = (Z[k] @ self._random_inside[k]).reshape(n, u, 1 + len(self.parts), B)
-                theta = _times(inverse[k], (s - cn[k]).reshape(n, u, B) + QZ[:, :, 0])
+            step = max(1, NUMBERS // (n * u * (1 + len(self.parts)) * B))
+            for first in range(0, blocks, step):
+                k = slice(first, min(first + step, blocks))
+                QZ = Z[k] @ self._random_inside[k]
+                QZ = QZ.reshape(len(QZ), n, u, 1 + len(self.parts), B)
+                theta = _times(inverse[k], (s - cn[k]).reshape(-1, n, u, B) + QZ[..., 0, :])
                 for i, (part, (present, _)) in enumerate(zip(self.parts, terms, strict=True)):
-                    c = -QZ[:, :, 1 + i]
-                    c[present] += random[i][k].reshape(len(present), u, B)
+                    c = -QZ[..., 1 + i, :]
+                    c[:, present] += random[i][k].reshape(len(QZ), len(present), u, B)
                     c *= 2
                     c -= _times(quadratic[i, k], theta)
                     c *= theta
-                    null[:, part.coordinate] += c[:, 0] if u == 1 else c.sum(axis=1)
+                    null[:, part.coordinate] += c.sum(axis=(0, 2))
         return Gains(D, by, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
 
     def _terms(
@@ -235,20 +256,36 @@ class PartialRegression(Projection):
 
     def refits(self, groups: Sequence[Index]) -> list[Refit]:
         """Groups of columns in detail, each by itself."""
-        refits, numbers = list[Refit](), [len(group) for group in groups]
-        parts = -(-sum(numbers) // TOGETHER) or 1
-        for chosen in filter(len, np.array_split(np.arange(len(groups)), parts)):
-            flat = np.concatenate([groups[i] for i in chosen])
-            C = np.concatenate([self._taken(p, flat) for p in self.parts])
-            refits += self._refits(C, self.size[flat], [numbers[i] for i in chosen])
-        return refits
+        refits, numbers = dict[int, Refit](), [len(group) for group in groups]
+        for alone, rows, of_sets in self._parted_by_sets(groups):
+            parts = -(-sum(numbers[i] for i in of_sets) // TOGETHER)
+            for chosen in np.array_split(of_sets, parts):
+                flat = np.concatenate([groups[i] for i in chosen])
+                C = np.concatenate([alone._taken(p, flat) for p in alone.parts])
+                each = alone._refits(C, self.size[flat], [numbers[i] for i in chosen])
+                whole = [self._whole(x, alone, rows) for x in each]
+                refits |= zip(chosen.tolist(), whole, strict=True)
+        return [refits[i] for i in range(len(groups))]
+
+    def _whole(self, refit: Refit, alone: PartialRegression, rows: np.ndarray) -> Refit:
+        """Return a refit in some rows as one in all."""
+        if alone is self:
+            return refit
+        direction = np.zeros(len(rows))
+        direction[rows] = refit.direction
+        return replace(refit, loss=self.losses - alone.losses + refit.loss, direction=direction)
 
     def refit_with(self, C: Sequence[Array]) -> Refit:
         """Columns C (m, u), one array a part, that are not among the candidates'."""
         X = [c * self.weight[p.coordinate] for p, c in zip(self.parts, C, strict=True)]
         size = np.linalg.norm(both := np.concatenate(X), axis=0)
         size = np.where(size > 0, size, 1.0)
-        return self._refits(both / size, size, [len(size)])[0]
+        felt = np.array([p.coordinate for p, c in zip(self.parts, C, strict=True) if c.any()])
+        sets = self.sets_of(felt) if len(felt) else self.sets
+        if sets == self.sets:
+            return self._refits(both / size, size, [len(size)])[0]
+        alone, rows = self.of_sets(sets)
+        return self._whole(alone._refits(both[rows] / size, size, [len(size)])[0], alone, rows)
 
     def _refits(self, C: Array, size: Array, numbers: Sequence[int]) -> list[Refit]:
         """Columns C (rows, …) side by side, in groups of so many."""
@@ -312,5 +349,5 @@ def _combined(V: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _times(a: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return a x (n, u, B) of n matrices a (n, u, u)."""
-    return np.asarray(a * x if a.shape[1] == 1 else a @ x)
+    """Return a x (…, u, B) of matrices a (…, u, u)."""
+    return np.asarray(a * x if a.shape[-1] == 1 else a @ x)

@@ -172,12 +172,60 @@ class Projection:
     @cached_property
     def _errors(self) -> Array:
         """L Ỹ (rows, 1 + B): the errors of blocks that were left out."""
-        return self._plus(self._residual, self._Q, self._downdated[1] @ self._inside.sum(axis=0))
+        if not self.sets[1:]:
+            w = self._downdated[1] @ self._inside.sum(axis=0)
+            return self._plus(self._residual, self._Q, w)
+        errors = np.empty_like(self._residual)
+        for alone, rows in (self.of_sets((number,)) for number in self.sets):
+            errors[rows] = alone._errors
+        return errors
 
     @property
     def errors(self) -> tuple[Array, ...]:
         """L Ỹ (m, 1 + B) of every part."""
         return self._parted(self._errors)
+
+    @cached_property
+    def _set_of_coordinate(self) -> Index:
+        """(d,) the first of the coordinates that share a column of the model with each, or with one
+        that does: rows of other sets have nothing to do with its own.
+        """
+        first = np.arange(self.d)
+        for felt in np.unique(self.squares[self.model] > 0, axis=0):
+            same = np.isin(first, first[felt])
+            first[same] = first[same].min(initial=self.d)
+        return first
+
+    @cached_property
+    def sets(self) -> tuple[int, ...]:
+        """The sets of coordinates that have rows."""
+        return self.sets_of(np.array([part.coordinate for part in self.parts]))
+
+    def sets_of(self, coordinates: Index) -> tuple[int, ...]:
+        """Return the sets to which some coordinates belong."""
+        return tuple(np.unique(self._set_of_coordinate[coordinates]).tolist())
+
+    @cached_property
+    def _by_sets(self) -> dict[tuple[int, ...], tuple[Self, np.ndarray]]:
+        """What `of_sets` has returned."""
+        return {}
+
+    def of_sets(self, sets: tuple[int, ...]) -> tuple[Self, np.ndarray]:
+        """Return the rows of some sets of coordinates by themselves, with what is projected out
+        there, and which of all rows (rows,) they are.
+        """
+        if sets not in self._by_sets:
+            within = np.isin(self._set_of_coordinate, sets)
+            inside = np.array([within[part.coordinate] for part in self.parts])
+            rows = np.repeat(inside, [len(part.X) for part in self.parts])
+            present = (self.squares[self.model][:, within] > 0).any(axis=1)
+            parts = tuple(part for part, chosen in zip(self.parts, inside, strict=True) if chosen)
+            alone, Q = replace(self, parts=parts, model=self.model[present]), self._Q[rows]
+            values, V = np.linalg.eigh(Q.T @ Q)  # ones, and zeros of other sets
+            vars(alone).update(_Q=Q @ V[:, values > 0.5], _residual=self._residual[rows])
+            vars(alone).update(squares=self.squares, size=self.size, columns=self.columns)
+            self._by_sets[sets] = alone, rows
+        return self._by_sets[sets]
 
     def _plus(self, x: Array, A: Array, w: Array) -> Array:
         """x + A w (rows, …), with w (blocks, …) of each block."""
@@ -261,9 +309,8 @@ class Projection:
         q, R = np.linalg.qr(C)
         U, s, _ = linear.svd(R)
         q = np.linalg.qr(self._projected(q @ U[:, s > RANK * np.sqrt(len(extended.model))]))[0]
-        return extended._with(
-            np.hstack([self._Q, q]), self._residual - q @ (q.T @ self._residual), self
-        )
+        residual = self._residual - q @ (q.T @ self._residual)
+        return extended._with(np.hstack([self._Q, q]), residual, self, columns)
 
     def without(self, columns: Index) -> Self:
         """The same rows without some of the model's columns A.
@@ -280,12 +327,17 @@ class Projection:
         rank = int((s > RANK * s.max(initial=0.0)).sum())
         U, V = U[:, :rank], U[:, rank:]
         qY = np.sum([self.weight[p.coordinate] * (Q @ V).T @ p.Y for p, Q in both], axis=0)
-        return reduced._with(self._Q @ U, self._residual + (self._Q @ V) @ qY, self)
+        return reduced._with(self._Q @ U, self._residual + (self._Q @ V) @ qY, self, columns)
 
-    def _with(self, Q: Array, residual: Array, rows: Self) -> Self:
-        """The same with what is projected, and with what only the rows decide."""
+    def _with(self, Q: Array, residual: Array, rows: Self, changed: Index) -> Self:
+        """The same with what is projected, and with what only the rows decide, and the sets of
+        coordinates that do not have the columns in which both models differ.
+        """
         vars(self).update(_Q=Q, _residual=residual, cells=rows.cells, size=rows.size)
         vars(self).update(squares=rows.squares, columns=rows.columns)
+        other = {*rows.sets_of(np.flatnonzero(rows.squares[changed].any(axis=0)))}
+        same = {sets: x for sets, x in rows._by_sets.items() if not other & {*sets}}
+        vars(self).update(_by_sets=same)
         return self
 
     def added(self, C: Sequence[Array]) -> tuple[Self, Index]:
@@ -295,7 +347,8 @@ class Projection:
         pairs = zip(self.parts, C, felt, strict=True)
         parts = (part.added(c if at.all() else c[:, at], new[at]) for part, c, at in pairs)
         added = replace(self, parts=tuple(parts), count=int(new[-1]) + 1)
-        recomputed = {"columns", "squares", "size", *(field.name for field in fields(self))}
+        recomputed = {"columns", "squares", "size", "_by_sets"}
+        recomputed |= {field.name for field in fields(self)}
         vars(added).update({name: x for name, x in vars(self).items() if name not in recomputed})
         return added, new
 
@@ -307,8 +360,17 @@ class Projection:
         """The same rows with other right-hand sides Y (m, 1 + B), one a part."""
         parts = zip(self.parts, Y, strict=True)
         replaced = replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))
-        vars(replaced).update(_Q=self._Q, _downdated=self._downdated, squares=self.squares)  # of X
+        of_X = {name: vars(self)[name] for name in ("_downdated", "cells") if name in vars(self)}
+        vars(replaced).update(of_X, _Q=self._Q, squares=self.squares)
         return replaced
+
+    def in_order(self, parts: Sequence[Part], order: Index) -> Self:
+        """Return the rows of b in another `order` (rows,), in `parts` with the model's columns and
+        with blocks of their own.
+        """
+        ordered = replace(self, parts=tuple(parts), count=self.columns)
+        vars(ordered).update(_Q=self._Q[order], _residual=self._residual[order, :1])
+        return ordered
 
     @property
     def bare(self) -> Self:

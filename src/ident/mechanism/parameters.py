@@ -284,6 +284,13 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
     return gamma.transpose(2, 0, 1)
 
 
+def kinetic_energies(model: pin.Model, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """½ vᵀ M(q) v (n, 10 · bodies) by each parameter, of q (n, nq) and v (n, nv)."""
+    data = model.createData()
+    states = zip(q, v, strict=True)
+    return np.array([pin.computeKineticEnergyRegressor(model, data, *state) for state in states])
+
+
 def rigid_forces(
     model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray, pi: np.ndarray
 ) -> np.ndarray:
