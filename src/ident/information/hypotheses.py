@@ -175,9 +175,8 @@ class PartialRegression(Projection):
                 QZ = QZ.reshape(len(QZ), n, u, 1 + len(self.parts), B)
                 theta = _times(inverse[k], (s - cn[k]).reshape(-1, n, u, B) + QZ[..., 0, :])
                 for i, (part, (present, _)) in enumerate(zip(self.parts, terms, strict=True)):
-                    c = -QZ[..., 1 + i, :]
+                    c = QZ[..., 1 + i, :]  # 2 c
                     c[:, present] += random[i][k].reshape(len(QZ), len(present), u, B)
-                    c *= 2
                     c -= _times(quadratic[i, k], theta)
                     c *= theta
                     null[:, part.coordinate] += c.sum(axis=(0, 2))
@@ -222,10 +221,10 @@ class PartialRegression(Projection):
 
     @cached_property
     def _sides(self) -> list[tuple[Array, np.ndarray]]:
-        """By part [Q ỹ e] of b, and [ỹ e] of r_1 … r_B in single precision."""
+        """By part [Q ỹ e] of b, and [ỹ 2e] of r_1 … r_B in single precision."""
         sides = []
         for Q, Y, E in zip(self.Q, self.residual, self.errors, strict=True):
-            random = np.hstack([Y[:, 1:], E[:, 1:]]).astype(np.float32)
+            random = np.hstack([Y[:, 1:], 2 * E[:, 1:]]).astype(np.float32)
             sides.append((np.hstack([Q, Y[:, :1], E[:, :1]]), random))
         return sides
 
@@ -237,8 +236,8 @@ class PartialRegression(Projection):
 
     @cached_property
     def _random_inside(self) -> np.ndarray:
-        """Qᵀỹ of all parts, then Qᵀe of each (blocks, rank, (1 + parts) B), of r_1 … r_B."""
-        both = np.concatenate([self._inside.sum(axis=0)[None], self._left_out_inside])
+        """Qᵀỹ of all parts, then −2 Qᵀe of each (blocks, rank, (1 + parts) B), of r_1 … r_B."""
+        both = np.concatenate([self._inside.sum(axis=0)[None], -2 * self._left_out_inside])
         random = both[:, :, :, 1:].astype(np.float32).transpose(1, 2, 0, 3)
         return random.reshape(self.blocks, self.rank, random.shape[2] * random.shape[3])
 
@@ -328,7 +327,7 @@ class BlockTerms(NamedTuple):
     p: Array  # (blocks, N, rank) with Q
     squares: Array  # (blocks, groups, u, u) with each other
     e: Array  # (blocks, N) with the left-out errors of b
-    random: np.ndarray  # (blocks, N, B) with those of r_1 … r_B
+    random: np.ndarray  # (blocks, N, B) twice those with the errors of r_1 … r_B
 
 
 def _inner(a: np.ndarray, b: np.ndarray, u: int) -> np.ndarray:

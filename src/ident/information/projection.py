@@ -360,8 +360,9 @@ class Projection:
         """The same rows with other right-hand sides Y (m, 1 + B), one a part."""
         parts = zip(self.parts, Y, strict=True)
         replaced = replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))
-        of_X = {name: vars(self)[name] for name in ("_downdated", "cells") if name in vars(self)}
-        vars(replaced).update(of_X, _Q=self._Q, squares=self.squares)
+        vars(replaced).update(_Q=self._Q, squares=self.squares, cells=self.cells)  # of X
+        if "_downdated" in vars(self):
+            vars(replaced).update(_downdated=self._downdated)
         return replaced
 
     def in_order(self, parts: Sequence[Part], order: Index) -> Self:
