@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -184,31 +185,33 @@ def path_shares(
     size = np.sqrt((C**2).sum(axis=0))
     C = C / np.where(size > NEW_COLUMN, size, np.inf)
     S, s = C.T @ C, C.T @ r
-    ends = np.cumsum([0, *map(len, groups)])
-    of_size = [(n, np.flatnonzero(np.diff(ends) == n)) for n in np.unique(np.diff(ends))]
+    ends, sizes = np.cumsum([0, *map(len, groups)]), np.array([*map(len, groups)])
+    owner_of_column = np.repeat(owner, sizes)
+
+    @cache
+    def beside(chosen: tuple[int, ...]) -> tuple[Array, list[tuple[Index, Array]]]:
+        """S_c S_cc⁻¹, and by size n the columns (groups, n) and T_gg⁻¹ of other effects' groups."""
+        c = np.array(chosen, dtype=int)
+        K = S[:, c] @ linear.pinv(S[np.ix_(c, c)], rcond=RANK, hermitian=True)
+        free, others = ~np.isin(owner, owner_of_column[c]), list[tuple[Index, Array]]()
+        for n in np.unique(sizes[free]):
+            at = ends[:-1][free & (sizes == n)][:, None] + np.arange(n)
+            T = S[at[:, :, None], at[:, None]] - K[at] @ S[c[:, None], at[:, None]]
+            others.append((at, linear.inverse(T)))
+        return K, others
+
     shares = np.zeros((steps, r.shape[1]))
     for draw in range(r.shape[1]):
-        chosen, free = np.zeros(0, dtype=int), np.full(len(groups), True)
+        chosen = tuple[int, ...]()
         for step in range(steps):
-            K = S[:, chosen] @ linear.pinv(S[np.ix_(chosen, chosen)], rcond=RANK, hermitian=True)
-            T, t = S - K @ S[chosen], s[:, draw] - K @ s[chosen, draw]
-            best: tuple[float, Index, int] = 0.0, chosen[:0], -1
-            for n, every in of_size:
-                free_groups = every[free[every]]
-                if not len(free_groups):
-                    continue
-                at = ends[free_groups][:, None] + np.arange(n)
-                inverse = linear.inverse(T[at[:, :, None], at[:, None, :]])
+            K, others = beside(chosen)
+            t, most, best = s[:, draw] - K @ s[[*chosen], draw], 0.0, tuple[int, ...]()
+            for at, inverse in others:
                 falls = np.einsum("gi,gij,gj->g", t[at], inverse, t[at])
-                if falls.max() > best[0]:
-                    best = (
-                        float(falls.max()),
-                        at[falls.argmax()],
-                        int(owner[free_groups[falls.argmax()]]),
-                    )
-            shares[step, draw] = (shares[step - 1, draw] if step else 0.0) + best[0] / squares[draw]
-            chosen = np.append(chosen, best[1])
-            free &= owner != best[2]
+                if falls[i := int(falls.argmax())] > most:
+                    most, best = float(falls[i]), tuple(at[i].tolist())
+            shares[step, draw] = (shares[step - 1, draw] if step else 0.0) + most / squares[draw]
+            chosen += best
     return shares
 
 

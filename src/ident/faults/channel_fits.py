@@ -24,7 +24,7 @@ from ident.equations.table import Table
 from ident.faults.fault import Fault
 from ident.information.estimate import Estimate
 from ident.information.evidence import BEYOND, EXCESS, EXPLAINED_BELOW
-from ident.information.hypotheses import Array
+from ident.information.hypotheses import Array, Index
 from ident.information.lapack import lapack
 from ident.information.linear import nonnegative
 from ident.mechanism.parameters import kinetic_energies
@@ -65,7 +65,7 @@ class EffectsAndTorques(NamedTuple):
             return cls(columns, _torques_of_drives(table, drives, steps), drives, steps, near)
         return cls(columns, _spread_torques(table, driven), drives, steps, near)
 
-    def at(self, rows: Array) -> EffectsAndTorques:
+    def at(self, rows: Index) -> EffectsAndTorques:
         """Return those in some of the rows."""
         columns = [(C[rows], felt) for C, felt in self.columns]
         return self._replace(columns=columns, torques=self.torques[rows])

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -164,7 +165,7 @@ def in_a_row(states: Sequence[State]) -> State:
         x = getattr(first, entry.name)
         if entry.name not in ("still", "rest") and isinstance(x, np.ndarray) and len(x) == n:
             names.append(entry.name)
-    series = {}
+    series = dict[str, Any]()
     for name in names:
         each = [getattr(e, name) for e in states]
         key = tuple(map(id, each))  # q is y, in a tree

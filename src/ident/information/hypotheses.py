@@ -102,8 +102,8 @@ class PartialRegression(Projection):
         present, by_sets = self.squares > 0, dict[tuple[int, ...], list[int]]()
         for i, group in enumerate(groups):
             if len(group):
-                felt = np.flatnonzero(present[group].any(axis=0)) if self.sets[1:] else ()
-                by_sets.setdefault(self.sets_of(felt) if len(felt) else self.sets[:1], []).append(i)
+                felt = np.flatnonzero(present[group].any(axis=0)) if self.sets[1:] else group[:0]
+                by_sets.setdefault(self.sets_of(felt) or self.sets[:1], []).append(i)
         every = np.ones(len(self._Q), dtype=bool)
         for sets, numbers in by_sets.items():
             alone, rows = (self, every) if sets == self.sets else self.of_sets(sets)
@@ -279,8 +279,8 @@ class PartialRegression(Projection):
         X = [c * self.weight[p.coordinate] for p, c in zip(self.parts, C, strict=True)]
         size = np.linalg.norm(both := np.concatenate(X), axis=0)
         size = np.where(size > 0, size, 1.0)
-        felt = np.array([p.coordinate for p, c in zip(self.parts, C, strict=True) if c.any()])
-        sets = self.sets_of(felt) if len(felt) else self.sets
+        felt = [p.coordinate for p, c in zip(self.parts, C, strict=True) if c.any()]
+        sets = self.sets_of(np.array(felt, dtype=np.intp)) or self.sets
         if sets == self.sets:
             return self._refits(both / size, size, [len(size)])[0]
         alone, rows = self.of_sets(sets)
