@@ -22,6 +22,7 @@ from ident.equations.terms import Samples, residual
 from ident.equations.thinning import SplineProduct, multiplied_splines, spline_products
 from ident.equations.twists import twist_slopes
 from ident.equations.unknowns import Columns, Point
+from ident.errors import MotionError
 from ident.information.cubic import coefficients, cubic
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
@@ -65,7 +66,11 @@ class Table(Rows):
         cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point,
         keep: bool = True,
     ) -> Table:  # fmt: skip
-        """Return the rows of a model at a working point; `keep`: as `rows` takes it."""
+        """Return the rows of a model at a working point; `keep`: as `rows` takes it.
+
+        Raises:
+            MotionError: if no sample is usable, as where a delay may be longer than the log is.
+        """
         cutoff = motion.band.cutoff
         scenes = tuple(Scene.of(mechanism, columns, e, point, cutoff) for e in motion.experiments)
         expected = sum(len(s.e) // Decimator.of(cutoff, s.e.rate).factor for s in scenes)
@@ -78,6 +83,9 @@ class Table(Rows):
                 scales.append(piece.scale_of(scene.e.rest, every))
                 parts.append(piece.resting(scene.e.rest, every))
                 number.append(np.full(len(parts[-1]), i))
+        if not parts:
+            names = ", ".join(e.name for e in motion.experiments)
+            raise MotionError(f"{names}: no sample is usable; take a longer log")
         r = Rows.concatenated(parts)
         return cls(
             r.t, r.sample, r.A, r.b, r.tau, r.informed, r.moving, r.rest,

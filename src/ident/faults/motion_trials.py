@@ -67,6 +67,11 @@ class MotionTrials:
         return np.cumsum([0, *map(len, self.states)])
 
     @cached_property
+    def _logged_samples(self) -> Array:
+        """The number of each row's sample among all."""
+        return self._first[self.logged.experiment] + self.logged.sample
+
+    @cached_property
     def _further(self) -> EffectsAndTorques:
         """The common effects and the torques in the rows as logged."""
         return EffectsAndTorques.of(self.logged, self.common)
@@ -83,8 +88,8 @@ class MotionTrials:
         """Yield those changes of the state that can be tried together, with their equations in all
         rows, as one block.
         """
-        samples = int(self._first[-1])
-        most = max(min(TABLE, NUMBERS // self.logged.A[0].size) // samples, 1)
+        samples, numbers = int(self._first[-1]), int(np.prod(self.logged.A.shape[1:]))
+        most = max(min(TABLE, NUMBERS // max(numbers, 1)) // samples, 1)
         batch = list[tuple[StateChange, list[State]]]()
         for change in changes if not self.mechanism.closures else ():
             changed = [change(self.mechanism, e) for e in self.states]
@@ -100,7 +105,7 @@ class MotionTrials:
         self, batch: Sequence[tuple[StateChange, list[State]]]
     ) -> Iterator[tuple[StateChange, ChannelEquations]]:
         """Yield the equations of some changes, of which the rows are made at once, as one block;
-        not of those that lack a block of the log as it is.
+        not of those that lack rows of the log as it is.
         """
         if not batch:
             return
@@ -109,8 +114,12 @@ class MotionTrials:
         further = EffectsAndTorques.of(table, self.common)
         lengths = np.array([len(e) for e in self.states])[table.experiment]
         number, sample = table.sample // lengths, table.sample % lengths
+        # the ends of a log, where a late torque is not known, are within this one
+        logged = np.isin(self._first[table.experiment] + sample, self._logged_samples)
         for i, (change, its) in enumerate(batch):
-            at = np.flatnonzero(number == i)
+            at = np.flatnonzero((number == i) & logged)
+            if len(at) < len(self.logged):
+                continue
             motion = replace(table.motion, experiments=tuple(its))
             own = {name: getattr(table, name)[at] for name in ROWS}
             own_table = replace(table, **own | {"sample": sample[at]}, motion=motion)
@@ -125,11 +134,10 @@ class MotionTrials:
         """Return the rows of a change, what is `further` in them, which (N, d) count, and the
         blocks (N,) in which they are.
         """
-        logged, first = self.logged, self._first
+        logged, logged_samples = self.logged, self._logged_samples
         if isinstance(change, MotorCoordinates):
             table, further = change.table(logged, table), self._further
-        logged_samples = first[logged.experiment] + logged.sample
-        samples = first[table.experiment] + table.sample
+        samples = self._first[table.experiment] + table.sample
         nearest = np.minimum(np.searchsorted(logged_samples, samples), len(logged_samples) - 1)
         use = logged.informed[nearest] & (logged_samples[nearest] == samples)[:, None]
         further = further or EffectsAndTorques.of(table, self.common)

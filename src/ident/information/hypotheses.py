@@ -31,9 +31,9 @@ from ident.information.evidence import PARSIMONY
 from ident.information.linear import Array, Index
 from ident.information.projection import VISIBLE, Projection
 
-AT_ONCE = 600  # work: columns of candidates whose gains are found at once
+AT_ONCE = 150  # work: columns of candidates whose gains are found at once, in a processor's cache
 TOGETHER = 64  # work: columns that are projected at once
-NUMBERS = 1_000_000  # work: of random series, by group and block, that are in memory at once
+NUMBERS = 100_000  # work: of random series, by group and block, that are in memory at once
 
 
 @dataclass(frozen=True, eq=False)
