@@ -139,8 +139,13 @@ class DataChecks(FaultSearch):
         channels = [*filter(self._matters, log_findings(self.mechanism, self.problem.motion))]
         channels = [self._latest(x) if x.code == LATE_RATES else x for x in channels]
         if self.mechanism.driven:
-            if all(finding.code == "delay" and len(finding.where) == 1 for finding in findings):
-                findings += self._late()  # in one joint alone it is that joint's friction
+            # in one joint alone it is that joint's friction; against late positions all are early
+            in_time = not any(
+                x.code == LATE_RATES and all(channel.startswith("q.") for channel in x.where)
+                for x in channels
+            )
+            if in_time and all(x.code == "delay" and len(x.where) == 1 for x in findings):
+                findings += self._late()
             sizes = [*self._magnitudes()]
             codes = {finding.code for finding in findings}
             if codes <= {"scale"} and any(x.code == "units" for x in sizes):
@@ -202,7 +207,8 @@ class DataChecks(FaultSearch):
         )
         if abs(of_rates - of_position) < np.log(EXCESS):
             return finding
-        size, joints = two_digits(1e3 * abs(lag)), [x[2:] for x in finding.where if x[0] == "q"]
+        size = two_digits(1e3 * abs(lag))
+        positions = tuple(channel for channel in finding.where if channel.startswith("q."))
         if of_position < of_rates:
             text = (
                 f"{finding.meaning}; torques are in time with the positions, so it is the "
@@ -210,12 +216,12 @@ class DataChecks(FaultSearch):
             )
             return replace(finding, meaning=text, remedy="leave out the velocities")
         text = (
-            f"{listed([f'q.{joint}' for joint in joints])}: {size} ms "
+            f"{listed(positions)}: {size} ms "
             f"{'early' if lag > 0 else 'late'} against velocities and torques alike, which are in "
             "time with each other: it is the positions"
         )
         remedy = f"shift the positions by {size} ms, or log all channels by one clock"
-        return replace(finding, meaning=text, remedy=remedy)
+        return replace(finding, meaning=text, remedy=remedy, where=positions)
 
     def _swings(self, channels: Sequence[str]) -> bool:
         """Whether torques that are 0 throughout are those of joints that swing freely: gravity and
