@@ -25,27 +25,27 @@ class Nearby:
 
     Attributes:
         base: the whole other state.
-        steps: (3, nv, n) from it, of q, v and a; moved: (3, nv) which are not 0 throughout.
+        steps: (n,) from it that are not 0 throughout, by order (0 of q, 1 of v, 2 of a) and column.
         unmoved: joints that are where they were.
     """
 
     base: Samples
-    steps: np.ndarray
-    moved: np.ndarray
+    steps: Mapping[tuple[int, int], np.ndarray]
     unmoved: frozenset[str]
 
     def rigid(self, part: slice, pi: np.ndarray) -> np.ndarray:
         """Return Γ π (n, nv) of some samples, π (10 · bodies,)."""
-        change = self.along(part, pi, self.steps, self.moved)
+        change = self.along(part, pi, self.steps)
         return np.asarray(self.base.generalised(part).rigid(pi) + change.T)
 
     def along(
-        self, part: slice, pi: np.ndarray, steps: np.ndarray, moved: np.ndarray
+        self, part: slice, pi: np.ndarray, steps: Mapping[tuple[int, int], np.ndarray]
     ) -> np.ndarray:
-        """Return the change (nv, n) of Γ π along steps (3, nv, samples), of some samples."""
-        tangents, total = self.base.tangents(part, pi), np.zeros(steps[0, :, part].shape)
-        for order, j in zip(*np.nonzero(moved), strict=True):
-            total += tangents[order, :, j] * steps[order, j, part]
+        """Return the change (nv, n) of Γ π along `steps` of the whole state, in some samples."""
+        tangents = self.base.tangents(part, pi)
+        total = np.zeros((tangents.shape[1], tangents.shape[3]))
+        for (order, j), step in steps.items():
+            total += tangents[order, :, j] * step[part]
         return total
 
     def keeps(self, effect: Effect) -> bool:
@@ -74,17 +74,24 @@ def linearized(s: Samples, base: Samples) -> Samples:
         return s
     if e.q is near.q and e.v is near.v and e.a is near.a:
         return s  # forces of rigid bodies are shared already
-    steps = np.empty((3, model.nv, len(e)))
-    changed = e.still != near.still
-    for step, x, of_near in zip(steps, (e.q, e.v, e.a), (near.q, near.v, near.a), strict=True):
-        np.subtract(x.T, of_near.T, out=step)
-    moved = np.asarray(steps.any(axis=2))
-    for y, of_near in ((e.y, near.y), (e.yd, near.yd), (e.ydd, near.ydd)):
-        changed = changed | (y.T != of_near.T).any(axis=1)
+    steps, changed = dict[tuple[int, int], np.ndarray](), e.still != near.still
+    for order, names in enumerate((("q", "y"), ("v", "yd"), ("a", "ydd"))):
+        (x, y), (x_near, y_near) = ([getattr(state, name) for name in names] for state in (e, near))
+        differ = _columns_that_differ(x, x_near)
+        steps |= {(order, int(j)): x[:, j] - x_near[:, j] for j in differ}
+        of_joints = y is x and y_near is x_near
+        changed[differ if of_joints else _columns_that_differ(y, y_near)] = True
     joints = frozenset(
         joint.name for joint, x in zip(s.mechanism.joints, changed, strict=True) if not x
     )
-    return replace(s, memo={NEARBY: Nearby(base, steps, moved, joints)})
+    return replace(s, memo={NEARBY: Nearby(base, steps, joints)})
+
+
+def _columns_that_differ(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the numbers of the columns of two arrays (n, c) in which they differ."""
+    if x is y:
+        return np.empty(0, dtype=int)
+    return np.flatnonzero((x != y).any(axis=0))
 
 
 def difference(one: Samples, other: Samples, base: Samples) -> np.ndarray | None:
@@ -110,10 +117,12 @@ def difference(one: Samples, other: Samples, base: Samples) -> np.ndarray | None
     if e.tau is not other.e.tau:
         for sign, s in ((1, one), (-1, other)):
             out += sign * s.generalised(slice(None)).measured(mechanism.driven)
-    steps, moved = near.steps - far.steps, near.moved | far.moved
-    for start in range(0, n if moved.any() else 0, CHUNK):
+    steps = dict(near.steps)
+    for key, step in far.steps.items():
+        steps[key] = steps[key] - step if key in steps else -step
+    for start in range(0, n if steps else 0, CHUNK):
         part = slice(start, min(start + CHUNK, n))
-        out[part] -= near.along(part, one.point.pi, steps, moved).T
+        out[part] -= near.along(part, one.point.pi, steps).T
         for effect in mechanism.effects:
             c, shape = one.point.of(effect)
             known = effect.unknowns and len(shape) == len(effect.shapes) and c.any()
@@ -133,7 +142,8 @@ def _of_placements(one: Samples, other: Samples, base: Samples) -> np.ndarray | 
         x.implicit or not (x.corrects or x.local or x.loaded_link) for x in effects
     ):
         return None
-    same = all(np.array_equal(getattr(e, x), getattr(base.e, x)) for e in states[:2] for x in "qva")
+    both = [(getattr(e, x), getattr(base.e, x)) for e in states[:2] for x in "qva"]
+    same = all(x is before or np.array_equal(x, before) for x, before in both)
     if not same or one.e.tau is not other.e.tau or effects != other.mechanism.effects:
         return None
     if any((s.point.pi != base.point.pi).any() for s in (one, other)) or one.e.wrench is not None:
@@ -167,5 +177,4 @@ def _nearby(s: Samples, base: Samples) -> Nearby | None:
         return near if near.base is base else None
     if not s.same_motion(base) or s.e.yd is not e.yd or (s.e.still != e.still).any():
         return None
-    nv, joints = base.mechanism.model.nv, (joint.name for joint in s.mechanism.joints)
-    return Nearby(base, np.zeros((3, nv, len(e))), np.zeros((3, nv), bool), frozenset(joints))
+    return Nearby(base, {}, frozenset(joint.name for joint in s.mechanism.joints))

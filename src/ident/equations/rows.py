@@ -82,7 +82,8 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
         swings = any(x.ndim == 2 and name in e.logged for name, x in what.twist.items())
         twisting += [(effect, shape)] if swings else []
         mechanism = mechanism.corrected(what)
-    known, every_correction = e.known(mechanism), [what for _, what in corrections]
+    every_correction = [what for _, what in corrections]
+    steps = dict[str, np.ndarray]()  # (3, n) of logged joints
     for margin, what in corrections:
         for name, d in what.delay.items() if not e.poses else ():
             tau, channel = e.tau.copy(), mechanism.driven.index(name)
@@ -91,8 +92,9 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             e = e.with_torques(tau, e.usable & inside)
         for name, d in what.position_delay.items() if not e.poses else ():
             if name in e.logged:
-                series = known[:, :, e.logged.index(name)]
-                series[:] = late(e.t, series.T, -d).T
+                logged = e.known(mechanism, (name,))[:, :, 0]
+                now = logged + steps.get(name, 0.0)
+                steps[name] = late(e.t, now.T, -d).T - logged
                 inside = (e.t >= e.t[0] + margin) & (e.t <= e.t[-1] - margin)
                 e = replace(e, usable=e.usable & inside)
         for name, torque in what.torque.items():
@@ -101,32 +103,34 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
             e = e.with_torques(tau)
         for name, dq in what.dq.items():
             if name in e.logged:  # the closures place the others
-                known[:, :, e.logged.index(name)] += _rates(e, dq, cutoff)
+                steps[name] = steps.get(name, 0.0) + _rates(e, dq, cutoff)
         if what.since:
             e = replace(e, usable=e.usable & (e.poses | (e.t >= e.t[0] + what.since)))
         for name, twist in what.twist.items():
             if name in e.logged:
-                known[:, :, e.logged.index(name)] += _rates(e, twist, cutoff)
+                steps[name] = steps.get(name, 0.0) + _rates(e, twist, cutoff)
     moves = (
-        what.dq or what.position_delay or what.twist or what.displaced for _, what in corrections
+        what.dq or what.position_delay or what.twist or what.displaced for what in every_correction
     )
     if any(moves):
         # once: all are of the data as logged
         motors = e
-        e = with_motors(mechanism, e.at(mechanism, known), motors, every_correction)
+        e = with_motors(mechanism, e.stepped(mechanism, steps), motors, every_correction)
         # loads of the links, where they are by now; not where a swing, hardly damped in a loop,
         # would grow by each pass
-        size = float(np.linalg.norm(known - motors.known(mechanism)))
-        passes = PASSES if e.loop is None else LOOP_PASSES
-        for _ in range(passes if twisting else 0):
-            change = np.zeros_like(known)
+        passes = (PASSES if e.loop is None else LOOP_PASSES) if twisting else 0
+        size = _size(steps) if twisting else 0.0
+        for _ in range(passes):
+            changes = dict[str, np.ndarray]()
             for effect, at in twisting:
-                change += _twisted_further(base, mechanism, e, motors, effect, at)
-            last, size = size, float(np.linalg.norm(change))
+                (name,) = effect.joints
+                further = _twisted_further(base, mechanism, e, motors, effect, at)
+                changes[name] = changes.get(name, 0.0) + further
+            last, size = size, _size(changes)
             if size > RUNS_AWAY * last:
                 break
-            known += change
-            e = with_motors(mechanism, motors.at(mechanism, known), motors, every_correction)
+            steps |= {name: steps[name] + change for name, change in changes.items()}
+            e = with_motors(mechanism, motors.stepped(mechanism, steps), motors, every_correction)
     memo = _memo(base, mechanism, e)
     for _, what in corrections:
         for name, d in what.late.items() if len(e) > 1 else ():
@@ -153,6 +157,11 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     if e is base.e and mechanism is base.mechanism:
         return base
     return Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
+
+
+def _size(steps: Mapping[str, np.ndarray]) -> float:
+    """Return the norm of all of some steps."""
+    return float(np.linalg.norm([np.linalg.norm(step) for step in steps.values()]))
 
 
 def _acting_shape(base: Samples, effect: Effect) -> dict[str, float] | None:
@@ -217,9 +226,9 @@ def _twisted_further(
     effect: Effect,
     shape: Mapping[str, float],
 ) -> np.ndarray:
-    """Return by what the coordinates, rates, accelerations (3, n, d) of the logged joints change
-    where a link, which swings behind its motor, has the load L of its own motion: in a step of
-    Newton's method that is L + G δ + C δ̇ + M δ̈, with the twist δ so far.
+    """Return by what the coordinate, rate and acceleration (3, n) of a link change which swings
+    behind its motor and has the load L of its own motion: in a step of Newton's method that is
+    L + G δ + C δ̇ + M δ̈, with the twist δ so far.
     """
     (name,) = effect.joints
     at, place = mechanism.joint(name).index, mechanism.joint_index[name]
@@ -233,9 +242,7 @@ def _twisted_further(
     if rest is not None:
         rest = rest + signals.load_slopes[0, 0, 0] * twist[0, 0]
     again = replace(signals, shape=shape, predicted=lambda: (load, load), resting=lambda: rest)
-    change = np.zeros((3, len(e), len(e.logged)))
-    change[:, :, e.logged.index(name)] = effect.correction(again).twist[name] + twist
-    return change
+    return np.asarray(effect.correction(again).twist[name] + twist)
 
 
 def _memo(base: Samples, mechanism: Mechanism, e: State) -> dict[object, Any]:

@@ -218,8 +218,8 @@ class Table(Rows):
                 else:
                     h, shifted = perturbed(bare, effect, name, cutoff, effect)
                     S = (at_shape - residual(shifted)) / h
-                columns.append(self._in_rows(number, S))
-        return [np.concatenate(columns) * self.scale for columns in series]
+                columns.append(S[:, :, None])
+        return [self.smooth_columns(columns)[:, :, 0] for columns in series]
 
     def start_columns(
         self, effect: Effect, starts: Sequence[Mapping[str, float]]
@@ -279,15 +279,25 @@ class Table(Rows):
                 twists.append((twist_of(further, effect, cutoff) - twist) / h)
         return twists
 
+    def smooth_columns(self, series: Sequence[np.ndarray]) -> np.ndarray:
+        """Return columns (N, d, c) from smooth series (n, d, c) of the `thin` samples of each
+        experiment.
+        """
+        d, c = self.b.shape[1], series[0].shape[2]
+        flat = (x.reshape(len(x), d * c) for x in series)
+        rows = np.concatenate([self._in_rows(number, x) for number, x in enumerate(flat)])
+        return rows.reshape(len(rows), d, c) * self.scale[:, :, None]
+
     def _in_rows(self, number: int, S: np.ndarray) -> np.ndarray:
-        """Return a smooth series of an experiment's `thin` samples, in its rows (N_e, d)."""
+        """Return smooth series (n, c) of an experiment's `thin` samples, in its rows (N_e, c)."""
         bare, t = self.thin[number], self.scenes[number].e.t
         if len(S) != len(t) and self.every == 1 and len(S) >= FEWEST:
-            felt = np.flatnonzero(S.any(axis=0))
+            felt = np.flatnonzero((S != 0).any(axis=0))
             out = np.zeros((int((self.experiment == number).sum()), S.shape[1]))
-            if len(felt):
-                terms = np.stack(coefficients(bare.e.t, S[:, felt]))
-                out[:, felt] = multiplied_splines(self._splines[number], terms)
+            for first in range(0, len(felt), AT_ONCE):
+                at = felt[first : first + AT_ONCE]
+                terms = np.stack(coefficients(bare.e.t, S[:, at]), axis=1)
+                out[:, at] = multiplied_splines(self._splines[number], terms)
             return out
         if len(S) != len(t):
             S = cubic(bare.e.t, S, t)
@@ -301,7 +311,17 @@ class Table(Rows):
     def sensitivity(
         self, effect: Effect, shape: Mapping[str, float], name: str, step: float | None = None
     ) -> np.ndarray:
-        """Return S (N, d) of one shape of a correcting effect, at a shape, in the table's rows.
+        """Return S (N, d) of one shape of a correcting effect, at a shape, in the table's rows;
+        `step` as in `slopes`.
+        """
+        series = [S[:, :, None] for S in self.slopes(effect, shape, name, step)]
+        return self.smooth_columns(series)[:, :, 0]
+
+    def slopes(
+        self, effect: Effect, shape: Mapping[str, float], name: str, step: float | None = None
+    ) -> list[np.ndarray]:
+        """Return S (n, d) of one shape of a correcting effect, at a shape, in the `thin` samples of
+        each experiment.
 
         `step`: of a central difference, in the shape's unit; default: forward and as small as
         rounding allows, where what jumps with the motion, as dry friction does, would not be seen.
@@ -340,8 +360,8 @@ class Table(Rows):
             at, shifted = linearized(at, base), linearized(shifted, base)
             change = difference(at, shifted, base)
             change = residual(at) - residual(shifted) if change is None else change
-            series.append(self._in_rows(number, change / h))
-        return np.concatenate(series) * self.scale
+            series.append(change / h)
+        return series
 
     @cached_property
     def _splines(self) -> list[SplineProduct]:

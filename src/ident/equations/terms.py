@@ -44,6 +44,7 @@ FEWEST = 30  # work: samples from which one pass of derivatives is faster than s
 AT_REST = 0.3
 OFTEN = 3  # work: times that loads are asked for, from which on a row of Γ is kept for them
 CHUNK = 4096  # work: samples whose regressor is in memory at once
+WIDE = 32_768  # work: samples at which the torque of one effect is made at once
 UNIT = np.ones((1, 1))  # W of a joint of the tree, in its own row
 RIGID, WRENCHES = "rigid bodies", "external wrenches"
 NODES, SERIES = "nodes of rows", "nodes of series"  # in a state's store: their distance
@@ -412,9 +413,32 @@ class Samples:
                 for x in self.mechanism.effects
                 if not (x.implicit or x.loaded_link or (x.local and not {*x.joints} & {*joints}))
             ]
-            at = [self.mechanism.joint(name).index for name in joints]
-            self.memo[key] = self._summed(effects)[:, at]
+            total = np.zeros((len(joints), len(self.e)))
+            for row, name in zip(total, joints, strict=True):
+                for effect in effects:
+                    if name in effect.acting:
+                        self._add_torque_of(row, effect, name)
+            self.memo[key] = total.T
         return np.asarray(self.memo[key])
+
+    def _add_torque_of(self, out: np.ndarray, effect: Effect, joint: str) -> None:
+        """Add the torque E c (n,) of one effect at one joint in the whole state."""
+        c, shape = self.point.of(effect)
+        if not effect.unknowns or len(shape) < len(effect.shapes) or not c.any():
+            return
+        nearby, place = self.memo.get(NEARBY), effect.acting.index(joint)
+        whole = nearby.base if nearby is not None and nearby.keeps(effect) else self
+        for start in range(0, len(out), WIDE):
+            s = whole.generalised(slice(start, min(start + WIDE, len(out))))
+            out[s.part] += s.columns(effect, shape)[:, place] @ c
+
+    def torque_of(self, effect: Effect, joint: str) -> np.ndarray:
+        """Return the torque E c (n,) of one effect at one of the joints at which it acts, in the
+        whole state.
+        """
+        torque = np.zeros(len(self.e))
+        self._add_torque_of(torque, effect, joint)
+        return torque
 
     def _summed(self, effects: Sequence[Effect], bodies: bool = False) -> np.ndarray:
         """Generalised forces (n, nv) of some effects, and bodies, in the whole state."""

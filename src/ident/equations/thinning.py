@@ -160,7 +160,7 @@ def interpolated(make: Callable[[Index], Array], run: slice, step: int) -> Array
 
 # --- rows of cubic splines -----------------------------------------------------------------------
 
-SplineProduct = list[tuple[slice, Array]]  # intervals m, and weights (rows, 4 m) of some rows
+SplineProduct = list[tuple[slice, Array]]  # intervals m, and weights (rows, m · 4) of some rows
 TOGETHER = 16  # work: rows of splines that one product makes
 
 
@@ -175,7 +175,7 @@ def spline_products(
     `length`: samples of the run, `spacing` [s] apart.
     """
     last, taps, half = (length - 1) // step - 1, taps_of(decimator), decimator.half
-    # by the row's place between two samples: weights (4, intervals) and the first interval
+    # by the row's place between two samples: weights (intervals, 4) and the first interval
     inner = dict[int, tuple[int, Array]]()
 
     def weights(sample: int) -> tuple[int, Array]:
@@ -183,7 +183,8 @@ def spline_products(
         interval = np.clip(samples // step, 0, last)
         u, low = spacing * (samples - step * interval), int(interval[0])
         size = int(interval[-1]) - low + 1
-        return low, np.stack([np.bincount(interval - low, taps * u**p, size) for p in range(4)])
+        powers = [np.bincount(interval - low, taps * u**p, size) for p in range(4)]
+        return low, np.stack(powers, axis=1)
 
     def of(sample: int) -> tuple[int, Array]:
         if sample + half >= step * (last + 1):  # beyond the last of the points
@@ -197,17 +198,17 @@ def spline_products(
     for start in range(0, len(at), TOGETHER):
         group = [of(int(sample)) for sample in at[start : start + TOGETHER]]
         first = min(low for low, _ in group)
-        W = np.zeros((len(group), 4, max(low + w.shape[1] for low, w in group) - first))
+        W = np.zeros((len(group), max(low + len(w) for low, w in group) - first, 4))
         for row, (low, w) in zip(W, group, strict=True):
-            row[:, low - first : low - first + w.shape[1]] = w
-        products.append((slice(first, first + W.shape[2]), W.reshape(len(W), -1)))
+            row[low - first : low - first + len(w)] = w
+        products.append((slice(first, first + W.shape[1]), W.reshape(len(W), -1)))
     return products
 
 
 def multiplied_splines(products: SplineProduct, terms: Array) -> Array:
-    """Return the rows (N, c) of splines with coefficients `terms` (4, intervals, c)."""
+    """Return the rows (N, c) of splines with coefficients `terms` (intervals, 4, c)."""
     c = terms.shape[2]
-    return np.concatenate([W @ terms[:, at].reshape(-1, c) for at, W in products])
+    return np.concatenate([W @ terms[at].reshape(-1, c) for at, W in products])
 
 
 def taps_of(decimator: Decimator) -> Array:

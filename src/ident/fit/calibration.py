@@ -45,6 +45,7 @@ ROUNDS = 2  # work: of columns at the parameters that they lead to
 NEAR = 0.1  # work: prior scales, below which a second round is saved: errors differ by 3 %
 PASSES = 6  # work: over the weights of the coordinates
 SETTLED = 1e-3  # numerics: of a weight: a smaller change is the last
+ROUNDING = 1e-13  # numerics: of the largest torque: a column that is smaller is one of rounding
 TRADES = 0.9  # level: correlation of two causes' errors from which one stands for the other
 LIBRARY = {"late_torque": "delay"}  # kinds of calibration errors: the library's for the same
 MOST_NAMED = 3  # shown: causes that trade with one that is named
@@ -149,8 +150,9 @@ def budget_of(of_fit: FitRows, fitted: Estimate) -> Budget | None:
                 break
             with suppress(IdentError, np.linalg.LinAlgError):
                 at = at.corrected(x, causes, values)
-        columns = [at.column(cause) for cause in causes]
-        felt = [k for k, N in enumerate(columns) if N is not None and N[at.informed].any()]
+        columns = at.columns(causes)
+        least = ROUNDING * float(at.torque.max())
+        felt = [k for k, N in enumerate(columns) if N is not None and _size(N, at) > least]
         left_out += [c.name for c, N in zip(causes, columns, strict=True) if N is None]
         causes, values = [causes[k] for k in felt], values[felt]
         if not causes:
@@ -191,6 +193,11 @@ def budget_of(of_fit: FitRows, fitted: Estimate) -> Budget | None:
         errors=errors,
         correlation=of_causes / np.outer(errors, errors),
     )
+
+
+def _size(N: np.ndarray, of: FitRows) -> float:
+    """Return the largest entry of a column (N, d) in rows that inform."""
+    return float(np.abs(N[of.informed]).max(initial=0.0))
 
 
 def _propagated(information: Information, sigma: np.ndarray, n: int) -> np.ndarray:

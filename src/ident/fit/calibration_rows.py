@@ -36,6 +36,7 @@ from ident.motion import Motion
 
 SAMPLES = 8_000  # work: that columns are made of, as few as smooth series allow
 STRETCHES = 16  # work: of a log with more
+TOGETHER = 8  # work: causes whose columns are filtered at once
 SMALLER = (1.0, 0.1, 0.01)  # work: shares of a prior scale at which a column is taken
 
 
@@ -76,16 +77,42 @@ class FitRows(ABC):
         tau = np.concatenate([table.tau for table in self.tables])
         return np.asarray(np.sqrt((tau**2).mean(axis=0)))
 
-    def column(self, cause: CalibrationError) -> Array | None:
-        """Return the change (N, d) of b − A x by one standard deviation of a cause, by a difference
-        over a share of it: so that friction which jumps counts as it does in the mean. None if no
-        difference can be made: a loop that cannot be closed with another length, say.
+    def columns(self, causes: Sequence[CalibrationError]) -> list[np.ndarray | None]:
+        """Return by cause the change (N, d) of b − A x by one standard deviation of it, by a
+        difference over a share of it: so that friction which jumps counts as it does in the mean.
+        None if no difference can be made: a loop that cannot be closed with another length, say.
         """
-        for share in SMALLER if cause.effect.corrects else (1.0,):
+        columns: list[np.ndarray | None] = [None] * len(causes)
+        slopes = dict[int, list[list[np.ndarray]]]()  # by cause that corrects, table and experiment
+        for k, cause in enumerate(causes):
+            if cause.effect.corrects:
+                made = self._slopes(cause)
+                slopes |= {} if made is None else {k: made}
+                continue
             with suppress(IdentError, np.linalg.LinAlgError):
-                parts = [_column(table, cause, share) for table in self.tables]
+                parts = [_column(table, cause) for table in self.tables]
                 if all(np.isfinite(part).all() for part in parts):
-                    return np.concatenate(parts)
+                    columns[k] = np.concatenate(parts)
+        for first in range(0, len(slopes), TOGETHER):
+            some = [*slopes][first : first + TOGETHER]
+            rows = np.concatenate([
+                table.smooth_columns([
+                    np.stack(of_causes, axis=2)
+                    for of_causes in zip(*(slopes[k][number] for k in some), strict=True)
+                ])
+                for number, table in enumerate(self.tables)
+            ])  # fmt: skip
+            for k, column in zip(some, rows.transpose(2, 0, 1), strict=True):
+                columns[k] = causes[k].scale * column
+        return columns
+
+    def _slopes(self, cause: CalibrationError) -> list[list[np.ndarray]] | None:
+        """Return `Table.slopes` of a cause that corrects by table; None if none can be made."""
+        for share in SMALLER:
+            with suppress(IdentError, np.linalg.LinAlgError):
+                slopes = [_slopes(table, cause, share) for table in self.tables]
+                if all(np.isfinite(x).all() for of_table in slopes for x in of_table):
+                    return slopes
         return None
 
     def with_causes(self, fitted: Estimate, columns: Array, known: Array) -> Rows:
@@ -205,9 +232,15 @@ class ReducedRows(FitRows):
                 spread = e.rate * math.hypot(*(lateness.get(place, 0.0) for place in places))
                 if not spread or effect.corrects or effect.implicit or effect.loaded_link:
                     continue
-                torque = np.zeros(squares.shape)
-                samples.add_effect(torque, effect, *point.of(effect))
-                squares[1:] += _of_a_share(spread) * np.diff(torque, axis=0) ** 2
+                if e.loop is None:
+                    for name in effect.acting:
+                        torque = samples.torque_of(effect, name)
+                        u = table.mechanism.joint(name).index
+                        squares[1:, u] += _of_a_share(spread) * np.diff(torque) ** 2
+                    continue
+                torques = np.zeros(squares.shape)
+                samples.add_effect(torques, effect, *point.of(effect))
+                squares[1:] += _of_a_share(spread) * np.diff(torques, axis=0) ** 2
             taps = Decimator.of(self.problem.motion.band.cutoff, e.rate).taps
             rows = squares[at] if taps is None else multiplied(products(taps**2, at), squares)
             variance[table.experiment == number] = rows
@@ -303,16 +336,19 @@ class WhitenedRows(FitRows):
         return sorted(self.linear.parts, key=lambda run: run.experiment)
 
 
-def _column(table: Table, cause: CalibrationError, share: float) -> Array:
-    """Return the column (N, d) of a cause in the rows of a table."""
-    effect, (parameter,) = cause.effect, cause.effect.parameters
-    if not effect.corrects:
-        C, felt = table.effect_columns(effect, [{}])
-        column = np.zeros(table.b.shape)
-        column[:, felt] = C[:, :, 0]
-        return cause.scale * column
+def _column(table: Table, cause: CalibrationError) -> np.ndarray:
+    """Return the column (N, d) of a cause that is an effect in the rows of a table."""
+    C, felt = table.effect_columns(cause.effect, [{}])
+    column = np.zeros(table.b.shape)
+    column[:, felt] = C[:, :, 0]
+    return cause.scale * column
+
+
+def _slopes(table: Table, cause: CalibrationError, share: float) -> list[np.ndarray]:
+    """Return by experiment slopes (n, d) of a cause that corrects, over a share of its scale."""
+    (parameter,) = cause.effect.parameters
     none = {parameter.name: 0.0}
-    return cause.scale * table.sensitivity(effect, none, parameter.name, share * cause.scale)
+    return table.slopes(cause.effect, none, parameter.name, share * cause.scale)
 
 
 def _of_a_share(spread: float) -> float:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,6 +39,7 @@ CENTROIDAL = {name: "I" + name[1:] for name in DYNAMIC if name.startswith("L")}
 READING_ORDER = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "mx", "my", "mz", "m")
 COUNT = len(DYNAMIC)
 WORDS = (*DYNAMIC, *CENTROIDAL.values())
+MODELS = 32  # work: of which the shape of Γ is kept
 
 
 def unit_of(parameter: str) -> str:
@@ -326,6 +328,7 @@ def supports(model: pin.Model) -> list[np.ndarray]:
     return columns
 
 
+@lru_cache(MODELS)
 def row_spans(model: pin.Model) -> list[slice]:
     """For every row of Γ the stretch of its columns that can differ from zero."""
     return [slice(int(columns[0]), int(columns[-1]) + 1) for columns in supports(model)]

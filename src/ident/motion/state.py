@@ -236,6 +236,25 @@ class State:
             return e
         return e.transmitted(mechanism, self.independent, inverse=inverse)
 
+    def stepped(self, mechanism: Mechanism, steps: Mapping[str, np.ndarray]) -> State:
+        """The same with logged joints elsewhere, by (3, n) of their coordinates and two rates; a
+        tree keeps what no step changes.
+        """
+        in_place = self.q is self.y and self.v is self.yd and self.a is self.ydd
+        if mechanism.closures or not in_place:
+            known = self.known(mechanism)
+            for name, step in steps.items():
+                known[:, :, self.logged.index(name)] += step
+            return self.at(mechanism, known)
+        motion = [self.q, self.v, self.a]
+        for order in range(3):
+            moved = [name for name, step in steps.items() if step[order].any()]
+            motion[order] = motion[order].copy() if moved else motion[order]
+            for name in moved:
+                motion[order][:, mechanism.joint_index[name]] += steps[name][order]
+        q, v, a = motion
+        return replace(self, q=q, v=v, a=a, y=q, yd=v, ydd=a)
+
     def _swing(self, mechanism: Mechanism, names: Sequence[str]) -> np.ndarray:
         """Return q, v and a (3, n, d) of joints' links less those of their motors, which are y."""
         swing = np.zeros((3, len(self), len(names)))
