@@ -151,8 +151,8 @@ def budget_of(of_fit: FitRows, fitted: Estimate) -> Budget | None:
             with suppress(IdentError, np.linalg.LinAlgError):
                 at = at.corrected(x, causes, values)
         columns = at.columns(causes)
-        least = ROUNDING * float(at.torque.max())
-        felt = [k for k, N in enumerate(columns) if N is not None and _size(N, at) > least]
+        rounding = ROUNDING * float(at.torque.max())
+        felt = [k for k, N in enumerate(columns) if N is not None and _size(N, at) > rounding]
         left_out += [c.name for c, N in zip(causes, columns, strict=True) if N is None]
         causes, values = [causes[k] for k in felt], values[felt]
         if not causes:
