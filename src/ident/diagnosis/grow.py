@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ from ident.diagnosis.validation import ValidationErrors
 from ident.display import Displayed, part, render
 from ident.effects import Effect
 from ident.equations.unknowns import Point
-from ident.errors import FitError, check_whole
+from ident.errors import FitError, IdentError, check_whole
 from ident.files import json_bytes, version, write_all
 from ident.fit import Fit, identify
 from ident.fit.shapes import NoScale, widened
@@ -563,7 +564,7 @@ def ladder(
     """A rung a kind of effect: what a diagnosis names, then what explains most of what is left.
 
     The last rung is fitted; errors before it are announced by the same regression, of all rows in
-    motion. A rung whose announcement the fit contradicts is one with the last.
+    motion. What the rung after it contradicts is fitted as well.
     """
     contest, first = search.contest, search.first
     material = contest.decision.material
@@ -609,11 +610,24 @@ def ladder(
         near = {label: rivals for label, rivals in near.items() if rivals}
         rungs.append(Step(tuple(member.effect for member in group), (), near, None, last))
     rungs[-1] = replace(rungs[-1], fit=after, errors=errors_of(after))
-    while len(rungs) > 1 and _contradicted(rungs[-2].errors, rungs[-1].errors, material):
-        *rungs, one, two = rungs
-        both = one.added + two.added, one.removed + two.removed
-        rungs.append(Step(*both, {**one.rivals_of, **two.rivals_of}, after, two.errors))
+    for i in reversed(range(len(rungs) - 1)):
+        if _contradicted(rungs[i].errors, rungs[i + 1].errors, material):
+            with suppress(IdentError):  # it may not determine all that the last one does
+                errors = _fitted_errors(contest.fit, rungs[: i + 1], after)
+                rungs[i] = replace(rungs[i], errors=errors)
     return rungs
+
+
+def _fitted_errors(before: Fit, rungs: Sequence[Step], after: Fit) -> dict[str, Error]:
+    """Return the errors, by joint, of a model with some rungs, refitted from the shapes `after`."""
+    model = before.mechanism
+    for rung in rungs:
+        for effect in rung.removed:
+            model = model.without(effect.label)
+        for effect in rung.added:
+            model = model + effect
+    fit = identify(model, before.motion, start=after.point, estimator="least-squares")
+    return errors_of(fit)
 
 
 def _contradicted(announced: Mapping[str, Error], fitted: Mapping[str, Error], most: float) -> bool:

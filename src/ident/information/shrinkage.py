@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from ident.information.blocks import Information
 from ident.information.chance import moderated_covariance
@@ -25,6 +24,7 @@ from ident.information.linear import Array
 # level: standard errors by which some parameter must move: below, least squares stay as they are
 NEAR = 0.1
 WIDEST = 12.0  # range: of log s
+SCALES = 1201  # work: s that are tried, a percent apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +72,11 @@ class Shrinkage:
             values, _, z = self._directions(estimate)
         except np.linalg.LinAlgError:
             return None
-
-        def misfit(log_scale: float) -> float:
-            variance = 1 + np.exp(2 * log_scale) * values
-            return float(np.sum(np.log(variance) + z**2 / variance))
-
-        best = minimize_scalar(misfit, bounds=(0.0, WIDEST), method="bounded").x
-        self = replace(self, scale=float(np.exp(best)) if misfit(best) < misfit(0.0) else 1.0)
+        # −2 log density of d by s
+        scales = np.exp(np.linspace(0.0, WIDEST, SCALES))
+        total = 1 + scales[:, None] ** 2 * values
+        misfit = (np.log(total) + z**2 / total).sum(axis=1)
+        self = replace(self, scale=float(scales[misfit.argmin()]))
         change = np.abs(self.change(estimate)) / np.sqrt(variances)
         return self if change.max() > NEAR else None
 
