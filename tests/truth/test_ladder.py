@@ -31,6 +31,8 @@ def test_a_spring_with_preload_leaves_no_offset_beside_it():
     grown = ident.grow(arm, ident.complete(arm, log))
     found = {effect.label for effect in grown.added if "elbow" in effect.joints}
     assert found == {"viscous:elbow", "coulomb:elbow", "spring:elbow"}
+    # also where the next rung leaves more in a joint
+    assert all(len({effect.kind for effect in step.added}) <= 1 for step in grown.steps)
 
 
 # --- validation ----------------------------------------------------------------------------------
