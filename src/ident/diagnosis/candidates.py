@@ -143,7 +143,7 @@ def _rows_with_most(r: np.ndarray, calm: np.ndarray, rows: np.ndarray) -> np.nda
 def residual_in(table: Table, fit: Fit) -> np.ndarray:
     """(N, d) b − A x of a fit in the rows of its table."""
     fixed = fit.estimate.fixed
-    x = np.where(fixed, table.columns.prior_at(table.point.values), fit.by_rows.solution.x)
+    x = np.where(fixed, table.columns.prior_at(table.point.values), fit.estimate.solution.x)
     return np.asarray(table.b - table.A @ x)
 
 
@@ -228,7 +228,7 @@ class Contest:
                 failed.append((effect, str(error)))
         sigma, model = fit.estimate.sigma, np.flatnonzero(~fixed)
         if len(sigma) != table.b.shape[1]:  # a time basis weighs all rows alike
-            r = table.b - table.A @ fit.by_rows.solution.x
+            r = table.b - table.A @ fit.estimate.solution.x
             sigma = np.sqrt((r**2).mean(axis=0)) + 1e-300
         regression = PartialRegression(store.parts(), model, 1.0 / sigma, store.count)
         chosen_pulses = _pulses_that_help(table, regression, pulses, candidates)

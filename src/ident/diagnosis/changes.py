@@ -257,8 +257,9 @@ def _with_calibration(contest: Contest, change: Change) -> Change:
     columns = [np.concatenate(part, axis=1) for part in gated]
     values = np.concatenate([change.values, *(numbers for _, numbers in change.others)])
     variance, parts = change.stderr**2, contest.regression.parts
-    for error in rows.causes():
-        if (column := rows.column(error)) is None:
+    causes = [*rows.causes()]
+    for error, column in zip(causes, rows.columns(causes), strict=True):
+        if column is None:
             continue
         targets = [column[contest.use[:, p.coordinate], p.coordinate, None] for p in parts]
         if error.kind == "tau":  # of the torque that the model predicts, which lacks the change

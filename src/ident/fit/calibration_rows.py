@@ -94,15 +94,15 @@ class FitRows(ABC):
                 if all(np.isfinite(part).all() for part in parts):
                     columns[k] = np.concatenate(parts)
         for first in range(0, len(slopes), TOGETHER):
-            some = [*slopes][first : first + TOGETHER]
+            batch = [*slopes][first : first + TOGETHER]
             rows = np.concatenate([
                 table.smooth_columns([
                     np.stack(of_causes, axis=2)
-                    for of_causes in zip(*(slopes[k][number] for k in some), strict=True)
+                    for of_causes in zip(*(slopes[k][number] for k in batch), strict=True)
                 ])
                 for number, table in enumerate(self.tables)
             ])  # fmt: skip
-            for k, column in zip(some, rows.transpose(2, 0, 1), strict=True):
+            for k, column in zip(batch, rows.transpose(2, 0, 1), strict=True):
                 columns[k] = causes[k].scale * column
         return columns
 

@@ -45,7 +45,6 @@ from ident.information.chance import covariance, held_out, prior_covariance
 from ident.information.estimate import Estimate
 from ident.information.evidence import NEGATIVE
 from ident.information.left_out import LeftOut
-from ident.information.shrinkage import Shrinkage
 from ident.mechanism.mechanism import Mechanism
 from ident.mechanism.parameters import Consistency
 from ident.motion import Motion
@@ -75,8 +74,7 @@ def identify(
             the mechanism's own bounds; or further bounds, as a `Consistency`.
         estimator: `least-squares` takes the motion as it is; `likelihood` lets the motion move
             within its noise, until nothing changes; `auto` is least squares, with one step of the
-            likelihood where noise of the motion makes a twentieth of the residual or more. The last
-            two draw bodies to the URDF's where the rows do not know better.
+            likelihood where noise of the motion makes a twentieth of the residual or more.
         progress: called with (what is being done, share done).
 
     Returns:
@@ -127,8 +125,7 @@ def identify(
         *delays_at_bounds(problem, estimate),
         *narrow_intervals(problem),
     ]
-    drawn = estimator != "least-squares"
-    fit = fit_of(problem, estimate, consistent, findings, likelihood, rest, wider, drawn)
+    fit = fit_of(problem, estimate, consistent, findings, likelihood, rest, wider)
     refuse_scales(scales_within_error(fit))
     if validate is None:
         return fit
@@ -212,12 +209,10 @@ def fit_of(
     likelihood: Likelihood | None = None,
     on_progress: Progress = no_progress,
     wider: Mapping[int, float] | None = None,
-    with_prior: bool = False,
 ) -> Fit:
     """Return the fit of an estimate: within limits if asked for, with standard errors and errors;
     `findings` are of the way in which the estimate was made, `consistent` as in `identify`, `wider`
-    standard errors on top of the jackknife's, by place in x; `with_prior`: whether bodies are drawn
-    to their prior where the rows do not know better.
+    standard errors on top of the jackknife's, by place in x.
     """
     findings = [*basis_bias(problem, estimate), *findings]
     free, binding, limits = estimate, None, problem.mechanism.consistency
@@ -229,14 +224,8 @@ def fit_of(
         findings += binding.findings
     else:
         blocks = LeftOut.of(problem.fitting, estimate)
-        shrinkage, refit = None, None
-        if with_prior:
-            bodies = problem.prior, problem.plausible, len(problem.columns.rigid)
-            shrinkage = Shrinkage.of(problem.fitting, free, *bodies, blocks)
-        if shrinkage is not None:
-            estimate, refit = shrinkage.drawn(free), lambda other: shrinkage.drawn(other).x
         outside = held_out(
-            problem.fitting, problem.information, free, problem.prior, refit, left_out=blocks
+            problem.fitting, problem.information, estimate, problem.prior, left_out=blocks
         )
         if limits != Consistency():
             text = "bounds and total_mass of [parameters] hold in a consistent fit only"
@@ -257,7 +246,6 @@ def fit_of(
     return Fit(
         problem, estimate, cov, train, left_out,
         findings=every, binding=binding, likelihood=likelihood, bias=bias,
-        least_squares=None if binding or estimate is free else free,
     )  # fmt: skip
 
 

@@ -81,7 +81,6 @@ class Fit(Charted):
         binding: of a consistent fit, where it touches its limits and what that costs.
         likelihood: where the noise of the motion counts, how it was weighed.
         earlier: a fit of an earlier log, of which `changes` tells what is different now.
-        least_squares: the estimate before its bodies were drawn to the prior; None if none was.
     """
 
     problem: Problem
@@ -97,12 +96,6 @@ class Fit(Charted):
     floors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     validated_on: Motion | None = None
     bias: np.ndarray | None = None
-    least_squares: Estimate | None = None
-
-    @property
-    def by_rows(self) -> Estimate:
-        """The estimate by the rows alone: what residuals are searched with."""
-        return self.least_squares or self.estimate
 
     @property
     def mechanism(self) -> Mechanism:
@@ -217,7 +210,7 @@ class Fit(Charted):
     @cached_property
     def checks(self) -> DataChecks:
         """What may be wrong with the data, as questions to the equations."""
-        return DataChecks.of(self.problem, self.by_rows, self.relative)
+        return DataChecks.of(self.problem, self.estimate, self.relative)
 
     @cached_property
     def health(self) -> Health:
@@ -320,7 +313,7 @@ class Fit(Charted):
             else WhitenedRows(self.problem, self.likelihood, self.likelihood.linear)
         )
         try:
-            budget = budget_of(rows, self.by_rows)
+            budget = budget_of(rows, self.estimate)
         except (IdentError, np.linalg.LinAlgError) as error:
             text = f"errors of the calibration are not in the standard errors: {error}"
             return None, [Finding("no budget", text, "give --calibrated exact if it is")]
@@ -447,12 +440,11 @@ class Fit(Charted):
         )
 
     def effects_with(self, covariance: np.ndarray) -> tuple[EffectValues, ...]:
-        """Return the effects with their parameters as the rows alone have them, of a covariance of
-        these (n_ind, n_ind).
+        """Return the effects with their parameters as they are logged, of a covariance of these
+        (n_ind, n_ind).
         """
         prior = self.earlier.point.values if self.earlier else None
-        values = replace(self._values(covariance, logged=True), estimate=self.by_rows)
-        return values.effects(self.point, prior, self._columns)
+        return self._values(covariance, logged=True).effects(self.point, prior, self._columns)
 
     @property
     def _columns(self) -> set[str]:

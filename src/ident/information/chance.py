@@ -75,9 +75,7 @@ def covariance(
     return np.asarray(result + np.diag(np.maximum(np.diag(least - result), 0.0)))
 
 
-def moderated_covariance(
-    information: Information, estimate: Estimate, white: Array, blocks: LeftOut | None = None
-) -> Array:
+def moderated_covariance(information: Information, estimate: Estimate, white: Array) -> Array:
     """Return what noise of rows makes of an estimate (n_ind, n_ind) that rests on a prior too.
 
     Few blocks determine most of its worst directions, so the scatter of blocks is a variance s_i²
@@ -91,9 +89,8 @@ def moderated_covariance(
 
     (moderated variances: Smyth, Stat. Appl. Genet. Mol. Biol. 3(1), 2004), and no less than w_i.
     Blocks' changes are (I − G)^(−1/2) h, unbiased if rows are white (CR2: Bell, McCaffrey 2002).
-    `blocks`: of an estimate without a prior, where they are made already.
     """
-    blocks, w = blocks or LeftOut.of(information, estimate, with_prior=True), np.diag(white)
+    blocks, w = LeftOut.of(information, estimate, with_prior=True), np.diag(white)
     if len(blocks.times) < 2 or not (w > 0).all():
         return white
     changes, shares = blocks.unbiased_changes
