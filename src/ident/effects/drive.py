@@ -184,6 +184,13 @@ class PositionDelay(Correcting):
     remedy = "log a motion of two frequencies, the higher at least three times the lower"
     source = "Björklund, Ljung, IEEE CDC 2003"
 
+    @classmethod
+    def candidates(cls, sites: Sites) -> list[tuple[str, ...]]:
+        # what a drive supplies follows its position, and has a delay of its own
+        return [
+            (name,) for name in sites.logged if name in sites.sensed or name not in sites.driven
+        ]
+
     def correction(self, s: Signals) -> Correction:
         return Correction(position_delay={self.joints[0]: s.shape["d"]})
 

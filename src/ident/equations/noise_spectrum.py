@@ -55,7 +55,8 @@ def coloured_noise(
         taps = Decimator.of(cutoff, e.rate).taps
         longest = max(e.segments(), key=lambda run: run.stop - run.start, default=slice(0, 0))
         squares.append([[_passed(x, e.rate, taps, f) for x in r[longest].T] for f in bands])
-    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+    known = np.count_nonzero(squares, axis=0)  # logs that show it
+    return np.asarray(np.sqrt(np.sum(squares, axis=0) / np.maximum(known, 1)))
 
 
 def _passed(r: np.ndarray, rate: float, taps: np.ndarray | None, band: float) -> float:

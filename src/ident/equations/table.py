@@ -328,8 +328,9 @@ class Table(Rows):
         Of what shifts the motion in time it is whole samples: each reversal falls into as many.
         """
         if effect.shifts_in_time:
-            spacing = max(float(s.e.t[1] - s.e.t[0]) for s in self.thin if len(s.e) > 1)
-            step = spacing * max(1.0, np.ceil((step or spacing) / spacing - ROUNDING))
+            spacings = [float(s.e.t[1] - s.e.t[0]) for s in self.thin if len(s.e) > 1]
+            if spacing := max(spacings, default=0.0):
+                step = spacing * max(1.0, np.ceil((step or spacing) / spacing - ROUNDING))
         others = {
             f: shape[shape_parameter.name]
             for f, shape_parameter in zip(effect.names, effect.shapes, strict=True)

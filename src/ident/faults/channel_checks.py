@@ -15,7 +15,7 @@ import numpy as np
 
 from ident.faults.channel_fits import SMALL
 from ident.finding import Finding
-from ident.information.evidence import BEYOND, MAIN_CAUSE, PARSIMONY
+from ident.information.evidence import BEYOND, MAIN_CAUSE
 from ident.information.linear import Array
 from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
@@ -40,6 +40,7 @@ FROZEN = 0.25  # tuned: s for which a channel stays at a value while its joint m
 # tuned: times the largest other step, by which a position that was frozen goes on; one that rested
 # sets out by steps that grow
 JUMP = 5.0
+ROUGH = 0.1  # tuned: noise in the accelerations by the steps of an encoder, of their rms
 SPIKE = 15.0  # level: standard deviations from its neighbours, from which a sample is no noise
 RARE = 1e-3  # tuned: share of lone samples that no sensor is free of (TX40: 3 of 45,000)
 ROUNDED = 0.3  # numerics: of a channel's noise, by which copies may differ; measurements do by √2
@@ -253,14 +254,14 @@ def steps(c: LoggedChannel) -> Judgement:
     a = c.state.ydd[c.state.usable, c.mechanism.joint_index[c.joint.name]]
     share = noise / max(float(np.sqrt(np.mean(a**2))), 1e-300)
     finer = ("a", "v") if c.kind == "q" else ("a",)
-    if share < PARSIMONY or any(f"{other}.{c.joint.name}" in c.log for other in finer):
+    if share < ROUGH or any(f"{other}.{c.joint.name}" in c.log for other in finer):
         return None
     unit = c.joint.unit + ("/s" if c.kind == "v" else "")
     text = (
         f"steps of {significant(c.step)} {unit}, which make {100 * share:.2g} % noise in the "
         f"accelerations below {f:.3g} Hz"
     )
-    return share, PARSIMONY, text, "lower --cutoff, move faster, or log velocities too"
+    return share, ROUGH, text, "lower --cutoff, move faster, or log velocities too"
 
 
 def spikes(c: LoggedChannel) -> Judgement:
@@ -270,7 +271,7 @@ def spikes(c: LoggedChannel) -> Judgement:
     # noise may be larger in motion, of which a log may hold little
     usual = max(float(np.median(gaps)) for gaps in (off, off[moving]) if len(gaps)) / 0.6745
     far = np.minimum(np.abs(x - before), np.abs(x - after))
-    least = max(SPIKE * usual, PARSIMONY * float(np.sqrt(np.mean(c.x**2))))
+    least = max(SPIKE * usual, ROUGH * float(np.sqrt(np.mean(c.x**2))))
     lone = (far > least) & (np.abs(after - before) < 0.25 * far)
     at = np.flatnonzero(lone) + 1
     share = len(at) / len(c.x)

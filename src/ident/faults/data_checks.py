@@ -79,9 +79,8 @@ LIKE = 0.9  # level: from there on four fifths of the squares of one are of the 
 UNLIKE = MAIN_CAUSE**0.5
 # tuned: of the URDF's torque at one joint, where a rotor behind its gears may be missing
 TIMES = 30.0
-# tuned: from which a factor that torques have in common, as no masses' have, is another scale than
-# the URDF's
-OTHER = 1.15
+SAME = 0.03  # tuned: difference of logarithms of factors that are one number, as no masses' are, …
+OTHER = 1.15  # tuned: … from which that number is another scale than the URDF's
 
 
 @dataclass(frozen=True, repr=False)
@@ -444,7 +443,7 @@ class DataChecks(FaultSearch):
         if turned:
             yield self._turned(turned)
         logs = np.log(list(gains.values()))
-        one = len(gains) > 1 and np.ptp(logs) < DOUBT and correlation > SAME_SHAPE
+        one = len(gains) > 1 and np.ptp(logs) < SAME and correlation > SAME_SHAPE
         # of poses every torque is gravity's, of whatever size: only a unit is told from masses
         least = OTHER if one and not self.problem.motion.poses else BEYOND
         far = {name: x for name, x in gains.items() if max(x, 1 / x) > least}

@@ -17,6 +17,7 @@ import numpy as np
 from ident.effects import Effect
 from ident.equations.problem import Problem
 from ident.equations.table import TABLE, Table
+from ident.errors import IdentError
 from ident.faults.channel_fits import ChannelEquations, EffectsAndTorques
 from ident.faults.fault import StateChange
 from ident.faults.motors import MotorCoordinates
@@ -92,7 +93,10 @@ class MotionTrials:
         most = max(min(TABLE, NUMBERS // max(numbers, 1)) // samples, 1)
         batch = list[tuple[StateChange, list[State]]]()
         for change in changes if not self.mechanism.closures else ():
-            changed = [change(self.mechanism, e) for e in self.states]
+            try:
+                changed = [change(self.mechanism, e) for e in self.states]
+            except (IdentError, np.linalg.LinAlgError):  # a motion that does not close
+                continue
             pairs = zip(changed, self.states, strict=True)
             if all(m is self.mechanism and _same_clock(e, old) for (m, e), old in pairs):
                 batch.append((change, [e for _, e in changed]))
@@ -105,12 +109,16 @@ class MotionTrials:
         self, batch: Sequence[tuple[StateChange, list[State]]]
     ) -> Iterator[tuple[StateChange, ChannelEquations]]:
         """Yield the equations of some changes, of which the rows are made at once, as one block;
-        not of those that lack rows of the log as it is.
+        not of those that lack rows of the log as it is, and none if one makes no equations.
         """
         if not batch:
             return
         states = [e for _, e in batch]
-        table = self._table(self.mechanism, [in_a_row(each) for each in zip(*states, strict=True)])
+        in_rows = [in_a_row(each) for each in zip(*states, strict=True)]
+        try:
+            table = self._table(self.mechanism, in_rows)
+        except (IdentError, np.linalg.LinAlgError):
+            return
         further = EffectsAndTorques.of(table, self.common)
         lengths = np.array([len(e) for e in self.states])[table.experiment]
         number, sample = table.sample // lengths, table.sample % lengths

@@ -64,7 +64,7 @@ def inverse_with_coordinates(J: np.ndarray, at: Sequence[int]) -> np.ndarray:
     if m >= len(others) and len(others) + len(at) == nv:
         inverse = pseudo_inverse(J[:, :, others])
         of_coordinates = inverse @ J[:, :, at]
-        off = J[:, :, at] - J[:, :, others] @ of_coordinates if m > len(others) else np.zeros(1)
+        off = J[:, :, at] - J[:, :, others] @ of_coordinates
         if np.abs(off).max(initial=0.0) <= REPEATED * np.abs(J).max(initial=0.0):
             K = np.zeros((n, nv, m + len(at)))
             K[:, others, :m], K[:, others, m:] = inverse, -of_coordinates
