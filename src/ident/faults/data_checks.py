@@ -348,7 +348,7 @@ class DataChecks(FaultSearch):
         times what these leave.
 
         Args:
-            noise: rms by joint of noise of any colour [N m | N]; default: white noise.
+            noise: rms by joint of noise of any colour [N m | N], for FAR; default: white noise.
             calm: rms away from reversals of joints with dry friction [N m | N].
         """
         problem, x, names = self.problem, self.estimate.x, self.problem.motion.independent
@@ -358,8 +358,8 @@ class DataChecks(FaultSearch):
         sizes = [t.residual_norm(x) / np.sqrt(max(t.rows, 1)) for t in problem.information.totals]
         states, cutoff = problem.motion.experiments, problem.motion.band.cutoff
         white = noise_floor(problem.mechanism, states, problem.point_at(x), cutoff)
+        beyond = np.array(sizes) / np.maximum(white, 1e-150)  # over what noise of the sensors makes
         floor = white if noise is None else np.array([noise[name] for name in names])
-        beyond = np.array(sizes) / np.maximum(floor, 1e-150)  # over what noise of the sensors makes
         bad = errors > EXPLAINED_BELOW
         far = np.zeros_like(bad)
         if not problem.motion.poses:  # of which friction at rest makes most, not noise of sensors
