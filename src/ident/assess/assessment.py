@@ -52,12 +52,15 @@ class Remainder:
         share: least and largest share of the torque of these joints.
         times: least and largest multiple of the noise; infinite where noise is not known.
         near_reversals: whether it is left where a speed with dry friction reverses only.
+        within_known: whether standard errors of values that are known from another log make as
+            much.
     """
 
     joints: tuple[str, ...] = ()
     share: Range | None = None
     times: Range | None = None
     near_reversals: bool = False
+    within_known: bool = False
 
     @classmethod
     def of(

@@ -55,13 +55,19 @@ def assess_diagnosis(
     now = {**errors, **after}
     turns = joints_at_reversals(d)
     left = Remainder.of(now, d.floor, turns, d.decision.material)
+    if d.verdict == "nothing" and d.fit.known_errors is not None:
+        left = replace(left, within_known=bool(left.joints))
     answer = good_enough(
         errors, d.floor, acceptable=acceptable,
         away_from_reversals=d.fit.residual.errors_away_from_reversals,
+        # where nothing was fitted the log is another one
+        logs=() if len(d.fit.columns) else d.fit.motion.names,
         doubts=d.health.findings,
     )  # fmt: skip
     worst = d.candidates[0].joint if d.best else d.laws[0].felt if d.laws else ""
     step = next_step(d, added, grown=grown)
+    if left.within_known and step.verb == "monitor":  # what comes would differ as much
+        step = Step("explore")
     if step.verb == "explore" and not left.joints:  # nothing is left that an effect could explain
         step = replace(TESTING, effects=step.effects, grown=step.grown)
     return Assessment(

@@ -191,6 +191,11 @@ def remainder_sentence(a: Assessment) -> str:
     remainder = left_words(a.left)
     if a.verdict == "identified" and remainder and not a.causes:
         return ""  # it is the error itself
+    if a.verdict == "nothing" and a.left.within_known:
+        return (
+            f"Left: {remainder}, no more than the standard errors of the known values make here: "
+            "identify them on this log, too"
+        )
     if a.verdict == "nothing":
         return (
             f"Left: {remainder}, too little to matter"
