@@ -11,6 +11,7 @@ import ident
 from helpers import ROBOTS
 from ident import FitError, Noise
 from ident.assess.comparison import assess_comparison
+from ident.fit.residual import _exceeds
 from ident.show.charts import Line
 from ident.show.comparison import rounded_name
 from ident.text import WIDTH, rounded, shortened
@@ -152,3 +153,12 @@ def test_an_error_that_is_noise_is_no_larger_one_beside_no_change():
     assert a.increased == ()
     assert "noise of the sensors" in str(c)
     assert "has structure" not in str(c)
+
+
+def test_what_changes_from_some_time_on_is_a_change():
+    """Friction that doubles after half of the blocks: in all of them it is less than their scatter."""
+    scatter = np.random.default_rng(3).uniform(0.5, 1.5, 14)
+    before, after = 1e-4 * scatter, np.where(np.arange(14) < 7, 1e-4, 5.0) * scatter
+    assert not _exceeds(before, 0.1, 6)
+    assert _exceeds(after, 0.1, 6)
+    assert not _exceeds(after[::-1], 0.1, 6)  # what has gone by the end is none

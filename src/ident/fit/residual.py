@@ -224,7 +224,8 @@ class Residual(Displayed):
 
     def increased_errors(self, then: Mapping[str, Error]) -> list[str]:
         """Return the joints whose error is above that of `then`, the most first: by more than it
-        differs between blocks of time and motions, not because the torque or the noise is larger.
+        differs between blocks of time and motions, not because the torque or the noise is larger;
+        all the time or from some block on.
 
             e² > (EXCESS σ)² + MISFIT (e_then² − σ²)        σ: noise; what else it left may grow
         """
@@ -246,8 +247,7 @@ class Residual(Displayed):
             sigma = noise.get(joint) or 0.0
             least = max(old.rms, (old.relative or 0.0) * torque, sigma)
             allowed = (EXCESS * sigma) ** 2 + MISFIT * (least**2 - sigma**2)
-            usual = np.full(len(squares), allowed)
-            if paired(np.array(squares), usual) > surely_t(len(then), len(squares)):
+            if _exceeds(np.array(squares), allowed, len(then)):
                 rises[joint] = self.errors[joint].rms / max(old.rms, 1e-300)
         return sorted(rises, key=lambda joint: -rises[joint])
 
@@ -380,6 +380,17 @@ class Residual(Displayed):
             unit = self.coordinate_units[i] + per[kind]
             return [getattr(trace, kind)[:, i] for trace in self.traces], unit
         return [trace.direction[:, i] for trace in self.traces], ""
+
+
+def _exceeds(squares: np.ndarray, allowed: float, joints: int) -> bool:
+    """Return whether mean squares of blocks (n,) are above what is `allowed` by more than chance
+    makes of any of so many joints: of all of them, or of those from some block on.
+    """
+    usual, n = np.full(len(squares), allowed), len(squares)
+    return any(
+        paired(squares[k:], usual[k:]) > surely_t(joints * (n if k else 1), n - k)
+        for k in range(max(n - 1, 1))
+    )
 
 
 def residual_of(model: Model, motion: Motion | None = None, *, name: str = "") -> Residual:
