@@ -156,7 +156,7 @@ def test_an_error_that_is_noise_is_no_larger_one_beside_no_change():
 
 
 def test_what_changes_from_some_time_on_is_a_change():
-    """Friction that doubles after half of the blocks: in all of them it is less than their scatter."""
+    """Friction that doubles halfway: over all blocks that is less than their scatter."""
     scatter = np.random.default_rng(3).uniform(0.5, 1.5, 14)
     before, after = 1e-4 * scatter, np.where(np.arange(14) < 7, 1e-4, 5.0) * scatter
     assert not _exceeds(before, 0.1, 6)
