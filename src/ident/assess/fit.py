@@ -19,7 +19,7 @@ from ident.fit import Fit
 from ident.fit.files import Saved, residual_before
 from ident.information.blocks import Error
 from ident.information.estimate import MATERIAL
-from ident.information.evidence import CERTAIN
+from ident.information.evidence import BEYOND, CERTAIN
 from ident.request import Step
 
 FRICTION = ("viscous", "coulomb")  # the kinds that are offered where no friction is in the model
@@ -184,12 +184,17 @@ def causes_of_fit(fit: Fit) -> tuple[NamedCause, ...]:
 
 
 def joints_changed(fit: Fit) -> tuple[str, ...]:
-    """Return the joints in which an earlier fit does clearly worse than on its own log."""
+    """Return the joints in which an earlier fit does clearly worse than on its own log; and those in
+    which time that was left out shows a multiple of its error, beyond noise: a model in which too
+    many numbers have moved to fit.
+    """
     earlier = earlier_of(fit)
     if fit.changes is None or earlier is None:
         return ()
     then = earlier.errors.get("held out") or earlier.errors.get("train") or {}
-    return tuple(fit.residual.increased_errors(then))
+    far = Remainder.of(fit.held_out, fit.noise, material=MATERIAL).joints
+    held_out = [j for j in far if j in then and fit.held_out[j].rms > BEYOND * then[j].rms]
+    return tuple(dict.fromkeys([*fit.residual.increased_errors(then), *held_out]))
 
 
 def increase_of(fit: Fit) -> Increase:
