@@ -185,8 +185,8 @@ def causes_of_fit(fit: Fit) -> tuple[NamedCause, ...]:
 
 def joints_changed(fit: Fit) -> tuple[str, ...]:
     """Return the joints in which an earlier fit does clearly worse than on its own log; and those
-    in which time that was left out shows a multiple of its error, beyond noise: a model in which too
-    many numbers have moved to fit.
+    in which time that was left out shows a multiple of its error, beyond noise: too many numbers
+    have moved to fit.
     """
     earlier = earlier_of(fit)
     if fit.changes is None or earlier is None:
