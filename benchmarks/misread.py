@@ -36,7 +36,7 @@ SAME = {
     "tau": ("torque_gain", "scale"),
     "q": ("encoder_offset", "zero"),
     "length": ("geometry",),
-    "lateness": ("delay",),
+    "lateness": ("delay", "position_delay"),
 }
 
 
