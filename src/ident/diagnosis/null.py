@@ -189,7 +189,7 @@ def path_shares(
     owner_of_column = np.repeat(owner, sizes)
 
     @cache
-    def beside(chosen: tuple[int, ...]) -> tuple[Array, list[tuple[Index, Array]]]:
+    def with_chosen(chosen: tuple[int, ...]) -> tuple[Array, list[tuple[Index, Array]]]:
         """S_c S_cc⁻¹, and by size n the columns (groups, n) and T_gg⁻¹ of other effects' groups."""
         c = np.array(chosen, dtype=int)
         K = S[:, c] @ linear.pinv(S[np.ix_(c, c)], rcond=RANK, hermitian=True)
@@ -204,7 +204,7 @@ def path_shares(
     for draw in range(r.shape[1]):
         chosen = tuple[int, ...]()
         for step in range(steps):
-            K, others = beside(chosen)
+            K, others = with_chosen(chosen)
             t, most, best = s[:, draw] - K @ s[[*chosen], draw], 0.0, tuple[int, ...]()
             for at, inverse in others:
                 falls = np.einsum("gi,gij,gj->g", t[at], inverse, t[at])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ident.effects.drive import LATEST
+from ident.effects.drive import BJORKLUND, lateness_of
 from ident.effects.effect import Correcting, Correction, Signals, Unknown
 
 FASTEST = 0.5  # range: share by which a clock may be off
@@ -40,12 +40,10 @@ class LateTorque(Correcting):
     kind = "late_torque"
     shifts_in_time = True
     sits = "driven"
-    shapes: ClassVar = (
-        Unknown("d", ("s", "s"), "by which the torque is late", range=(-LATEST, LATEST)),
-    )
+    shapes: ClassVar = lateness_of("torque")
     equation = "τ + τ̂(t) − τ̂(t − d), with the torque τ̂ that the model predicts"
     signature = "the residual is large where the torque changes fast, with its slope"
-    source = "Björklund, Ljung, IEEE CDC 2003"
+    source = BJORKLUND
 
     def correction(self, s: Signals) -> Correction:
         return Correction(late={self.joints[0]: s.shape["d"]})

@@ -16,6 +16,14 @@ from ident.effects.joint import direction
 LATEST = 0.05  # range: [s] that a channel may be late or early
 KHALIL = "Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 9"
 JANOT = "Janot, Vandanjon, Gautier, IEEE Trans. Control Syst. Technol. 22(1), 2014"
+BJORKLUND = "Björklund, Ljung, IEEE CDC 2003"
+TWO_FREQUENCIES = "log a motion of two frequencies, the higher at least three times the lower"
+
+
+def lateness_of(channel: str) -> tuple[Unknown, ...]:
+    """Return the time [s] by which a `channel`, in words, is late, as the shape of an effect."""
+    late, early = f"by which the {channel} is late", f"the {channel} is early"
+    return (Unknown("d", ("s", "s"), late, range=(-LATEST, LATEST), negative=early),)
 
 
 class RotorInertia(Effect):
@@ -143,17 +151,12 @@ class Delay(Correcting):
     margin = LATEST
     sits = "driven"
     candidate_sites = "sensed"
-    shapes = (
-        Unknown(
-            "d", ("s", "s"), "by which the torque is late", range=(-LATEST, LATEST),
-            negative="the torque is early",
-        ),
-    )  # fmt: skip
+    shapes = lateness_of("torque")
     equation = "τ(t) logged at t + d"
     signature = "the residual is large where the torque changes fast, with its slope"
     confused_with = ("viscous", "coulomb", "elasticity")
-    remedy = "log a motion of two frequencies, the higher at least three times the lower"
-    source = "Björklund, Ljung, IEEE CDC 2003"
+    remedy = TWO_FREQUENCIES
+    source = BJORKLUND
 
     @property
     def rare(self) -> bool:  # type: ignore[override]
@@ -172,17 +175,12 @@ class PositionDelay(Correcting):
     candidate_sites = "logged"
     shifts_in_time = True
     margin = LATEST
-    shapes = (
-        Unknown(
-            "d", ("s", "s"), "by which the position is late", range=(-LATEST, LATEST),
-            negative="the position is early",
-        ),
-    )  # fmt: skip
+    shapes = lateness_of("position")
     equation = "q(t) logged at t + d"
     signature = "the residuals of all joints follow the rate of what this joint makes them feel"
     confused_with = ("delay",)
-    remedy = "log a motion of two frequencies, the higher at least three times the lower"
-    source = "Björklund, Ljung, IEEE CDC 2003"
+    remedy = TWO_FREQUENCIES
+    source = BJORKLUND
 
     @classmethod
     def candidates(cls, sites: Sites) -> list[tuple[str, ...]]:

@@ -114,7 +114,7 @@ class MotionTrials:
         if not batch:
             return
         states = [e for _, e in batch]
-        in_rows = [in_a_row(each) for each in zip(*states, strict=True)]
+        in_rows = [in_a_row(series) for series in zip(*states, strict=True)]
         try:
             table = self._table(self.mechanism, in_rows)
         except (IdentError, np.linalg.LinAlgError):
@@ -124,17 +124,17 @@ class MotionTrials:
         number, sample = table.sample // lengths, table.sample % lengths
         # the ends of a log, where a late torque is not known, are within this one
         logged = np.isin(self._first[table.experiment] + sample, self._logged_samples)
-        for i, (change, its) in enumerate(batch):
+        for i, (change, changed) in enumerate(batch):
             at = np.flatnonzero((number == i) & logged)
             if len(at) < len(self.logged):
                 continue
-            motion = replace(table.motion, experiments=tuple(its))
-            own = {name: getattr(table, name)[at] for name in ROWS}
-            own_table = replace(table, **own | {"sample": sample[at]}, motion=motion)
-            own_table, of_rows, use, blocks = self._rows(change, own_table, further.at(at))
+            motion = replace(table.motion, experiments=tuple(changed))
+            rows_of_change = {name: getattr(table, name)[at] for name in ROWS}
+            changed_table = replace(table, **rows_of_change | {"sample": sample[at]}, motion=motion)
+            changed_table, of_rows, use, blocks = self._rows(change, changed_table, further.at(at))
             if len(np.unique(blocks[use.any(axis=1)])) == self._blocks:
                 one = np.zeros_like(blocks)
-                yield change, self._equations(own_table, of_rows, use, one)
+                yield change, self._equations(changed_table, of_rows, use, one)
 
     def _rows(
         self, change: StateChange, table: Table, further: EffectsAndTorques | None = None
@@ -176,18 +176,18 @@ def _same_clock(e: State, old: State) -> bool:
 def in_a_row(states: Sequence[State]) -> State:
     """Return states of equal length, of one log, one after the other on one clock."""
     first, n = states[0], len(states[0])
-    joined, names = dict[tuple[int, ...], np.ndarray](), list[str]()
+    concatenated, names = dict[tuple[int, ...], np.ndarray](), list[str]()
     for entry in fields(first):
         x = getattr(first, entry.name)
         if entry.name not in ("still", "rest") and isinstance(x, np.ndarray) and len(x) == n:
             names.append(entry.name)
     series = dict[str, Any]()
     for name in names:
-        each = [getattr(e, name) for e in states]
-        key = tuple(map(id, each))  # q is y, in a tree
-        if key not in joined:
-            joined[key] = np.concatenate(each)
-        series[name] = joined[key]
+        parts = [getattr(e, name) for e in states]
+        key = tuple(map(id, parts))  # q is y, in a tree
+        if key not in concatenated:
+            concatenated[key] = np.concatenate(parts)
+        series[name] = concatenated[key]
     turn = first.t[-1] - first.t[0] + (1 / first.rate if first.rate else 1.0)
     series["t"] = np.concatenate([e.t + i * turn for i, e in enumerate(states)])
     extra = {name: np.concatenate([e.extra[name] for e in states]) for name in first.extra}

@@ -261,12 +261,14 @@ class PartialRegression(Projection):
             for chosen in np.array_split(of_sets, parts):
                 flat = np.concatenate([groups[i] for i in chosen])
                 C = np.concatenate([alone._taken(p, flat) for p in alone.parts])
-                each = alone._refits(C, self.size[flat], [numbers[i] for i in chosen])
-                whole = [self._whole(x, alone, rows) for x in each]
-                refits |= zip(chosen.tolist(), whole, strict=True)
+                separate = alone._refits(C, self.size[flat], [numbers[i] for i in chosen])
+                complete = [self._with_other_coordinates(x, alone, rows) for x in separate]
+                refits |= zip(chosen.tolist(), complete, strict=True)
         return [refits[i] for i in range(len(groups))]
 
-    def _whole(self, refit: Refit, alone: PartialRegression, rows: np.ndarray) -> Refit:
+    def _with_other_coordinates(
+        self, refit: Refit, alone: PartialRegression, rows: np.ndarray
+    ) -> Refit:
         """Return a refit in some rows as one in all."""
         if alone is self:
             return refit
@@ -284,7 +286,9 @@ class PartialRegression(Projection):
         if sets == self.sets:
             return self._refits(both / size, size, [len(size)])[0]
         alone, rows = self.of_sets(sets)
-        return self._whole(alone._refits(both[rows] / size, size, [len(size)])[0], alone, rows)
+        return self._with_other_coordinates(
+            alone._refits(both[rows] / size, size, [len(size)])[0], alone, rows
+        )
 
     def _refits(self, C: Array, size: Array, numbers: Sequence[int]) -> list[Refit]:
         """Columns C (rows, …) side by side, in groups of so many."""
