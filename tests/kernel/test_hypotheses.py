@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from ident.fit.residual_maps import LEAST, SignalMap, depends_on
+from ident.fit.residual_maps import LEAST, Reach, SignalMap, by_halves, dependence, depends_on
 from ident.information.blocks import Block, Information, Part
 from ident.information.chance import SMOOTH, remaining_power, surrogates
 from ident.information.evidence import Chance, exceeding, paired, quantile, zscore
@@ -328,6 +328,37 @@ def test_what_a_residual_depends_on_does_not_depend_on_its_unit(size: float) -> 
     assert LEAST <= threshold < 1
     noise = size * random.standard_normal(n)
     assert depends_on(noise, np.arange(n) // 60, maps, [slice(0, n)]) == ([], LEAST)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_map_explains_more_than_its_bound(seed: int) -> None:
+    """By regressions in which each stretch is left out in turn."""
+    random, n = np.random.default_rng(seed), 300
+    fold, t = np.arange(n) // 30, np.linspace(0, 1, n)
+    hats = np.maximum(0, 1 - np.abs(8 * (0.5 + 0.5 * np.sin(20 * t))[:, None] - np.arange(9)))
+    maps = [SignalMap("q", hats), SignalMap("t", np.stack([t, t**2], axis=1)),
+            SignalMap("sign(v)", np.sign(np.cos(20 * t))[:, None])]  # fmt: skip
+    r = hats @ random.standard_normal(9) + 2 * random.standard_normal(n) + t * (fold > 4)
+    rows = random.uniform(size=n) < 0.9
+    bounds, of_halves = Reach(fold).most(r, rows, maps)
+    y, of_rows = r[rows], fold[rows]
+
+    def left_out(X: np.ndarray) -> float:
+        A, squares = np.column_stack([np.ones(len(X)), X]), 0.0
+        for number in range(10):
+            out = of_rows == number
+            theta = np.linalg.lstsq(A[~out], y[~out])[0]
+            squares += float(np.sum((y[out] - A[out] @ theta) ** 2))
+        return squares
+
+    total, some = left_out(np.zeros((len(y), 0))), [x.of_rows(rows) for x in maps]
+    for bound, signal_map in zip(bounds, some, strict=True):
+        assert 1 - left_out(signal_map.columns) / total <= bound + 1e-9
+        assert bound < 0.5
+    for bound, signal_map in zip(of_halves, by_halves(some, of_rows), strict=True):
+        assert 1 - left_out(signal_map.columns) / total <= bound + 1e-9
+    expected = depends_on(y, of_rows, some, [slice(0, len(y))])
+    assert dependence(r, rows, maps, [slice(0, len(y))], Reach(fold))[:2] == expected
 
 
 def test_rounding_does_not_change_random_residuals():

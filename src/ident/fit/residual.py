@@ -281,7 +281,6 @@ class Residual(Displayed):
         if joint in self._failures:
             return self._failures[joint]
         u, again = self.joints.index(joint), self.periods
-        fold = residual_maps.folds([len(trace) for trace in self.traces])
         error = self.errors[joint]
         pieces = [trace.residual[run, u] for trace in self.traces for run in trace.runs()]
         memory = residual_maps.memory_of(pieces, self.motion.band.cutoff, self.rate)
@@ -295,14 +294,11 @@ class Residual(Displayed):
             ends = np.append(0, np.cumsum(rows))[edges]
             together = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
             maps = residual_maps.own_maps(self.signal, joint, self.maps)
-            if not rows.all():
-                maps = [signal_map.of_rows(rows) for signal_map in maps]
             if together:
-                steps, threshold = residual_maps.depends_on(r[rows], fold[rows], maps, together)
-            if together and not steps:
-                halves = residual_maps.by_halves(maps, fold[rows])
-                steps_of_halves = residual_maps.depends_on(r[rows], fold[rows], halves, together)[0]
-                by_halves = sum(x.r2 for x in steps_of_halves) > residual_maps.LEAST_OF_HALVES
+                steps, threshold, of_halves = residual_maps.dependence(
+                    r, rows, maps, together, self.reach
+                )
+                by_halves = sum(x.r2 for x in of_halves) > residual_maps.LEAST_OF_HALVES
         repeats = again is not None and again.rho[joint] > again.chance
         self._failures[joint] = Failure(
             joint=joint,
@@ -329,6 +325,11 @@ class Residual(Displayed):
     def maps(self) -> list[residual_maps.SignalMap]:
         """The maps of all signals, on the rows of all experiments."""
         return residual_maps.signal_maps(self.signal, self.signals, self.joints)
+
+    @cached_property
+    def reach(self) -> residual_maps.Reach:
+        """The most that maps can explain, on the rows of all experiments."""
+        return residual_maps.Reach(residual_maps.folds([len(trace) for trace in self.traces]))
 
     @cached_property
     def shares(self) -> np.ndarray:

@@ -21,7 +21,8 @@ the same in each of K periods, which are then not independent: the variance of a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -40,6 +41,8 @@ JOINTS = 12  # work: whose signals are compared
 # tuned: share of the residual's variance that makes a signal, or another map, matter: with 0.05 the
 # TX40's joint 5 depended on the sign of v.joint_6, to which it is coupled by viscous friction
 LEAST = 0.03
+SLACK = 1e-6  # numerics: of a share, by which the most that it can be may be off
+DEPENDENT = 1e-12  # numerics: of unit columns' squares: below, a direction is of others
 LEAST_OF_HALVES = 0.25  # level: half of its size, that maps of both halves must explain
 SIGNALS = 4  # shown: of one joint
 DRAWS = 60  # work: surrogates of noise
@@ -201,19 +204,13 @@ def depends_on(
     preference where they explain alike; `runs` of rows have no gap.
     """
     added, threshold = dict[str, float](), 1.0  # R² by signal, which may have maps of two widths
-    if len(r) < FEWEST or not r.any() or fold[0] == fold[-1]:
+    if _undetermined(r, fold):
         return [], threshold
-    X = np.hstack([np.ones((len(r), 1)), *(signal_map.columns for signal_map in maps)])
-    ends = np.cumsum([1, *(signal_map.columns.shape[1] for signal_map in maps)])
-    groups = [np.arange(a, b) for a, b in pairwise(ends)]
-    edges = np.array([0, *(np.flatnonzero(np.diff(fold)) + 1), len(r)])
-    r = r / float(np.sqrt(np.mean(r**2)))  # squares are compared
-    part = Part(0, np.arange(ends[-1]), X, r[:, None], edges)
-    now = PartialRegression((part,), np.zeros(1, dtype=np.intp), np.ones(1))
+    now, groups = _regression(r, fold, maps)
     total, rest, random = float(now.loss.sum()), [*range(len(maps))], np.random.default_rng(0)
     while rest and len(added) < SIGNALS:
         groups_left, loss = [groups[i] for i in rest], float(now.loss.sum())
-        g, threshold = now.explained(now.gains(groups_left).by) * loss / total, LEAST
+        g, threshold = _shares(now, groups_left) * loss / total, LEAST
         if g.max() <= threshold:
             break
         noise = surrogates(now.residual[0], runs, DRAWS, random)[:, 0]
@@ -233,11 +230,147 @@ def depends_on(
     return sorted(dependences, key=lambda dependence: -dependence.r2), threshold
 
 
+def _undetermined(r: np.ndarray, fold: np.ndarray) -> bool:
+    """Return whether no signal of a residual can be told, as of few rows or of one stretch."""
+    return len(r) < FEWEST or not r.any() or fold[0] == fold[-1]
+
+
+def _regression(
+    r: np.ndarray, fold: np.ndarray, maps: Sequence[SignalMap]
+) -> tuple[PartialRegression, list[np.ndarray]]:
+    """Return a residual with its mean in the model, and maps by the places of their columns."""
+    X = np.hstack([np.ones((len(r), 1)), *(signal_map.columns for signal_map in maps)])
+    ends = np.cumsum([1, *(signal_map.columns.shape[1] for signal_map in maps)])
+    edges = np.array([0, *(np.flatnonzero(np.diff(fold)) + 1), len(r)])
+    r = r / float(np.sqrt(np.mean(r**2)))  # squares are compared
+    part = Part(0, np.arange(ends[-1]), X, r[:, None], edges)
+    now = PartialRegression((part,), np.zeros(1, dtype=np.intp), np.ones(1))
+    return now, [np.arange(a, b) for a, b in pairwise(ends)]
+
+
+def _shares(now: PartialRegression, groups: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the share of the left-out squares that each group of columns explains."""
+    return now.explained(now.gains(groups).by)
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """The most that maps can explain of residuals: a bound that takes few products of columns.
+
+    All rows together leave no more than those of stretches that are left out do, since what is
+    fitted to the others leaves as little of these as can be. With A = [1 Φ],
+
+        R² ≤ 1 − (rᵀr − rᵀA (AᵀA)⁺ Aᵀr) / Σ_folds ‖r − r̄₋fold‖²
+    """
+
+    fold: np.ndarray  # (n,) of every row, ascending
+    _made: dict[SignalMap, np.ndarray] = field(default_factory=dict)
+
+    @cached_property
+    def halves(self) -> tuple[slice, slice]:
+        """The rows of each half of the stretches of time."""
+        middle = int(_in_first_half(self.fold).sum())
+        return slice(0, middle), slice(middle, len(self.fold))
+
+    def _squares(self, signal_map: SignalMap) -> np.ndarray:
+        """Return AᵀA (2, c + 1, c + 1) of all rows of each half."""
+        if signal_map not in self._made:
+            self._made[signal_map] = np.stack(
+                [_squares(signal_map.columns[h]) for h in self.halves]
+            )
+        return self._made[signal_map]
+
+    def most(
+        self, r: np.ndarray, rows: np.ndarray, maps: Sequence[SignalMap]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return bounds (maps,) of R², and those of maps with values of their own in each half, of
+        some rows, a mask (n,), of a residual r (n,).
+        """
+        r = np.where(rows, r, 0.0)
+        total = _left_out_squares(r, rows, self.fold)
+        missing, falls = float(total - r @ r), np.zeros((len(maps), 2))
+        outside = [np.flatnonzero(~rows[half]) + half.start for half in self.halves]
+        widths = np.array([signal_map.columns.shape[1] for signal_map in maps])
+        for width in np.unique(widths):
+            of_width = np.flatnonzero(widths == width)
+            squares = np.zeros((2, len(of_width), width + 1, width + 1))
+            products = np.zeros(squares.shape[:3])
+            for i, number in enumerate(of_width.tolist()):
+                columns = maps[number].columns
+                squares[:, i] = self._squares(maps[number])
+                for h, (half, out) in enumerate(zip(self.halves, outside, strict=True)):
+                    squares[h, i] -= _squares(columns[out])
+                    products[h, i] = np.append(r[half].sum(), r[half] @ columns[half])
+            falls[of_width, 0] = _explained(squares.sum(axis=0), products.sum(axis=0))
+            falls[of_width, 1] = _explained(squares, products).sum(axis=0)
+        shares = (missing + falls) / max(total, 1e-300)
+        same = np.array_equal(_in_first_half(self.fold[rows]), _in_first_half(self.fold)[rows])
+        return shares[:, 0], shares[:, 1] if same else np.ones(len(maps))
+
+
+def _squares(X: np.ndarray) -> np.ndarray:
+    """Return AᵀA (c + 1, c + 1) of A = [1 X] for columns X (n, c)."""
+    A = np.column_stack([np.ones(len(X)), X])
+    return A.T @ A
+
+
+def _explained(squares: np.ndarray, products: np.ndarray) -> np.ndarray:
+    """Return bᵀ K⁺ b (…) of squares K (…, c, c) and products b (…, c)."""
+    of_columns = np.einsum("...ii->...i", squares)
+    known = of_columns > DEPENDENT * of_columns.max(axis=-1, keepdims=True)
+    size = np.sqrt(np.where(known, of_columns, 1.0))
+    values, V = np.linalg.eigh(squares / (size[..., :, None] * size[..., None, :]))
+    b = np.einsum("...ij,...i->...j", V, products / size)
+    good = values > DEPENDENT
+    return np.where(good, b**2 / np.where(good, values, 1.0), 0.0).sum(axis=-1)
+
+
+def _left_out_squares(r: np.ndarray, rows: np.ndarray, fold: np.ndarray) -> float:
+    """Return Σ_folds ‖r − r̄₋fold‖² of r (n,), zero outside of `rows`, a mask (n,)."""
+    count, total, squares = (np.bincount(fold, weights=x) for x in (rows, r, r * r))
+    mean = (total.sum() - total) / np.maximum(count.sum() - count, 1)
+    return float((squares - 2 * mean * total + count * mean**2).sum())
+
+
+def _in_first_half(fold: np.ndarray) -> np.ndarray:
+    """Return which rows (n,) are in the first half of the stretches of time, by row `fold`."""
+    return np.asarray(fold < np.median(np.unique(fold)))
+
+
+def dependence(
+    r: np.ndarray, rows: np.ndarray, maps: Sequence[SignalMap], runs: Sequence[slice], reach: Reach
+) -> tuple[list[Dependence], float, list[Dependence]]:
+    """Return what `depends_on` does for some rows, a mask (n,), of a residual r (n,), and, where
+    that is no signal, on which maps of both halves it depends.
+
+    Columns of maps are taken only where some may explain enough.
+    """
+    most, most_of_halves = reach.most(r, rows, maps)
+    r, fold = r[rows], reach.fold[rows]
+    if _undetermined(r, fold):
+        return [], 1.0, []
+
+    def dependences(
+        most: np.ndarray, make: Callable[[Sequence[SignalMap]], Sequence[SignalMap]]
+    ) -> tuple[list[Dependence], float]:
+        def within(chosen: Sequence[SignalMap]) -> Sequence[SignalMap]:
+            return make(chosen if rows.all() else [x.of_rows(rows) for x in chosen])
+
+        likely = [x for x, share in zip(maps, most, strict=True) if share > LEAST - SLACK]
+        if not likely or _shares(*_regression(r, fold, within(likely))).max() <= LEAST:
+            return [], LEAST
+        return depends_on(r, fold, within(maps), runs)
+
+    steps, threshold = dependences(most, lambda chosen: chosen)
+    halves = [] if steps else dependences(most_of_halves, lambda some: by_halves(some, fold))[0]
+    return steps, threshold, halves
+
+
 def by_halves(maps: Sequence[SignalMap], fold: np.ndarray) -> list[SignalMap]:
     """Return maps with values of their own in each half of the stretches of time, by row `fold`
     (n,): a friction that changed leaves opposite signs in both, which no map of all rows shows.
     """
-    first = fold < np.median(np.unique(fold))
+    first = _in_first_half(fold)
     halves = [np.where(first[:, None], x.columns, 0.0) for x in maps]
     both = [np.hstack([x, y.columns - x]) for x, y in zip(halves, maps, strict=True)]
     return [SignalMap(x.name, y[:, y.any(axis=0)]) for x, y in zip(maps, both, strict=True)]
