@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.effects import Effect
+from ident.effects import Correction, Effect
 from ident.equations.filter import STANDING, STICKING, Decimator, filtered_windows
 from ident.equations.nearby import linearized
 from ident.equations.terms import (
@@ -114,8 +114,14 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     )
     if any(moves):
         # once: all are of the data as logged
-        motors = e
-        e = with_motors(mechanism, e.stepped(mechanism, steps), motors, every_correction)
+        motors, key = e, _numbers_of(corrections, e.usable)
+        moved = base.e.store.state(key, mechanism.model) if key else None
+        if moved is not None:
+            e = moved.with_torques(e.tau).with_rest(e.rest)
+        else:
+            e = with_motors(mechanism, e.stepped(mechanism, steps), motors, every_correction)
+            if key:
+                base.e.store.put_state(key, mechanism.model, e)
         # loads of the links, where they are by now; not where a swing, hardly damped in a loop,
         # would grow by each pass
         passes = (PASSES if e.loop is None else LOOP_PASSES) if twisting else 0
@@ -157,6 +163,21 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     if e is base.e and mechanism is base.mechanism:
         return base
     return Samples(mechanism, e, slice(None), base.point, _memo(base, mechanism, e))
+
+
+def _numbers_of(
+    corrections: Sequence[tuple[float, Correction]], usable: np.ndarray
+) -> tuple[object, ...]:
+    """Return the numbers of corrections by which a state is moved, of samples that are usable; ()
+    where it is moved by series too, or in another model.
+    """
+    numbers: list[object] = [usable.tobytes()]
+    for _, what in corrections:
+        by_series = what.twist or any(np.ndim(x) for x in what.dq.values())
+        if by_series or what.displaced or any(what.tilt):
+            return ()
+        numbers += [tuple(what.dq.items()), tuple(what.position_delay.items())]
+    return tuple(numbers)
 
 
 def _size(steps: Mapping[str, np.ndarray]) -> float:

@@ -30,10 +30,12 @@ class Store:
     """A cache of a state's slow arrays; those of all states stay below `LIMIT` bytes."""
 
     LIMIT: ClassVar[int] = 128_000_000
+    STATES: ClassVar[int] = 2  # work: that are kept: at a point, and a step of one shape from it
     _used: ClassVar[int] = 0
 
     def __init__(self) -> None:
         self._arrays: dict[object, tuple[object, Sequence[np.ndarray]]] = {}
+        self._states: dict[object, tuple[object, State]] = {}
 
     def get(self, key: object, owner: object) -> Any:
         """The entry of a key and this very owner; None if there is none."""
@@ -47,6 +49,20 @@ class Store:
             Store._used += size
             self._arrays[key] = owner, value
 
+    def state(self, key: object, owner: object) -> State | None:
+        """Return the state that was made from this one by a key, of this very owner, or None."""
+        of, state = self._states.get(key, (None, None))
+        return state if of is owner else None
+
+    def put_state(self, key: object, owner: object, state: State) -> None:
+        """Keep a state with what is stored of it, for the last one that was kept."""
+        while len(self._states) >= self.STATES:
+            _, last = self._states.pop(next(iter(self._states)))
+            Store._used -= last.nbytes
+        if self.fits(state.nbytes):
+            Store._used += state.nbytes
+            self._states[key] = owner, state
+
     @classmethod
     def fits(cls, size: int) -> bool:
         """Whether so many bytes more can be kept."""
@@ -54,6 +70,7 @@ class Store:
 
     def __del__(self) -> None:
         Store._used -= sum(x.nbytes for _, value in self._arrays.values() for x in value)
+        Store._used -= sum(state.nbytes for _, state in self._states.values())
 
     def __reduce__(self) -> tuple[type[Store], tuple[()]]:
         return Store, ()  # a copy in another process starts empty
@@ -93,6 +110,12 @@ class State:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the motion's arrays."""
+        series = (self.q, self.v, self.a, self.y, self.yd, self.ydd, *(self.loop or ()))
+        return sum({id(x): x.nbytes for x in series}.values())
 
     @property
     def pinv(self) -> np.ndarray:
