@@ -36,7 +36,7 @@ from ident.information.evidence import (
     paired,
     surprise,
 )
-from ident.information.hypotheses import Array, Gains, PartialRegression, Refit
+from ident.information.hypotheses import Array, Index, PartialRegression, Refit
 from ident.text import listed
 
 CODE = "changed within the log"
@@ -114,11 +114,11 @@ class Change:
     values: Array
     stderr: Array
     gain: float
-    p: float
     coordinate: int
     loss: Array
     begins: bool = False
     until: float = np.inf
+    p: float = np.nan
     others: tuple[tuple[Course, Array], ...] = ()
 
     @property
@@ -186,8 +186,6 @@ def change_within(first: Ranking) -> Change | None:
     causes += [course for cause in causes for course in _courses(contest, cause)]
     if not (boundaries and causes):
         return None
-    if contest.regression.residual[0].shape[1] <= 1:
-        contest = judging(contest)
     # all causes from all times
     begins, between = _beginnings(contest), _between(boundaries)
     where = [
@@ -201,8 +199,9 @@ def change_within(first: Ranking) -> Change | None:
     ]
     times = {(n, t): _since(contest, n, t) for n, t in (*begins.items(), *boundaries, *between)}
     by_cause = [cause.gated(times[number, time]) for cause, number, time in where]
-    gated = [np.concatenate(columns, axis=1) for columns in zip(*by_cause, strict=True)]
-    regression, new = contest.regression.added(gated)
+    by_part = zip(*by_cause, strict=True)
+    gated = [np.concatenate([C.T for C in columns]).T for columns in by_part]
+    regression, new = contest.regression.bare.added(gated)
     widths = [len(cause.names) for cause, _, _ in where]
     groups = np.split(new, np.cumsum(widths)[:-1])
     measured = regression.gains(groups)
@@ -211,19 +210,12 @@ def change_within(first: Ranking) -> Change | None:
     share = float(regression.explained_by_coordinate(measured.by[best]).max())
     if share <= MAIN_CAUSE * BLURRED:
         return None
-    chance, p = surprise(contest.decision.alpha), _chance(float(gains[best]), regression, measured)
-    if not credible(surprise(p), chance):
-        # a spectrum that holds the change itself makes much of it: that of what it leaves
-        rest = judging(contest.with_model(regression.extended(groups[best]).bare)).regression
-        p = _chance(float(gains[best]), rest, rest.gains(groups))
-    if not credible(surprise(p), chance):
-        return None
     # the times of the best ones, and the simplest of those that do as well
     timed = dict[int, Change]()
     for i in np.argsort(-gains).tolist():
         cause, number, time = where[i]
         if id(cause) not in timed and len(timed) < COMPARED:
-            timed[id(cause)] = _with_time(contest, cause, number, time, boundaries, p)
+            timed[id(cause)] = _with_time(contest, cause, number, time, boundaries)
     able = [change for change in timed.values() if (change.values >= change.cause.least).all()]
     most_left = (1 + PARSIMONY) * (1 - max((change.gain for change in able), default=1.0))
     equal = [change for change in able if 1 - change.gain <= most_left]
@@ -238,6 +230,18 @@ def change_within(first: Ranking) -> Change | None:
     remaining, most = float(change.loss.sum()), MAIN_CAUSE * float(least.sum())
     if not credible(z, contest.decision.rival_se, remaining=remaining, most=most):
         return None
+    if contest.regression.residual[0].shape[1] <= 1:
+        contest = judging(contest)
+    chance, gain = surprise(contest.decision.alpha), float(gains[best])
+    regression = regression.with_targets([part.Y for part in contest.regression.parts])
+    p = _chance(gain, regression, groups)
+    if not credible(surprise(p), chance):
+        # a spectrum that holds the change itself makes much of it: that of what it leaves
+        rest = judging(contest.with_model(regression.extended(groups[best]).bare)).regression
+        p = _chance(gain, rest, groups)
+        if not credible(surprise(p), chance):
+            return None
+    change = replace(change, p=p)
     change = _with_values(_with_others(contest, change, causes), contest.fit)
     return _with_calibration(contest, change)
 
@@ -321,9 +325,9 @@ def _with_others(contest: Contest, change: Change, causes: Sequence[Course]) -> 
     )  # fmt: skip
 
 
-def _chance(gain: float, regression: PartialRegression, measured: Gains) -> float:
-    """Return the chance that some cause explains more than a gain of random residuals."""
-    null = null_shares(regression, measured).max(axis=0)
+def _chance(gain: float, regression: PartialRegression, groups: Sequence[Index]) -> float:
+    """Return the chance that some group explains more than a gain of random residuals."""
+    null = null_shares(regression, regression.gains(groups)).max(axis=0)
     return max(exceeding(gain, x) for x in (null[:SURROGATES], null[SURROGATES:]) if len(x))
 
 
@@ -434,7 +438,7 @@ def _since(contest: Contest, number: int, time: float) -> list[np.ndarray]:
 
 def _with_time(
     contest: Contest, cause: Course, number: int, time: float,
-    boundaries: list[tuple[int, float]], p: float,
+    boundaries: list[tuple[int, float]],
 ) -> Change:  # fmt: skip
     """Return the change with the time near a boundary that leaves least."""
     times = [t for n, t in boundaries if n == number]
@@ -457,4 +461,4 @@ def _with_time(
     stderr = noise * refit.stderr
     gain, of_coordinate = bare.gain(refit), refit.loss[:, u]
     theta = refit.theta
-    return Change(cause, log, t, theta, stderr, gain, p, u, of_coordinate, begins, until)
+    return Change(cause, log, t, theta, stderr, gain, u, of_coordinate, begins, until)

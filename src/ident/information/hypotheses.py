@@ -120,7 +120,7 @@ class PartialRegression(Projection):
         """
         n, u = groups.shape
         G, M = self._downdated
-        q, qe = self._inside.sum(axis=0), self._left_out_inside
+        q, qe = self._inside_of_all, self._left_out_inside
         blocks, rank, B = self.blocks, self.rank, q.shape[2] - 1
         p, cc = np.zeros((blocks, n * u, rank)), np.zeros((blocks, n, u, u))
         cy, cn = np.zeros((blocks, n * u)), np.zeros((blocks, n * u, B), dtype=np.float32)
@@ -166,20 +166,21 @@ class PartialRegression(Projection):
         null = np.zeros((n, self.d, B), dtype=np.float32)
         if B:
             s = cn.sum(axis=0) - P.astype(np.float32) @ q[:, :, 1:].sum(axis=0).astype(np.float32)
-            random = [_combined(single[present], x.random) for present, x in terms]
             Z, inverse = Z.astype(np.float32), inverse.astype(np.float32)
+            theta = np.empty((blocks, n, u, B), dtype=np.float32)
+            fall = np.zeros((n, len(self.parts), B), dtype=np.float32)  # Σ_k θᵀ(2 c − a θ)
             step = max(1, NUMBERS // (n * u * (1 + len(self.parts)) * B))
             for first in range(0, blocks, step):
                 k = slice(first, min(first + step, blocks))
                 QZ = Z[k] @ self._random_inside[k]
                 QZ = QZ.reshape(len(QZ), n, u, 1 + len(self.parts), B)
-                theta = _times(inverse[k], (s - cn[k]).reshape(-1, n, u, B) + QZ[..., 0, :])
-                for i, (part, (present, _)) in enumerate(zip(self.parts, terms, strict=True)):
-                    c = QZ[..., 1 + i, :]  # 2 c
-                    c[:, present] += random[i][k].reshape(len(QZ), len(present), u, B)
-                    c -= _times(quadratic[i, k], theta)
-                    c *= theta
-                    null[:, part.coordinate] += c.sum(axis=(0, 2))
+                theta[k] = _times(inverse[k], (s - cn[k]).reshape(-1, n, u, B) + QZ[..., 0, :])
+                fall += np.einsum("knupb,knub->npb", QZ[..., 1:, :], theta[k])
+            fall -= _quadratic(quadratic, theta)
+            for i, (part, (present, x)) in enumerate(zip(self.parts, terms, strict=True)):
+                c = _combined(single[present], x.random).reshape(blocks, len(present), u, B)
+                fall[present, i] += np.einsum("knub,knub->nb", c, theta[:, present])
+                null[:, part.coordinate] += fall[:, i]
         return Gains(D, by, null, np.sqrt(np.clip(values.sum(axis=1), 0.0, None) / u))
 
     def _terms(
@@ -232,12 +233,17 @@ class PartialRegression(Projection):
     def _left_out_inside(self) -> Array:
         """Qᵀe (parts, blocks, rank, 1 + B), as L = I + Q M Qᵀ."""
         G, M = self._downdated
-        return np.asarray(self._inside + G @ (M @ self._inside.sum(axis=0)))
+        return np.asarray(self._inside + G @ (M @ self._inside_of_all))
+
+    @cached_property
+    def _inside_of_all(self) -> Array:
+        """Qᵀỹ of all parts (blocks, rank, 1 + B)."""
+        return np.asarray(self._inside.sum(axis=0))
 
     @cached_property
     def _random_inside(self) -> np.ndarray:
         """Qᵀỹ of all parts, then −2 Qᵀe of each (blocks, rank, (1 + parts) B), of r_1 … r_B."""
-        both = np.concatenate([self._inside.sum(axis=0)[None], -2 * self._left_out_inside])
+        both = np.concatenate([self._inside_of_all[None], -2 * self._left_out_inside])
         random = both[:, :, :, 1:].astype(np.float32).transpose(1, 2, 0, 3)
         return random.reshape(self.blocks, self.rank, random.shape[2] * random.shape[3])
 
@@ -349,6 +355,14 @@ def _combined(V: np.ndarray, x: np.ndarray) -> np.ndarray:
         return x * V[:, 0]
     groups = x.reshape(len(x), n, u, x.shape[2])
     return np.asarray((V.swapaxes(-1, -2) @ groups).reshape(x.shape))
+
+
+def _quadratic(a: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return Σ_k xᵀa x (n, parts, B) of a (parts, k, n, u, u) and x (k, n, u, B)."""
+    blocks, n, u, B = x.shape
+    products = x[:, :, :, None] * x[:, :, None]  # of all pairs
+    by_group = products.transpose(1, 0, 2, 3, 4).reshape(n, blocks * u * u, B)
+    return np.asarray(a.transpose(2, 0, 1, 3, 4).reshape(n, len(a), -1) @ by_group)
 
 
 def _times(a: np.ndarray, x: np.ndarray) -> np.ndarray:
