@@ -40,7 +40,6 @@ from ident.faults.fault import Fault, fault_finding, scale_of_time
 from ident.finding import Finding
 from ident.fit import Fit, identify
 from ident.fit.findings import DRIVING
-from ident.fit.residual import residual_of
 from ident.fit.residual_maps import Periods
 from ident.information.estimate import MATERIAL
 from ident.information.evidence import ALPHA, EXCESS, EXPLAINED_BELOW, MAIN_CAUSE, RIVAL, Decision
@@ -206,7 +205,7 @@ def conclude(selection: Selection, on_progress: OnProgress) -> Diagnosis:
             break
     if best is not None and best.effect.sits == "place":
         data = Health((*data.findings, *_clock(fit, candidates[0])))
-    residual = residual_of(fit)
+    residual = fit.residual
     verdict = _verdict(selection, best, bool(loud), bool(laws), residual.periods)
     if verdict in ("nothing", "undecided") and by_motion:
         verdict = "unexplained"

@@ -357,7 +357,8 @@ def dependence(
             return make(chosen if rows.all() else [x.of_rows(rows) for x in chosen])
 
         likely = [x for x, share in zip(maps, most, strict=True) if share > LEAST - SLACK]
-        if not likely or _shares(*_regression(r, fold, within(likely))).max() <= LEAST:
+        few = 2 * len(likely) < len(maps)  # else the others' columns cost less than asking twice
+        if not likely or (few and _shares(*_regression(r, fold, within(likely))).max() <= LEAST):
             return [], LEAST
         return depends_on(r, fold, within(maps), runs)
 

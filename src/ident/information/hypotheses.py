@@ -33,6 +33,7 @@ from ident.information.projection import VISIBLE, Projection
 
 AT_ONCE = 150  # work: columns of candidates whose gains are found at once, in a processor's cache
 TOGETHER = 64  # work: columns that are projected at once
+FEW = 2  # work: columns of a group of which all products are made
 NUMBERS = 100_000  # work: of random series, by group and block, that are in memory at once
 
 
@@ -360,6 +361,8 @@ def _combined(V: np.ndarray, x: np.ndarray) -> np.ndarray:
 def _quadratic(a: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Return Σ_k xᵀa x (n, parts, B) of a (parts, k, n, u, u) and x (k, n, u, B)."""
     blocks, n, u, B = x.shape
+    if u > FEW:
+        return np.stack([np.einsum("knub,knub->nb", _times(A, x), x) for A in a], axis=1)
     products = x[:, :, :, None] * x[:, :, None]  # of all pairs
     by_group = products.transpose(1, 0, 2, 3, 4).reshape(n, blocks * u * u, B)
     return np.asarray(a.transpose(2, 0, 1, 3, 4).reshape(n, len(a), -1) @ by_group)
