@@ -40,6 +40,7 @@ STARTS_TRIED = 5  # work: of a correction that is not linear, with everything re
 SWINGING_STEPS = 45  # work: where a link swings with a load that is fitted meanwhile
 HALVES = 5  # work
 PASSES = 2  # work: over what depends on the model's own prediction
+FELT = 0.1  # numerics: standard errors by which a step must move shapes to be tried in parts
 SETTLED = 1e-4  # numerics: share of the error by which a step that is not the last lowers it
 LONGEST = 0.3  # numerics: of a shape's range, the longest step
 # numerics: of a value, and of its standard error: a smaller step is the last
@@ -318,8 +319,10 @@ def variable_projection(
         point: Point, first: Estimate, fixed: np.ndarray, columns: Columns = columns
     ) -> Estimate:
         problem = Problem.reduced(mechanism, motion, point, columns)
-        sigma = first.sigma * drive_scales(mechanism, motion, point) / scales
-        return problem.estimate(sigma=sigma, fixed=fixed)
+        return problem.estimate(sigma=scaled(point, first), fixed=fixed)
+
+    def scaled(point: Point, first: Estimate) -> np.ndarray:
+        return np.asarray(first.sigma * drive_scales(mechanism, motion, point) / scales)
 
     def trial(point: Point, first: Estimate) -> tuple[Point, float]:
         """Return the point of least error with the shapes where they are, and that error."""
@@ -330,16 +333,21 @@ def variable_projection(
         return point, estimate.triangle.residual_norm(estimate.x) ** 2
 
     point, _ = trial(point, start.estimate())  # a shape without size has no slope
-    first = Problem.reduced(mechanism, motion, point).estimate()
+    begun = Problem.reduced(mechanism, motion, point)
+    first = begun.estimate()
     check_scales(columns, first)
+    now = begun.estimate(sigma=scaled(point, first), fixed=first.fixed)
     same = SAME * float(np.sum((first.triangle.column_norms() * first.x) ** 2))
     loss = np.inf
     for number in range(STEPS):
         on_progress("searching shapes", number / STEPS)
-        now, before = solved(point, first, first.fixed), point.unknowns(columns)
+        now = solved(point, first, first.fixed) if number else now
+        before = point.unknowns(columns)
         if shapes.any():
             loss = trial(point, first)[1] if np.isinf(loss) else loss
-            for half in range(HALVES):
+            here, there = (now.triangle.residual_norm(values) for values in (before, now.x))
+            promised = here**2 - there**2
+            for half in range(HALVES if promised > FELT**2 else 1):
                 x = now.x.copy()
                 for i in columns.shapes:  # no farther than LONGEST, within bounds
                     low, high = bounds[int(i)]
