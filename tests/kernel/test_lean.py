@@ -12,7 +12,7 @@ from scipy.special import polygamma, stdtrit
 from ident.information.cubic import cubic
 from ident.information.gamma import digamma, trigamma
 from ident.information.lapack import cholesky_banded, lapack, solve_cholesky_banded
-from ident.information.linear import nonnegative
+from ident.information.linear import nonnegative, nonnegative_least
 from ident.information.student import tail_quantile
 
 
@@ -33,6 +33,15 @@ def test_nonnegative_least_squares_is_scipys(seed):
     assert np.linalg.norm(A @ found - b) == pytest.approx(size, abs=1e-10)
     if seed % 3:
         np.testing.assert_allclose(found, right, atol=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_nonnegative_least_of_products_is_that_of_rows_wherever_it_begins(seed):
+    rng = np.random.default_rng(seed)
+    A, b = rng.standard_normal((8, 5)), rng.standard_normal(8)
+    right, _ = nnls(A, b)
+    for start in (None, right > 0, rng.random(5) < 0.5, np.ones(5, dtype=bool)):
+        np.testing.assert_allclose(nonnegative_least(A.T @ A, A.T @ b, start), right, atol=1e-10)
 
 
 def test_banded_factors_are_scipys():

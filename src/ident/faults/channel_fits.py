@@ -11,7 +11,7 @@ wrong sign from one of the right.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -26,7 +26,7 @@ from ident.information.estimate import Estimate
 from ident.information.evidence import BEYOND, EXCESS, EXPLAINED_BELOW
 from ident.information.hypotheses import Array, Index
 from ident.information.lapack import lapack
-from ident.information.linear import nonnegative
+from ident.information.linear import nonnegative_least
 from ident.mechanism.parameters import kinetic_energies
 
 FAR = 7  # work: shifts round the log by so many parts of it: torques of another time
@@ -42,6 +42,10 @@ SEVERAL = 3  # range: joints from which on torques of another run are told from 
 ROUNDS = 3  # work: in which weights settle
 SQUARES_ROUNDING = 1e-12  # numerics: of the largest torque's squares: a smaller torque is none
 RIDGE = 1e-10  # numerics: of unit columns' squares: settles what no row determines
+ACTIVE = (
+    "active"  # key of the limits at which the last solution was: the next is sought there first
+)
+RIDGE_OF_DUAL = 1e-12  # numerics: of the trace: limits that are alike share a multiplier
 POSTURES = 40  # work: samples at which the mean inertia must be positive
 
 
@@ -82,9 +86,9 @@ class ChannelEquations:
     driven: tuple[str, ...]  # names of the J driven joints
     # by coordinate its only drive; empty if there are other drives
     drive_of_coordinate: tuple[int, ...]
-    # (d, k + r, k + r) of each block, k columns X and r right-hand sides; where all would not be
-    # held in memory, the rows (d, rows, k + r) of each, of which they are products
-    gram: Sequence[Array]
+    # (blocks, d, k + r, k + r) of k columns X and r right-hand sides; where these would not be held
+    # in memory, the rows (blocks, d, rows, k + r) of which they are products
+    gram: Array
     k: int
     effects: Mapping[str, Array]  # by label, the columns that the model does not have, the last
     rows: Array  # (blocks, d)
@@ -137,7 +141,7 @@ class ChannelEquations:
         lags = steps / rate if rate else 0.0 * steps
         limits = limits_of_machines(estimate, table, effects, k)
         driven = table.mechanism.driven
-        return cls(driven, drive_of_coordinate, list(gram), k, places, rows, lags, near, limits)
+        return cls(driven, drive_of_coordinate, gram, k, places, rows, lags, near, limits)
 
     def with_effects(self, effects: Collection[str]) -> ChannelEquations:
         """Return the same rows with only these effects beside the model, by label."""
@@ -148,22 +152,34 @@ class ChannelEquations:
         labels = [label for label in self.effects if label in effects]
         G, g = self.limits
         real = G[:, columns].any(axis=1) | ~G.any(axis=1)  # others are of effects left out
-        every = np.append(columns, np.arange(self.k, self.gram[0].shape[2]))
-        gram = [x[:, every][:, :, every] if _square(x) else x[:, :, every] for x in self.gram]
+        every = np.append(columns, np.arange(self.k, self.gram.shape[3]))
+        gram = self.gram[..., every]
+        gram = gram if self._by_rows else gram[:, :, every]
         return replace(
             self, gram=gram, k=len(columns), limits=(G[np.ix_(real, columns)], g[real]), memo={},
             effects={n: np.arange(*x) for n, x in zip(labels, pairwise(ends), strict=True)},
         )  # fmt: skip
 
+    @property
+    def _by_rows(self) -> bool:
+        """Whether the rows are held instead of their products."""
+        return self.gram.shape[2] != self.gram.shape[3]
+
     @cached_property
     def total(self) -> Array:
         """Gram matrices (d, …) of all blocks."""
-        return np.asarray(sum(self.gram_of(block) for block in range(len(self.gram))))
+        if not self._by_rows:
+            return np.asarray(self.gram.sum(axis=0))
+        return np.asarray(sum(grams.sum(axis=0) for _, grams in self._in_memory()))
 
-    def gram_of(self, block: int) -> Array:
-        """Gram matrices (d, …) of one block."""
-        x = self.gram[block]
-        return x if _square(x) else x.transpose(0, 2, 1) @ x
+    def _in_memory(self) -> Iterator[tuple[slice, Array]]:
+        """Yield blocks and their Gram matrices (blocks, d, …), as many as memory holds at once."""
+        width = self.gram.shape[1] * self.gram.shape[3] ** 2
+        most = max(1, IN_MEMORY // width)
+        for start in range(0, len(self.gram), most):
+            part = slice(start, start + most)
+            x = self.gram[part]
+            yield part, x.swapaxes(2, 3) @ x if self._by_rows else x
 
     @cached_property
     def torque(self) -> Array:
@@ -190,46 +206,30 @@ class ChannelEquations:
         least = torque.max() or 1.0  # of a joint without torque: what it leaves is small beside it
         return c, np.where(logged > SQUARES_ROUNDING * (logged.max() or 1.0), torque, least)
 
-    def errors(self, cause: Fault, noise: Array, block: int | None = None) -> Array:
+    def errors(self, cause: Fault, noise: Array) -> Array:
         """Squared errors (d,) of all rows as shares of the torque's squares, everything fitted with
-        weights for a relative noise (d,); or of one block, fitted to the others.
+        weights for a relative noise (d,).
         """
         c, size = self.squares_of(cause)
-        x = np.broadcast_to(self._solved(c, size * noise**2, block), (len(c), self.k))
-        gram = self.total if block is None else self.gram_of(block)
-        return np.maximum(squares(gram, np.concatenate([x, -c], axis=1)), 0.0) / size
+        x = np.broadcast_to(self._solved(c, size * noise**2), (len(c), self.k))
+        return np.maximum(squares(self.total, np.concatenate([x, -c], axis=1)), 0.0) / size
 
     def solution(self, cause: Fault, noise: Array) -> Array:
         """The unknowns (k,) of a cause, fitted to all rows."""
         c, size = self.squares_of(cause)
-        return self._solved(c, size * noise**2, None)
+        return self._solved(c, size * noise**2)
 
-    def _solved(self, c: Array, size: Array, block: int | None) -> Array:
-        """The unknowns (k,) of right-hand sides c (d, r), with weights 1/size (d,), fitted to all
-        rows or to all but those of a block.
-        """
+    def _solved(self, c: Array, size: Array) -> Array:
+        """The unknowns (k,) of right-hand sides c (d, r), with weights 1/size (d,)."""
         if not self.k:  # everything is known
             return np.zeros(0)
-        k, key = self.k, (block, *np.round(np.log(size), 2))
-        others = self.total if block is None else self.total - self.gram_of(block)
-        if key not in self.memo:  # R of the Cholesky factors, for unit columns
-            H = np.tensordot(1 / size, others[:, :k, :k], 1)
-            scale = np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
-            R, failed = lapack.dpotrf(H / scale / scale[:, None] + RIDGE * np.eye(k))
-            if failed:
-                raise np.linalg.LinAlgError("normal equations without a Cholesky factor")
-            self.memo[key] = scale, R
-        scale, R = self.memo[key]
-        b = (1 / size) @ (others[:, :k, k:] @ c[:, :, None])[:, :, 0]
-        x, _ = lapack.dpotrs(R, b / scale)
-        G = self.limits[0] / scale
-        slack = G @ x + self.limits[1]
-        if (slack < 0).any():  # the dual problem: min ½|Lᵀμ + L⁻¹ slack|² over μ ≥ 0
-            GH, _ = lapack.dpotrs(R, G.T)
-            dual = G @ GH
-            L = np.linalg.cholesky(dual + (1e-12 * np.trace(dual) or 1.0) * np.eye(len(dual)))
-            x = x + GH @ nonnegative(L.T, -lapack.dtrtrs(L, slack, lower=1)[0])
-        return np.asarray(x / scale)
+        k, key = self.k, tuple(np.round(np.log(size), 2).tolist())
+        if key not in self.memo:
+            H = np.tensordot(1 / size, self.total[:, :k, :k], 1)
+            self.memo[key] = LimitedNormalEquations.of(H, self.limits)
+        b = (1 / size) @ (self.total[:, :k, k:] @ c[:, :, None])[:, :, 0]
+        x, self.memo[ACTIVE] = self.memo[key].solved(b, self.memo.get(ACTIVE))
+        return np.asarray(x)
 
     def rows_of(self, cause: Fault) -> Array:
         """Which coordinates (d,) feel a cause: those of its torques, or all."""
@@ -253,8 +253,29 @@ class ChannelEquations:
 
     def left_out(self, cause: Fault, noise: Array) -> Array:
         """Log density (blocks, d) of the torques of each block, fitted to the others."""
-        blocks = range(len(self.rows))
-        return self.density(np.array([self.errors(cause, noise, block) for block in blocks]))
+        c, size = self.squares_of(cause)
+        weight, errors = 1 / (size * noise**2), np.empty(self.rows.shape)
+        for part, grams in self._in_memory():
+            z = np.empty(grams.shape[:3])
+            z[:, :, : self.k] = self._solved_without(grams, c, weight)[:, None]
+            z[:, :, self.k :] = -c
+            errors[part] = squares(grams, z)
+        return self.density(np.maximum(errors, 0.0) / size)
+
+    def _solved_without(self, grams: Array, c: Array, weight: Array) -> Array:
+        """The unknowns (blocks, k) of right-hand sides c (d, r), fitted to all rows but those of
+        Gram matrices (blocks, d, …) each.
+        """
+        k, z = self.k, np.append(np.zeros((len(c), self.k)), c, axis=1)[:, :, None]
+        if not k:
+            return np.zeros((len(grams), 0))
+        both = self.total, grams
+        H, H_block = (
+            (weight @ x.reshape(*x.shape[:-2], -1)).reshape(-1, *x.shape[-2:])[:, :k, :k]
+            for x in both
+        )
+        b, b_block = (np.atleast_2d(weight @ (x @ z)[..., :k, 0]) for x in both)
+        return solved_within(H - H_block, b - b_block, self.limits, self.memo.get(ACTIVE))
 
     def density(self, error: Array) -> Array:
         """Log density (blocks, d) of left-out squares (blocks, d), as shares of all the torque."""
@@ -291,13 +312,71 @@ class ChannelEquations:
         return float(lag - slope / (2 * bend)) if bend < 0 else lag
 
 
-def _square(x: Array) -> bool:
-    return x.shape[1] == x.shape[2]
+@dataclass(frozen=True, eq=False)
+class LimitedNormalEquations:
+    """Normal equations H x = b of unit columns, for x with G x + g ≥ 0."""
+
+    scale: Array  # (k,) of the columns
+    R: Array  # (k, k) the Cholesky factor of H
+    G: Array  # (m, k)
+    g: Array  # (m,)
+
+    @classmethod
+    def of(cls, H: Array, limits: tuple[Array, Array]) -> LimitedNormalEquations:
+        """Factorise H (k, k) of columns as they are; raises LinAlgError if that fails."""
+        scale = np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
+        R, failed = lapack.dpotrf(H / scale / scale[:, None] + RIDGE * np.eye(len(H)))
+        if failed:
+            raise np.linalg.LinAlgError("normal equations without a Cholesky factor")
+        return cls(scale, R, limits[0] / scale, limits[1])
+
+    @cached_property
+    def dual(self) -> tuple[Array, Array]:
+        """H⁻¹ Gᵀ (k, m) and G H⁻¹ Gᵀ (m, m)."""
+        GH, _ = lapack.dpotrs(self.R, self.G.T)
+        return GH, self.G @ GH
+
+    def solved(self, b: Array, start: np.ndarray | None) -> tuple[Array, np.ndarray | None]:
+        """Return x (k,) of columns as they are, as b (k,), and the limits (m,) at which it is;
+        `start`: limits at which it perhaps is.
+        """
+        x, _ = lapack.dpotrs(self.R, b / self.scale)
+        slack = self.G @ x + self.g
+        if (slack < 0).any():
+            GH, dual = self.dual
+            mu = multipliers(dual, slack, start)
+            x, start = x + GH @ mu, mu > 0
+        return x / self.scale, start
+
+
+def solved_within(
+    H: Array, b: Array, limits: tuple[Array, Array], start: np.ndarray | None = None
+) -> Array:
+    """Return x (n, k) of H x = b, H (n, k, k), b (n, k), with limits G (m, k) and g (m,), as
+    `LimitedNormalEquations` have it.
+    """
+    squares_of_columns = np.diagonal(H, axis1=1, axis2=2)
+    scale = np.sqrt(np.where(squares_of_columns > 0, squares_of_columns, 1.0))
+    unit = H / scale[:, None] / scale[:, :, None] + RIDGE * np.eye(H.shape[1])
+    G = limits[0] / scale[:, None]
+    right = np.concatenate([(b / scale)[:, :, None], G.swapaxes(1, 2)], axis=2)
+    x, GH = np.split(np.linalg.solve(unit, right), [1], axis=2)
+    x = x[:, :, 0].copy()
+    slack, dual = (G @ x[:, :, None])[:, :, 0] + limits[1], G @ GH
+    for i in np.flatnonzero((slack < 0).any(axis=1)):
+        x[i] += GH[i] @ multipliers(dual[i], slack[i], start)
+    return np.asarray(x / scale)
+
+
+def multipliers(dual: Array, slack: Array, start: np.ndarray | None) -> Array:
+    """Return μ ≥ 0 (m,) of limits G x + g ≥ 0, of least ½ μᵀ G H⁻¹ Gᵀ μ + μᵀ (G H⁻¹ b + g)."""
+    ridge = (RIDGE_OF_DUAL * np.trace(dual) or 1.0) * np.eye(len(dual))
+    return nonnegative_least(dual + ridge, -slack, start)
 
 
 def squares(gram: Array, z: Array) -> Array:
-    """zᵀ G z (d,) of G (d, n, n) and z (d, n)."""
-    return np.asarray((z[:, None] @ gram @ z[:, :, None])[:, 0, 0])
+    """zᵀ G z (…) of G (…, n, n) and z (…, n)."""
+    return np.asarray((z[..., None, :] @ gram @ z[..., None])[..., 0, 0])
 
 
 def columns_of(

@@ -15,7 +15,7 @@ do. Arguments and results are those of `numpy.linalg`, stacks of matrices includ
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -311,23 +311,53 @@ def inverse(H: Array, least: float = UNDETERMINED) -> Array:
 
 
 def nonnegative(A: Array, b: Array) -> Array:
-    """Return x ≥ 0 of least |A x − b|, for a few unknowns; FitError if it does not end.
+    """Return x ≥ 0 of least |A x − b|, for a few unknowns; FitError if it does not end."""
+
+    def solve(free: Array) -> Array:
+        return lstsq(A[:, free], b)[0]
+
+    return _active_set(A.T @ b, lambda x: A.T @ (b - A @ x), solve)
+
+
+def nonnegative_least(H: Array, g: Array, start: np.ndarray | None = None) -> Array:
+    """Return x ≥ 0 of least ½ xᵀ H x − gᵀ x, H positive definite, for a few unknowns; `start` (n,)
+    says which are perhaps above 0. FitError if it does not end.
+    """
+
+    def solve(free: Array) -> Array:
+        _, x, failed = lapack.dposv(H[free][:, free], g[free])
+        return np.asarray(x) if not failed else lstsq(H[free][:, free], g[free])[0]
+
+    return _active_set(g, lambda x: g - H @ x, solve, start)
+
+
+def _active_set(
+    g: Array, slope_at: Callable[[Array], Array], solve: Callable[[Array], Array],
+    start: np.ndarray | None = None,
+) -> Array:  # fmt: skip
+    """Return x ≥ 0 at which no slope of a zero is above 0 and others are zero.
 
     Source: C. Lawson, R. Hanson, Solving Least Squares Problems, 1974, ch. 23. As
     `scipy.optimize.nnls`, whose package takes 0.3 s to import.
+
+    Args:
+        g: (n,) slopes at zero, downhill; slope_at: these at x.
+        solve: unknowns of some places, with zero at the others; start: places to begin with.
     """
-    n = A.shape[1]
+    n = len(g)
     x, free, blocked = np.zeros(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-    least = 1e-12 * max(float(np.abs(A.T @ b).max(initial=0.0)), 1e-300)
+    if start is not None and start.any() and ((s := solve(start)) > 0).all():
+        free[start], x[start] = True, s
+    least = 1e-12 * max(float(np.abs(g).max(initial=0.0)), 1e-300)
     for _ in range(10 * (n + 1)):
-        slope = np.where(free | blocked, -np.inf, A.T @ (b - A @ x))
+        slope = np.where(free | blocked, -np.inf, slope_at(x))
         if not n or slope.max() <= least:
             return x
         entering, before = int(slope.argmax()), x
         free[entering] = True
         while free.any():
             s = np.zeros(n)
-            s[free] = lstsq(A[:, free], b)[0]
+            s[free] = solve(free)
             negative = free & (s <= 0)
             if not negative.any():
                 x = s
