@@ -341,6 +341,7 @@ TENDONS = """<tendon>
 
 
 @pytest.mark.parametrize(("equality", "rows"), LOOPS.values(), ids=LOOPS)
+@pytest.mark.usefixtures("short_search")
 def test_equalities_are_zero_together(make, equality, rows):
     """Φ = 0 where MuJoCo's residual is, and grows with it; positions to the number."""
     path = make(WELD.format(equality).replace("<equality>", TENDONS))

@@ -117,6 +117,7 @@ def test_what_was_understood_is_a_mechanism(dialect, write, tmp_path):
     np.testing.assert_allclose(again.prior, mechanism.prior)
 
 
+@pytest.mark.usefixtures("short_search")
 def test_types_of_joints(write):
     yaml = YAML + "joint_name: ['coupler', 'rocker']\njoint_type: ['SPHERICAL', 'UJOINT_YZ']\n"
     mechanism = ident.load(write(four_bar(frames=True), yaml))

@@ -144,6 +144,7 @@ def test_absolute_coordinates_show_the_same(slider, robots):
         np.testing.assert_allclose(axis, axes[1][name], atol=1e-7)
 
 
+@pytest.mark.usefixtures("short_search")
 def test_without_shapes_rods_join_the_joints(tmp_path):
     toml = (
         '[[closure]]\nname = "tie"\nkind = "point"\na = { link = "world" }\n'
