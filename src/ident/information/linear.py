@@ -84,7 +84,8 @@ class Triangle:
             return triangles[0]
         filled = [item for item in triangles if len(item.R) or item.rho]
         if len(filled) < 2:  # of most blocks there are no rows at standstill
-            return replace((filled or triangles)[0], rows=sum(item.rows for item in triangles))
+            one, rows = (filled or triangles)[0], sum(item.rows for item in triangles)
+            return cls(one.R, one.d, one.rho, rows)
         at = next((i for i, item in enumerate(triangles) if item.is_square), -1)
         others = [*triangles[:at], *triangles[at + 1 :]] if at >= 0 else triangles
         stack = np.concatenate([item.stack() for item in others])

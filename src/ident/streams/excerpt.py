@@ -25,7 +25,7 @@ from ident.mechanism.causes import CalibrationError
 from ident.motion import Motion
 from ident.motion.signals import GAP
 from ident.motion.state import State
-from ident.streams.stream import Stream
+from ident.streams.stream import TOGETHER, Stream
 
 LASTING = 2.0  # level: time constants of forgetting: (Σ w)²/Σ w² equations, w = exp(−age/T)
 NEW = 0.2  # work: share of the equations, from which a budget is made anew: noise is 10 % less
@@ -42,9 +42,18 @@ class SampleExcerpt:
         self._every, self._begun = 1, 0  # of so many stretches one is kept; how many began
         self._room = 0  # samples that the present stretch still takes
         self._stretches: list[tuple[int, list[Array]]] = []  # number, and its samples
+        self._waiting, self._count = list[Array](), 0  # samples that are in no stretch yet
 
     def add(self, X: Array) -> None:
         """Take further samples."""
+        self._waiting.append(X)
+        self._count += len(X)
+        if self._count >= TOGETHER:
+            self._take()
+
+    def _take(self) -> None:
+        """Put samples that wait into stretches."""
+        X, self._waiting, self._count = np.concatenate(self._waiting), [], 0
         while len(X):
             if not self._room:
                 self._begin(float(X[0, 0]))
@@ -70,6 +79,8 @@ class SampleExcerpt:
     @property
     def runs(self) -> Iterator[Array]:
         """Samples (n, columns) that follow each other without a gap."""
+        if self._waiting:
+            self._take()
         stretches = [np.concatenate(parts) for _, parts in self._stretches if parts]
         if not stretches:
             return

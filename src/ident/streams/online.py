@@ -354,13 +354,13 @@ class Online:
         return self._snapshot_of(stream)
 
     def _judge(self, stream: Stream, X: np.ndarray, ended: bool = False) -> None:
-        """Look for errors of the data in further samples (n, columns); `over`: no more come."""
+        """Look for errors of the data in further samples (n, columns); `ended`: no more come."""
         self.findings, mechanism = [], stream.mechanism
         self._kept.add(X)
         if self._early is not None:  # once, what `identify` says of the first samples
             self._early += [X] if len(X) else []
             self._early_count += len(X)
-            long = self._early_count and self.t - self._early[0][0, 0] >= CHECKED[0]
+            long = len(X) and X[-1, 0] - self._early[0][0, 0] >= CHECKED[0]
             full = self._early_count >= CHECKED[1] or long
             if self._early_count and (ended or full):
                 early, self._early = np.concatenate(self._early)[: CHECKED[1]], None
@@ -373,7 +373,7 @@ class Online:
                     self.findings = self._watch.note(findings, float(early[0, 0]))
                 self._reference = None
         states = [e.at_samples(inside) for e, inside in stream.windows]
-        self.findings = [*self.findings, *self._watch.add(X, states, ended)]
+        self.findings += self._watch.add(X, states, ended)
 
     def _is_new(self, finding: Finding) -> bool:
         """Whether a finding is none that a load may make of torques whose unit fits the reference:

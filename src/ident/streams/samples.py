@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -58,9 +59,11 @@ class SampleParser:
         ranges = [(usual or {}).get(name, (0.0, np.inf)) for name in self.columns]
         self._centre, self._range = np.array(ranges).reshape(-1, 2).T
         self._names: frozenset[str] = frozenset()  # of the last sample that came alone
-        # by column of such a sample: where it stands in it, and [log]'s scale and offset
-        self._keys: tuple[str, ...] = ()
-        self._scale, self._offset = np.ones(0), np.zeros(0)
+        # of such a sample its values by column, if it needs no look; [log]'s scale and offset, and
+        # between which values, as they come, none is absurd
+        self._values: itemgetter[str] | None = None
+        self._scale = self._offset = self._low = self._high = np.zeros(0)
+        self._scaled = False
         self._absurd = 0  # samples in a row that are no measurements
         # (row, why) of samples of the last call; of one that waited since before, row −1
         self.left_out: list[tuple[int, str]] = []
@@ -122,18 +125,17 @@ class SampleParser:
             return None
         if sample.keys() != self._names:
             self._look_at(sample)
-        if not self._keys:
+        if self._values is None:
             return None
         try:
-            x = np.array([sample[key] for key in self._keys], dtype=float)
+            x = np.array(self._values(sample), dtype=float)
         except (KeyError, TypeError, ValueError):
             return None
-        if x.ndim != 1 or not (np.abs(x) < LARGEST).all():
+        if x.ndim != 1 or not np.logical_and.reduce((self._low < x) & (x < self._high)):
             return None
-        x = self._scale * x + self._offset
-        t, far = float(x[0]), np.abs(x - self._centre) > self._range
-        in_order = self.last < t and not (self.last > -np.inf and t - self.last > self._gap)
-        if far.any() or not in_order:
+        x = self._scale * x + self._offset if self._scaled else x
+        t = float(x[0])
+        if not (self.last < t and not (self.last > -np.inf and t - self.last > self._gap)):
             return None
         self.last, self._absurd, self.left_out = t, 0, []
         return x[None]
@@ -143,12 +145,18 @@ class SampleParser:
         self._names, logged = frozenset(sample), [self._mapping.get(name) for name in self.columns]
         sources = [source if source and source.column in sample else None for source in logged]
         both = zip(self.columns, sources, strict=True)
-        self._keys = tuple(source.column if source else name for name, source in both)
+        keys = [source.column if source else name for name, source in both]
+        self._values = itemgetter(*keys) if len(keys) > 1 else None
         robots = {source.column for source in self._mapping.values()}
         if any(name in robots for name, x in zip(self.columns, sources, strict=True) if x is None):
-            self._keys = ()  # a name that the robot has for another column
+            self._values = None  # a name that the robot has for another column
         self._scale = np.array([source.scale if source else 1.0 for source in sources])
         self._offset = np.array([source.offset if source else 0.0 for source in sources])
+        self._scaled = bool((self._scale != 1).any() or self._offset.any())
+        middle, half = self._centre - self._offset, (1 - ROUNDING) * self._range
+        with np.errstate(divide="ignore", invalid="ignore"):  # a scale of zero: look at each
+            ends = np.sort([(middle - half) / self._scale, (middle + half) / self._scale], axis=0)
+        self._low, self._high = np.clip(ends, -LARGEST, LARGEST)
 
     def _ordered(self, t: np.ndarray, row: np.ndarray) -> np.ndarray:
         """(n,) samples whose times increase."""
@@ -201,6 +209,7 @@ class SampleParser:
         return given
 
 
+ROUNDING = 1e-9  # numerics: of a range, at whose ends a sample is looked at
 SECONDS = 10.0  # range: [s] of a window
 FEWEST = 400  # work: samples of a window
 REPORTED = 100  # shown: kinds of findings, after which no other is reported
@@ -229,11 +238,13 @@ class DataWatch:
         self.known: dict[tuple[str, tuple[str, ...]], Since] = {}  # all so far
 
     def add(self, X: np.ndarray, states: list[State], ended: bool = False) -> list[Since]:
-        """Add samples (n, columns) and states; return what is new. `over`: no more come."""
+        """Add samples (n, columns) and states; return what is new. `ended`: no more come."""
         self._samples += [X] if len(X) else []
+        if not (states or ended):
+            return []
         self._states += [e for e in states if len(e)]
         self._count += sum(map(len, states))
-        if self._count < FEWEST or not (states or ended):
+        if self._count < FEWEST:
             return []
         start, end = float(self._states[0].t[0]), float(self._states[-1].t[-1])
         if (end - start < SECONDS and not ended) or len(self.known) >= REPORTED:

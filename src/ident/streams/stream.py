@@ -302,10 +302,12 @@ class Interval:
     def aged(self, to: float, T: float) -> Interval:
         """Return the same with weights that refer to a later time [s]."""
         w = float(np.exp((self.at - to) / (2 * T)))
+        if w == 1.0:
+            return replace(self, at=to)
         return Interval(to, tuple(block.scaled(w) for block in self.blocks), w**2 * self.weights)
 
     def merged(self, later: Interval, T: float) -> Interval:
-        """Add a later interval."""
+        """Return this with a later interval."""
         earlier = self.aged(later.at, T)
         both = tuple(a + b for a, b in zip(earlier.blocks, later.blocks, strict=True))
         return Interval(later.at, both, earlier.weights + later.weights)
@@ -320,6 +322,25 @@ class Interval:
         return numbered
 
 
+@dataclass(frozen=True, eq=False)
+class RowSpan:
+    """An interval of rows that follow each other, before they are reduced."""
+
+    rows: Rows
+    first: int
+    stop: int
+
+    @property
+    def start(self) -> float:
+        """Time of the first row [s]."""
+        return float(self.rows.t[self.first])
+
+    @property
+    def at(self) -> float:
+        """Time of the last row [s]."""
+        return float(self.rows.t[self.stop - 1])
+
+
 class Accumulator:
     """Absorbs rows as they come, in bounded memory: intervals of time stay few.
 
@@ -330,7 +351,8 @@ class Accumulator:
     def __init__(self, supports: Sequence[np.ndarray], forget: float | None, period: float) -> None:
         self._supports, self._T, self._period = list(supports), forget or np.inf, period
         self._length = forget / FADING if forget else LENGTH * period
-        self._intervals: list[Interval] = []  # of which the last is open to further rows
+        # of which the last is open to further rows; spans while rows are absorbed
+        self._intervals: list[Interval | RowSpan] = []
         self._waiting: list[Rows] = []
         self.now = self.informed = -np.inf  # times of the last row, and of the last that informs
 
@@ -346,7 +368,8 @@ class Accumulator:
     def information(self, k: int) -> Information:
         """Return all rows on k columns by interval of time; weights refer to now."""
         self._absorb_waiting()
-        aged = [interval.aged(self.now, self._T) for interval in self._intervals]
+        reduced = map(self._reduced, self._intervals)
+        aged = [interval.aged(self.now, self._T) for interval in reduced]
         blocks = [block for i, interval in enumerate(aged) for block in interval.numbered(i)]
         return Information.of(blocks, k, len(self._supports))
 
@@ -355,17 +378,31 @@ class Accumulator:
         if not self._waiting:
             return
         rows, self._waiting, known = Rows.concatenated(self._waiting), [], self._intervals
-        while len(rows):
-            inside = self._inside(rows, known[-1].start) if known else 0
-            if begins := not inside:
+        first = 0
+        while first < len(rows):
+            stop = self._end(rows, known[-1].start) if known else 0
+            if begins := stop <= first:
                 self._thin_out()
-                inside = self._inside(rows, float(rows.t[0]))
-            new = Interval.of(rows[:inside], self._supports, self._T)
-            known.append(new if begins else known.pop().merged(new, self._T))
-            rows = rows[inside:]
+                stop = self._end(rows, float(rows.t[first]))
+            new = RowSpan(rows, first, stop)
+            known.append(new if begins else self._merged(known.pop(), new))
+            first = stop
+        known[:] = map(self._reduced, known)
 
-    def _inside(self, rows: Rows, start: float) -> int:
-        """Return how many rows are in an interval that begins at `start` [s]."""
+    def _reduced(self, interval: Interval | RowSpan) -> Interval:
+        """Return the triangles of an interval."""
+        if isinstance(interval, Interval):
+            return interval
+        return Interval.of(interval.rows[interval.first : interval.stop], self._supports, self._T)
+
+    def _merged(self, a: Interval | RowSpan, b: Interval | RowSpan) -> Interval | RowSpan:
+        """Return an interval with the next one."""
+        if isinstance(a, RowSpan) and isinstance(b, RowSpan):
+            return RowSpan(a.rows, a.first, b.stop)
+        return self._reduced(a).merged(self._reduced(b), self._T)
+
+    def _end(self, rows: Rows, start: float) -> int:
+        """Return up to which row an interval goes that begins at `start` [s]."""
         return int(np.searchsorted(rows.t, start + self._length - 0.5 * self._period))
 
     def _thin_out(self) -> None:
@@ -376,7 +413,7 @@ class Accumulator:
         if unweighted:
             lengths = [interval.at - interval.start + self._period for interval in known]
             at = int(np.argmin(np.round(np.add(lengths[1:], lengths[:-1]) / self._period)))
-        known[at : at + 2] = [known[at].merged(known[at + 1], self._T)]
+        known[at : at + 2] = [self._merged(known[at], known[at + 1])]
         if unweighted:
             self._length = min(interval.at - interval.start for interval in known) + self._period
 
