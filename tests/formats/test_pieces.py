@@ -17,8 +17,9 @@ ROWS = 3 * pieces.STRIDE + 77
 
 @pytest.fixture(autouse=True)
 def blocks(monkeypatch):
-    """Texts are looked at in many blocks, as long ones are."""
+    """Texts are looked at in many blocks, as long ones are, and Parquet files in many groups."""
     monkeypatch.setattr(pieces, "BLOCK", 4096)
+    monkeypatch.setattr(pieces, "GROUP", 1024)
 
 
 @pytest.fixture
@@ -29,7 +30,9 @@ def made() -> Log:
     return Log.from_arrays("made", np.arange(ROWS) * 0.001, columns)
 
 
-CUTS = ((0, ROWS), (0, 11), (1024, 2048), (1000, 2050), (2047, 2060), (ROWS - 15, ROWS))
+CUTS = (
+    (0, ROWS), (0, 11), (1024, 2048), (1000, 2050), (2047, 2060), (2000, 3100), (ROWS - 15, ROWS),
+)  # fmt: skip
 
 
 def same(path, columns=None):

@@ -14,12 +14,21 @@ from ident.information.gamma import digamma, trigamma
 from ident.information.lapack import cholesky_banded, lapack, solve_cholesky_banded
 from ident.information.linear import nonnegative, nonnegative_least
 from ident.information.student import tail_quantile
+from ident.motion.spline import quantile
 
 
 @pytest.mark.parametrize("nu", [1, 2, 3, 9, 40, 400])
 @pytest.mark.parametrize("p", [0.4, 0.05, 1e-3, 1e-7])
 def test_quantiles_of_student_are_scipys(nu, p):
     assert tail_quantile(p, nu) == pytest.approx(-stdtrit(nu, p), rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 10, 101])
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.8, 0.99, 1.0])
+def test_quantiles_are_numpys(n, share):
+    x = np.random.default_rng(n).standard_normal(n)
+    assert quantile(x, share) == pytest.approx(np.quantile(x, share), rel=1e-14)
+    assert np.isnan(quantile(np.append(x, np.nan), share))
 
 
 @pytest.mark.parametrize("seed", range(30))

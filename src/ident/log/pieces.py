@@ -40,6 +40,7 @@ else:
     pl = lazy("polars")
 
 BLOCK = 1 << 24  # work: bytes of a text that are in memory together
+GROUP = 1 << 16  # work: rows of a Parquet file up to a multiple of which is read
 STRIDE = 1024  # work: rows of a CSV file from one kept place to the next
 
 Rows = Callable[[int, int], RawTable]  # table(first, stop): rows first … stop - 1
@@ -102,8 +103,37 @@ def _open_parquet(path: Path) -> tuple[int, Rows]:
 
 def _rows_of_parquet(path: Path, since: Mapping[str, int], first: int, stop: int) -> RawTable:
     with storage.parquet_errors(path):
-        frame = pl.scan_parquet(path).slice(first, stop - first).collect()
+        frame = _frame_of_parquet(path, first, stop)
     return table_of(str(path), frame, first=first, since=since)
+
+
+@dataclass
+class LastFrame:
+    """The rows of a Parquet file that were read last, of which the next piece needs the end."""
+
+    key: tuple[Path, int] | None = None  # the file, and when it was changed [ns]
+    first: int = 0
+    frame: pl.DataFrame | None = None
+
+    def rows(self, path: Path, first: int, stop: int) -> pl.DataFrame:
+        """Return rows first … stop - 1 of a file; a group of rows that was read is not read again,
+        as long as pieces follow each other.
+        """
+        key, ahead = (path, path.stat().st_mtime_ns), -(-stop // GROUP) * GROUP
+        before = self.frame if key == self.key else None
+        end = self.first + len(before) if before is not None else 0
+        if before is None or not self.first <= first <= end:
+            frame = pl.scan_parquet(path).slice(first, ahead - first).collect()
+        elif stop <= end:
+            return before.slice(first - self.first, stop - first)
+        else:
+            more = pl.scan_parquet(path).slice(end, ahead - end).collect()
+            frame = pl.concat([before.slice(first - self.first), more])
+        self.key, self.first, self.frame = key, first, frame
+        return frame.slice(0, stop - first)
+
+
+_frame_of_parquet = LastFrame().rows
 
 
 def _open_csv(path: Path) -> tuple[int, str, Rows]:

@@ -20,7 +20,7 @@ from ident.log import Log
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion.encodings import signed, unwrapped
 from ident.motion.poses import check_declared, scalar_columns
-from ident.motion.spline import ORDERS, Channel, grain, noise_level, rms
+from ident.motion.spline import ORDERS, Channel, grain, noise_level, quantile, rms
 from ident.text import listed, shortlist
 
 PREFIXES = ("q", "v", "a", "tau", "wrench")
@@ -377,8 +377,8 @@ def usual_range(x: np.ndarray) -> tuple[float, float]:
     x = np.clip(x[np.isfinite(x)], -LARGEST, LARGEST)
     if not len(x):
         return 0.0, np.inf
-    centre = float(np.median(x))
-    size = float(np.quantile(np.abs(x - centre), 0.99))
+    centre = quantile(x, 0.5)
+    size = quantile(np.abs(x - centre), 0.99)
     return centre, ABSURD * size if size > 0 else np.inf
 
 

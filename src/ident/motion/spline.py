@@ -60,13 +60,21 @@ def noise_level(x: np.ndarray) -> float:
     if not len(difference):
         return 0.0
     gain = np.sqrt(924.0)  # Σ binomial(6, k)²
-    place = 0.8 * (len(difference) - 1)  # as np.quantile, which looks at its arguments for longer
+    return float(quantile(np.abs(difference), 0.8) / 1.2816 / gain)
+
+
+def quantile(x: np.ndarray, share: float) -> float:
+    """Return a quantile of numbers (n,), n > 0, as np.quantile, which looks at its arguments for
+    longer; NaN if one of them is.
+    """
+    place = share * (len(x) - 1)
     low = int(place)
-    high, share = min(low + 1, len(difference) - 1), place - low
-    parted = np.partition(np.abs(difference), (low, high, -1))
-    a, b = parted[low], parted[high] if parted[-1] >= 0 else np.nan
-    quantile = b - (b - a) * (1 - share) if share >= 0.5 else a + (b - a) * share
-    return float(quantile / 1.2816 / gain)
+    high, part = min(low + 1, len(x) - 1), place - low
+    parted = np.partition(x, (low, high, -1))
+    if np.isnan(parted[-1]):
+        return np.nan
+    a, b = parted[low], parted[high]
+    return float(b - (b - a) * (1 - part) if part >= 0.5 else a + (b - a) * part)
 
 
 def is_white(x: np.ndarray, longest: int) -> bool:

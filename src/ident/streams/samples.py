@@ -8,7 +8,7 @@ rests in a window is not judged: its torque may well be constant or noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Any
@@ -61,7 +61,7 @@ class SampleParser:
         self._names: frozenset[str] = frozenset()  # of the last sample that came alone
         # of such a sample its values by column, if it needs no look; [log]'s scale and offset, and
         # between which values, as they come, none is absurd
-        self._values: itemgetter[str] | None = None
+        self._values: Callable[[Mapping[str, Any]], tuple[Any, ...]] | None = None
         self._scale = self._offset = self._low = self._high = np.zeros(0)
         self._scaled = False
         self._absurd = 0  # samples in a row that are no measurements
