@@ -60,6 +60,8 @@ class Table(Rows):
     scale: np.ndarray  #: (N, d) by which rows are weighed: 1, but at rest
     every: int = 1  #: of so many samples one is evaluated for columns
     made: dict[str, MadeColumns] = field(default_factory=dict)  #: by label, at starts of searches
+    #: of corrections that are not linear, by label, at shapes that searches beside any model reach
+    moved: dict[str, list[MadeColumns]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -123,7 +125,10 @@ class Table(Rows):
         cutoff = self.motion.band.cutoff
         most = min(s.e.rate for s in self.scenes) / (COARSE * cutoff) if cutoff else 1
         return replace(
-            self, made={}, every=max(k for k in range(1, int(max(most, 1)) + 1) if step % k == 0)
+            self,
+            made={},
+            moved={},
+            every=max(k for k in range(1, int(max(most, 1)) + 1) if step % k == 0),
         )
 
     def filtered(self, number: int, x: np.ndarray) -> np.ndarray:
@@ -150,8 +155,8 @@ class Table(Rows):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return columns (N, c, numbers · shapes) of an effect at shapes, and the c coordinates."""
         if effect.corrects:
-            S = [column for shape in shapes for column in self._of_correction(effect, shape)]
-            return np.stack(S, axis=-1), np.arange(self.b.shape[1])  # weighed already
+            S = [self._of_correction(effect, shape) for shape in shapes]
+            return np.concatenate(S, axis=-1), np.arange(self.b.shape[1])  # weighed already
         C, felt = self._columns(effect, shapes)
         return C * self.scale[:, felt, None], felt
 
@@ -193,18 +198,33 @@ class Table(Rows):
             series.append(self.filtered(number, S))
         return np.concatenate(series) * self.scale
 
-    def _of_correction(self, effect: Effect, shape: Mapping[str, float]) -> list[np.ndarray]:
-        """Return columns (N, d) of the searched shapes of a correcting effect, at a shape: slopes,
-        and of one that is not linear in its extent all of what it corrects, by its extent.
+    def _of_correction(self, effect: Effect, shape: Mapping[str, float]) -> np.ndarray:
+        """Return columns (N, d, numbers) of the searched shapes of a correcting effect, at a shape:
+        slopes, and of one that is not linear in its extent all of what it corrects, by its extent,
+        which is kept.
         """
         names, extent = [parameter.name for parameter in effect.searched], shape.get(effect.extent)
         if not extent or effect.extent not in names:
-            return [
+            S = [
                 self.scale_sensitivity(effect)
                 if name == effect.scale
                 else self.sensitivity(effect, shape, name)
                 for name in names
             ]
+            return np.stack(S, axis=-1)
+        of_label = self.moved.setdefault(effect.label, [])
+        for old in of_label:
+            if old.effect == effect and [*old.starts] == [shape]:
+                return old.C
+        C = self._of_extent(effect, shape)
+        kept = sum(x.C.nbytes for made in self.moved.values() for x in made)
+        if kept + C.nbytes <= MADE_BYTES:
+            of_label.append(MadeColumns(effect, [dict(shape)], C, np.arange(C.shape[1])))
+        return C
+
+    def _of_extent(self, effect: Effect, shape: Mapping[str, float]) -> np.ndarray:
+        """Make the columns of a correction that is not linear in its extent."""
+        names, extent = [parameter.name for parameter in effect.searched], shape[effect.extent]
         series: list[list[np.ndarray]] = [[] for _ in names]
         cutoff = self.motion.band.cutoff
         values = dict(zip(effect.names, (shape[p.name] for p in effect.shapes), strict=True))
@@ -219,7 +239,7 @@ class Table(Rows):
                     h, shifted = perturbed(bare, effect, name, cutoff, effect)
                     S = (at_shape - residual(shifted)) / h
                 columns.append(S[:, :, None])
-        return [self.smooth_columns(columns)[:, :, 0] for columns in series]
+        return np.concatenate([self.smooth_columns(columns) for columns in series], axis=2)
 
     def start_columns(
         self, effect: Effect, starts: Sequence[Mapping[str, float]]
