@@ -411,7 +411,7 @@ def _visible_beside_fixed(
     groups = [group for candidate in laws for group in candidate.groups]
     starts = np.cumsum([0, *(len(candidate.groups) for candidate in laws)])[:-1]
     before, after = (
-        np.maximum.reduceat(rows.gains(groups).visible, starts)
+        np.maximum.reduceat(rows.visible(groups), starts)
         for rows in (regression, regression.extended(fixed))
     )
     hidden = {id(law) for law, a, b in zip(laws, before, after, strict=True) if a > HIDDEN >= b}

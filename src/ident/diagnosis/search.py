@@ -206,7 +206,7 @@ class Search:
         machine has must only not be noise, and have columns of its own beside the others.
         """
         if member.effect.common:
-            if bare.regression.gains([member.columns]).visible[0] < HIDDEN:
+            if bare.regression.visible([member.columns])[0] < HIDDEN:
                 return True
             D = (bare.regression.losses - now.regression.losses).sum(axis=1)
             return zscore(D) < self.contest.decision.rival_se

@@ -62,6 +62,7 @@ RUNS_AWAY = 3.0  # numerics: times the pass before that one brings where a swing
 # work: of links that swing, over the load of their own motion: in a tree, and in a loop, whose load
 # changes more with its position
 PASSES, LOOP_PASSES = 2, 6
+SETTLED = 1e-10  # numerics: of all steps, below which a further pass brings nothing
 STEP = 1e-5  # numerics: of the range of a shape parameter: corrections are smooth in their shapes
 EARLIER = "state before"  # in the memory of samples
 
@@ -137,6 +138,8 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
                 break
             steps |= {name: steps[name] + change for name, change in changes.items()}
             e = with_motors(mechanism, motors.stepped(mechanism, steps), motors, every_correction)
+            if size <= SETTLED * _size(steps):
+                break
     memo = _memo(base, mechanism, e)
     for _, what in corrections:
         for name, d in what.late.items() if len(e) > 1 else ():

@@ -498,7 +498,8 @@ class Samples:
             parts = (slice(i, min(i + CHUNK, len(e))) for i in range(0, len(e), CHUNK))
             every = [self.tangents(part, pi)[:, at, at].transpose(0, 2, 1) for part in parts]
             return np.concatenate(every, axis=1)
-        now, slopes = rigid_forces(model, e.q, e.v, e.a, pi), np.zeros((3, len(e), len(joints)))
+        slopes = np.zeros((3, len(e), len(joints)))
+        now = None if self.few_tangents else rigid_forces(model, e.q, e.v, e.a, pi)
         for i, name in enumerate(joints):
             if e.loop is None:
                 Z = np.zeros_like(e.v)
@@ -513,6 +514,13 @@ class Samples:
                     f"coordinates errors are compared ({', '.join(e.independent)}); leave out the "
                     f"spring or play of {name}"
                 )
+            if now is None:
+                felt = np.flatnonzero(Z.any(axis=0))
+                for start in range(0, len(e), CHUNK):
+                    part = slice(start, min(start + CHUNK, len(e)))
+                    D, of_part = self.tangents(part, pi)[:, felt][:, :, felt], Z[part, felt].T
+                    slopes[:, part, i] = ((D * of_part).sum(axis=2) * of_part).sum(axis=1)
+                continue
             turned, faster = integrate(model, e.q, SLIGHTLY * Z), e.v + SLIGHTLY * Z
             shifted = (turned, e.v, e.a), (e.q, faster, e.a), (e.q, e.v, e.a + Z)
             for k, state in enumerate(shifted):

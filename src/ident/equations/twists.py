@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.effects import Correction, Effect
+from ident.equations.nearby import linearized
 from ident.equations.terms import CHUNK, SLIGHTLY, Samples, residual
 from ident.equations.unknowns import Columns
 from ident.mechanism.mechanism import Mechanism
@@ -111,7 +112,7 @@ def twist_slopes(base: Samples, name: str) -> np.ndarray:
         moved = known.copy()
         moved[order, :, e.logged.index(name)] += step
         state = with_motors(base.mechanism, e.at(base.mechanism, moved), e, turned)
-        at = Samples(base.mechanism, state, slice(None), base.point)
+        at = linearized(Samples(base.mechanism, state, slice(None), base.point), base)
         slopes.append((residual(at) - residual(base)) / step)
     base.memo[key] = np.stack(slopes, axis=2)
     return np.asarray(base.memo[key])

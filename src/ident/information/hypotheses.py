@@ -94,6 +94,15 @@ class PartialRegression(Projection):
                     null[chosen], visible[chosen] = gains.null, gains.visible
         return Gains(D, by, null, visible)
 
+    def visible(self, groups: Sequence[Index]) -> Array:
+        """Return the shares (groups,) of the columns that the model does not have."""
+        flat = np.concatenate(groups)
+        pairs = [(Q, self._taken(p, flat)) for p, Q in zip(self.parts, self.Q, strict=True)]
+        inside = np.sum([Q.T @ X for Q, X in pairs], axis=0)
+        rest = sum(np.einsum("ij,ij->j", X, X) for _, X in pairs) - (inside**2).sum(axis=0)
+        parts = np.split(rest, np.cumsum([len(group) for group in groups])[:-1])
+        return np.sqrt(np.maximum([part.mean() for part in parts], 0.0))
+
     def _parted_by_sets(
         self, groups: Sequence[Index]
     ) -> Iterator[tuple[PartialRegression, np.ndarray, Index]]:

@@ -135,6 +135,12 @@ class Projection:
     def _taken(self, part: Part, columns: Index) -> Array:
         return part.taken(columns) * self._factor(part)[columns]
 
+    @cached_property
+    def _factors(self) -> Array:
+        """K (rank, k) of the model's columns, weighted and of unit size, Q K."""
+        columns = ((Q, self._taken(p, self.model)) for p, Q in zip(self.parts, self.Q, strict=True))
+        return np.asarray(sum(Q.T @ A for Q, A in columns))
+
     @property
     def rank(self) -> int:
         """Rank of the model."""
@@ -305,11 +311,15 @@ class Projection:
         extended = replace(self, model=np.append(self.model, columns))
         if "_residual" not in vars(self):
             return extended
-        C = self._projected(np.concatenate([self._taken(part, columns) for part in self.parts]))
-        q, R = np.linalg.qr(C)
+        taken = np.concatenate([self._taken(part, columns) for part in self.parts])
+        q, R = np.linalg.qr(self._projected(taken))
         U, s, _ = linear.svd(R)
         q = np.linalg.qr(self._projected(q @ U[:, s > RANK * np.sqrt(len(extended.model))]))[0]
         residual = self._residual - q @ (q.T @ self._residual)
+        if "_factors" in vars(self):
+            below = np.zeros((q.shape[1], len(self.model)))
+            K = np.block([[self._factors, self._Q.T @ taken], [below, q.T @ taken]])
+            vars(extended).update(_factors=K)
         return extended._with(np.hstack([self._Q, q]), residual, self, columns)
 
     def without(self, columns: Index) -> Self:
@@ -318,16 +328,19 @@ class Projection:
         What is projected already stays: the left singular vectors U of Qᵀ times the columns that
         are left turn Q into Q' and the removed column q, so that Ỹ' = Ỹ + q qᵀY.
         """
-        reduced = replace(self, model=self.model[~np.isin(self.model, columns)])
+        stays = ~np.isin(self.model, columns)
+        reduced = replace(self, model=self.model[stays])
         if "_residual" not in vars(self):
             return reduced
-        both = [*zip(self.parts, self.Q, strict=True)]
-        K = np.sum([Q.T @ self._taken(part, reduced.model) for part, Q in both], axis=0)
+        K = self._factors[:, stays]
         U, s, _ = linear.svd(K)
         rank = int((s > RANK * s.max(initial=0.0)).sum())
         U, V = U[:, :rank], U[:, rank:]
-        qY = np.sum([self.weight[p.coordinate] * (Q @ V).T @ p.Y for p, Q in both], axis=0)
-        return reduced._with(self._Q @ U, self._residual + (self._Q @ V) @ qY, self, columns)
+        q = self._Q @ V
+        both = zip(self.parts, self._parted(q), strict=True)
+        qY = np.sum([self.weight[p.coordinate] * q_part.T @ p.Y for p, q_part in both], axis=0)
+        vars(reduced).update(_factors=U.T @ K)
+        return reduced._with(self._Q @ U, self._residual + q @ qY, self, columns)
 
     def _with(self, Q: Array, residual: Array, rows: Self, changed: Index) -> Self:
         """The same with what is projected, and with what only the rows decide, and the sets of
@@ -361,8 +374,8 @@ class Projection:
         parts = zip(self.parts, Y, strict=True)
         replaced = replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))
         vars(replaced).update(_Q=self._Q, squares=self.squares, cells=self.cells)  # of X
-        if "_downdated" in vars(self):
-            vars(replaced).update(_downdated=self._downdated)
+        kept = ("_downdated", "_factors")
+        vars(replaced).update({name: x for name, x in vars(self).items() if name in kept})
         return replaced
 
     def in_order(self, parts: Sequence[Part], order: Index) -> Self:
@@ -381,9 +394,7 @@ class Projection:
     @property
     def solved(self) -> tuple[Array, Array]:
         """θ (k,) of the model's columns and (XᵀX)⁻¹ (k, k), weighted; of the smallest norm."""
-        A = np.concatenate([self._taken(p, self.model) for p in self.parts])
         b = np.concatenate([p.Y[:, 0] * self.weight[p.coordinate] for p in self.parts])
         # of a factor, not of normal equations: no variance is negative then
-        root = linear.pinv(np.asarray(np.linalg.qr(A, mode="r")), rcond=RANK**0.5)
-        root /= self.size[self.model][:, None]
-        return root @ (root.T @ (A.T @ b * self.size[self.model])), root @ root.T
+        root = linear.pinv(self._factors, rcond=RANK**0.5) / self.size[self.model][:, None]
+        return root @ (self._Q.T @ b), root @ root.T
