@@ -6,7 +6,7 @@ remedy, or None where nothing is wrong; its name is the finding's code.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -50,6 +50,7 @@ STAMPS_IN_COMMON = 0.5  # range: share of stamps from which two logs may be one
 MOST_THINNED = 10  # range: rows of which one may be kept
 LEAST_LAG = 2e-3  # range: s, a lateness of a velocity that matters
 LAG_STEPS = 3  # work: in which a lag settles
+NO_LAG = 0.1  # numerics: of a lag that matters, below which the first step leads to none
 LOCKED = 0.05  # range: [rad | m] by which a joint that is held may move: fingers give way a little
 LATE_RATES = "late rates"  # code of a finding; its number is negative where velocities are early
 A_COMMAND = "a command, not a measurement"
@@ -69,10 +70,13 @@ class LoggedChannel:
     state: State
     mechanism: Mechanism
     motion: Motion
+    other: LoggedChannel | None = None  # of the same joint
 
     @cached_property
     def moving(self) -> Array:
         """(n,) whether the joint moves, well above standstill; from one pose to another."""
+        if self.other is not None and self.other.t is self.t:
+            return self.other.moving
         if self.log.poses:
             return np.full(len(self.x), np.ptp(self.log.columns[f"q.{self.joint.name}"]) > NIL)
         at = self.mechanism.joint_index[self.joint.name]
@@ -183,9 +187,9 @@ def alternating(c: LoggedChannel) -> Judgement:
     """A channel that jumps between two series from row to row."""
     between = c.x[1:-1] - 0.5 * (c.x[:-2] + c.x[2:])
     turning = between[c.moving[1:-1]]
-    if len(turning) <= SHORTEST or not turning.any():
+    if len(turning) <= SHORTEST:
         return None
-    flips = float((np.sign(turning[1:]) * np.sign(turning[:-1]) < 0).mean())
+    flips = float((turning[1:] * turning[:-1] < 0).mean())
     if flips <= ALTERNATES:  # no medians are needed
         return None
     jump = float(np.median(np.abs(turning)))
@@ -267,13 +271,16 @@ def steps(c: LoggedChannel) -> Judgement:
 def spikes(c: LoggedChannel) -> Judgement:
     """Lone samples far from both neighbours, which are alike: cells without a value, glitches."""
     before, x, after = c.x[:-2], c.x[1:-1], c.x[2:]
+    far = np.minimum(np.abs(x - before), np.abs(x - after))
+    least = ROUGH * float(np.sqrt(np.mean(c.x**2)))
+    at = np.flatnonzero(far > least)
+    at = at[np.abs(after[at] - before[at]) < 0.25 * far[at]]
+    if len(at) < 3:  # no medians are needed
+        return None
     off, moving = np.abs(x - 0.5 * (before + after)), c.moving[1:-1]
     # noise may be larger in motion, of which a log may hold little
     usual = max(float(np.median(gaps)) for gaps in (off, off[moving]) if len(gaps)) / 0.6745
-    far = np.minimum(np.abs(x - before), np.abs(x - after))
-    least = max(SPIKE * usual, ROUGH * float(np.sqrt(np.mean(c.x**2))))
-    lone = (far > least) & (np.abs(after - before) < 0.25 * far)
-    at = np.flatnonzero(lone) + 1
+    at = at[far[at] > SPIKE * usual] + 1
     share = len(at) / len(c.x)
     if len(at) < 3 or share < RARE or not c.moving[at].any():
         return None
@@ -302,6 +309,7 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
         stretches = (e for e in motion.experiments if f"{e.name}, ".startswith(f"{log.name}, "))
         state = next(stretches, None)
         same: dict[tuple[str, str], list[tuple[str, float, float, str]]] = {}  # by check and text
+        of_joint = dict[str, LoggedChannel]()
         for name in log.columns:
             kind, _, joint = name.partition(".")
             if kind == "q" and (at := mechanism.locked.get(joint)) is not None:
@@ -319,8 +327,10 @@ def log_findings(mechanism: Mechanism, motion: Motion) -> Iterator[Finding]:
             measured[absurd_samples(x)] = False  # the motion names them and leaves them out
             t, x = (t, x) if measured.all() else (t[measured], x[measured])
             channel = LoggedChannel(
-                name, kind, mechanism.joint(joint), t, x, log, state, mechanism, motion
-            )
+                name, kind, mechanism.joint(joint), t, x, log, state, mechanism, motion,
+                of_joint.get(joint),
+            )  # fmt: skip
+            of_joint.setdefault(joint, channel)
             if len(x) <= SHORTEST:
                 continue
             checks: Iterator[tuple[str, Judgement]]
@@ -362,6 +372,7 @@ def late_rates(log: Log, mechanism: Mechanism) -> Iterator[Finding]:
     v(t) ≈ q̇(t − l),  l = −Σ (v − q̇) q̈ / Σ q̈²     where l takes off half of v − q̇
     """
     late: dict[str, float] = {}
+    rate_of = _rates(log.t)
     for joint in mechanism.joint_index:
         if not {f"q.{joint}", f"v.{joint}"} <= {*log.columns}:
             continue
@@ -370,13 +381,16 @@ def late_rates(log: Log, mechanism: Mechanism) -> Iterator[Finding]:
         t, q, v = (x[good] for x in (log.t, *(log.columns[f"{c}.{joint}"] for c in "qv")))
         if len(t) <= SHORTEST:
             continue
+        rates = rate_of if good.all() else _rates(t)
         step, lag = float(np.median(np.diff(t))), 0.0
-        rate = np.gradient(q, t)
+        rate = shifted = rates(q)
         before = float(np.linalg.norm(v - rate))
         for _ in range(LAG_STEPS):
-            shifted = np.interp(t - lag, t, rate)
-            slope = np.gradient(shifted, t)
+            slope = rates(shifted)
             lag -= float((v - shifted) @ slope) / max(float(slope @ slope), 1e-300)
+            if abs(lag) < NO_LAG * max(step, LEAST_LAG):
+                break
+            shifted = np.interp(t - lag, t, rate)
         after = float(np.linalg.norm(v - np.interp(t - lag, t, rate)))
         if after < MAIN_CAUSE * before and abs(lag) > max(step, LEAST_LAG):
             late[joint] = lag
@@ -391,6 +405,20 @@ def late_rates(log: Log, mechanism: Mechanism) -> Iterator[Finding]:
         )
         remedy = "leave out the velocities where their filter makes it"
         yield Finding(LATE_RATES, text, remedy, names, 1e3 * lag, 1e3 * LEAST_LAG)
+
+
+def _rates(t: Array) -> Callable[[Array], Array]:
+    """Return what differentiates series x (n,) by their stamps t (n,), as np.gradient does."""
+    step = np.diff(t)
+    before, after = step[:-1], step[1:]
+    both = before + after
+    a, b, c = -after / (before * both), (after - before) / (before * after), before / (after * both)
+
+    def rates(x: Array) -> Array:
+        ends = (x[1] - x[0]) / step[0], (x[-1] - x[-2]) / step[-1]
+        return np.concatenate([ends[:1], a * x[:-2] + b * x[1:-1] + c * x[2:], ends[1:]])
+
+    return rates
 
 
 def contradicted(log: Log, state: State, mechanism: Mechanism) -> Iterator[Finding]:

@@ -22,6 +22,7 @@ from ident.display import Displayed
 from ident.errors import LogError, one_of
 from ident.lazy import lazy
 from ident.log.poses import FEWEST_POSES, are_poses
+from ident.log.remember import once_a_series
 from ident.log.storage import write_table
 from ident.log.table import Array, Column, RawTable, check_name, frame_table, renamed
 from ident.text import shortlist
@@ -408,8 +409,10 @@ class Log(Displayed):
         if name not in self.columns:
             raise LogError(f"{self.name}: no column {name!r}; {one_of(name, self.columns)}")
         x = self.columns[name]
+        if _is_whole(x):
+            return self.t, x
         known = np.isfinite(x)
-        return (self.t, x) if known.all() else (self.t[known], x[known])
+        return self.t[known], x[known]
 
     @property
     def duration(self) -> float:
@@ -451,6 +454,12 @@ class Log(Displayed):
         return Log, (
             self.name, dict(self.columns), self.t, self.repairs, self.sha256, self.poses,
         )  # fmt: skip
+
+
+@once_a_series
+def _is_whole(x: Array) -> bool:
+    """Return whether a series has a value in every sample."""
+    return bool(np.isfinite(x).all())
 
 
 def _read_only(x: ArrayLike, log: str, column: str) -> Array:

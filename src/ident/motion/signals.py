@@ -17,6 +17,7 @@ from ident.effects.effect import SAMPLED
 from ident.effects.servo import HOLD, Drive
 from ident.errors import MotionError, one_of
 from ident.log import Log
+from ident.log.remember import once_a_series
 from ident.mechanism.mechanism import Joint, Mechanism
 from ident.motion.encodings import signed, unwrapped
 from ident.motion.poses import check_declared, scalar_columns
@@ -382,6 +383,7 @@ def usual_range(x: np.ndarray) -> tuple[float, float]:
     return centre, ABSURD * size if size > 0 else np.inf
 
 
+@once_a_series
 def absurd_samples(x: np.ndarray) -> np.ndarray:
     """Places in a signal (n,) of lone samples that are absurdly far from all others."""
     centre, half_range = usual_range(x)
@@ -395,6 +397,7 @@ def absurd_samples(x: np.ndarray) -> np.ndarray:
     return far[np.array(lone, dtype=bool)]
 
 
+@once_a_series
 def at_limit(x: np.ndarray) -> np.ndarray:
     """Return where (n,) a torque (n,) stays at an extreme of its channel, not only turns there."""
     at_extreme = np.zeros(len(x), dtype=bool)
@@ -403,8 +406,10 @@ def at_limit(x: np.ndarray) -> np.ndarray:
         if not len(known) or not (known.max() > 0 and np.ptp(known) > 0):
             continue
         top = y == known.max()
+        if top.sum() <= CLIPPED * len(known):
+            continue
         below = (y == known[known < known.max()].max()).sum()
-        if top.sum() > max(CLIPPED * len(known), PILED * below):
+        if top.sum() > PILED * below:
             for run in runs(top):
                 at_extreme[run] = run.stop - run.start >= 3
     return at_extreme if at_extreme.sum() > CLIPPED * len(x) else np.zeros(len(x), dtype=bool)

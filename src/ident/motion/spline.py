@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ident.information.evidence import EXCESS
 from ident.information.lapack import cholesky_banded, solve_cholesky_banded
 from ident.information.time_bases import Basis
+from ident.log.remember import once_a_series
 
 DEGREE = 5  # range
 WIDTH = DEGREE + 1  # range: functions that are nonzero at a time
@@ -49,6 +50,7 @@ def rms(parts: Sequence[np.ndarray]) -> float:
     return float(np.sqrt((every**2).sum() / max(len(every), 1)))
 
 
+@once_a_series
 def noise_level(x: np.ndarray) -> float:
     """Standard deviation of white noise in a smooth, uniformly sampled signal (n,).
 
@@ -149,6 +151,7 @@ def acceleration_size(q: np.ndarray, dt: float, below: float) -> float:
     return float(np.sqrt(power[f <= below].sum() / n / (window**2).sum()))
 
 
+@once_a_series
 def grain(x: np.ndarray) -> float:
     """The step of a signal (n,) that only takes multiples of one; 0 for others."""
     steps = np.abs(np.diff(x))

@@ -13,6 +13,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from ident.log.remember import once_a_series
 from ident.mechanism.mechanism import Mechanism
 from ident.motion.recipe import CLEAN
 from ident.motion.signals import REGULAR
@@ -117,6 +118,7 @@ def is_compared(name: str) -> bool:
     return name.startswith("tau.") or bool(COMMAND.search(name.replace(".", "_")))
 
 
+@once_a_series
 def switched_levels(x: np.ndarray) -> tuple[float, ...]:
     """Return the few values between which a command switches; () for any other signal (n,)."""
     n = len(x)
@@ -138,6 +140,7 @@ def switched_levels(x: np.ndarray) -> tuple[float, ...]:
     return tuple(float(value) + 0.0 for value in np.sort(values[chosen]))
 
 
+@once_a_series
 def held_samples(x: np.ndarray) -> float | None:
     """Return for how many samples at a time a channel is held, again and again; None for none."""
     lengths = np.diff(np.flatnonzero(np.diff(x)))
@@ -152,11 +155,11 @@ def _multiple_of(
     name: str, x: np.ndarray, columns: Mapping[str, np.ndarray], used: Collection[str]
 ) -> TorqueVerdict | None:
     for other, y in columns.items():
-        if other == name or other in used or len(y) != len(x) or not np.ptp(y):
+        if other == name or other in used or len(y) != len(x) or not is_compared(other):
             continue
-        if not is_compared(other):
+        at = _largest(y)
+        if at is None:
             continue
-        at = int(np.abs(y).argmax())
         gain = float(x[at] / y[at])
         if abs(x[at // 2] - gain * y[at // 2]) > SAME * np.abs(x[at]):  # most end here
             continue
@@ -167,6 +170,12 @@ def _multiple_of(
             cause = "shared" if other.startswith("tau.") else "copied"
             return TorqueVerdict(TorqueClass.COMMANDED, cause, off, SAME, column)
     return None
+
+
+@once_a_series
+def _largest(x: np.ndarray) -> int | None:
+    """Return the place of the largest size in a channel (n,); None of one that is constant."""
+    return int(np.abs(x).argmax()) if np.ptp(x) else None
 
 
 def _less_noise_than_others(
