@@ -55,11 +55,17 @@ class Head:
 
 def read_csv(path: Path) -> RawTable:
     """Read the columns of a CSV file; raises LogError where it is not one, or rows are ragged."""
+    top, file = b"", str(path)
     with path.open("rb") as stream:
-        raw = stream.read().removeprefix(BOM)
-    refuse_binary(raw, str(path))
-    head = head_of(raw, str(path))
-    return rows_of(raw[head.end :], head, str(path), head.line)
+        while line := stream.readline():  # rows by themselves, so that they are not copied
+            top += line
+            if _is_header(line.removeprefix(BOM)):
+                break
+        text, top = stream.read(), top.removeprefix(BOM)
+    refuse_binary(top, file)
+    refuse_binary(text, file, top.count(b"\n"))
+    head = head_of(top, file)
+    return rows_of(top[head.end :] + text, head, file, head.line)
 
 
 def head_of(raw: bytes, file: str) -> Head:
@@ -67,10 +73,15 @@ def head_of(raw: bytes, file: str) -> Head:
     before = b""
     for number, match in enumerate(LINE.finditer(raw), start=1):
         line = match[1]
-        if line.strip() and line.lstrip()[:1] != b"#":
+        if _is_header(line):
             return _head(line, before, number, match.end(), file)
         before = line
     raise LogError(f"{file}: the file is empty; a header line and rows of numbers are needed")
+
+
+def _is_header(line: bytes) -> bool:
+    """Return whether a line is more than a remark."""
+    return bool(line.strip()) and line.lstrip()[:1] != b"#"
 
 
 def _head(line: bytes, before: bytes, number: int, end: int, file: str) -> Head:
@@ -100,6 +111,9 @@ def rows_of(text: bytes, head: Head, file: str, before: int, last: bool = True) 
             check_name(file, name)
         count = len(next(iter(columns.values())))
         return RawTable(file, columns, lines=np.arange(count) + before + 1)
+    if (frame := _even_frame(text, head, file)) is not None:
+        series = [column.alias(name) for name, column in zip(head.names, frame, strict=True)]
+        return table_of(file, series, np.arange(len(frame)) + before + 1)
     lines, width = text.splitlines(), len(head.names)
     filled = filled_lines(lines)
     if not len(filled):
@@ -154,6 +168,28 @@ def _even(cells: bytes, width: int) -> bool:
     return bool((codes[ends][width - 1 :: width] == ord("\n")).all())
 
 
+def _even_frame(text: bytes, head: Head, file: str) -> pl.DataFrame | None:
+    """The cells of a text whose lines have one for each column each, none of them quoted; None for
+    any other text, whose lines are to be looked at.
+
+    A longer line is an error of the parser; a shorter one leaves cells empty, of which there are as
+    many as separators, then.
+    """
+    width, line = len(head.names), text[: text.find(b"\n") + 1].rstrip(b"\n")
+    if not line.strip() or b'"' in text or b"\r" in text:
+        return None
+    try:
+        frame = _typed(text, line, head, file)
+    except pl.exceptions.PolarsError:
+        return None
+    rows = text.count(b"\n") + (not text.endswith(b"\n"))
+    if frame.shape != (rows, width):
+        return None
+    empty = sum(column.null_count() for column in frame)
+    even = not empty or (width > 1 and text.count(head.separator) == rows * (width - 1))
+    return frame if even else None
+
+
 def filled_lines(lines: Sequence[bytes]) -> NDArray[np.int64]:
     """Return which lines (m,) hold more than blanks."""
     return np.array([i for i, line in enumerate(lines) if line.strip(b" \r\n")], dtype=np.int64)
@@ -188,15 +224,20 @@ def _check_row(line: bytes, head: Head, place: str, last: bool) -> None:
 
 
 def _values(text: bytes, line: bytes, head: Head, file: str) -> pl.DataFrame:
+    """Parse rows as `_typed` does; where cells in later rows are no numbers, as text."""
+    try:
+        return _typed(text, line, head, file)
+    except pl.exceptions.PolarsError:
+        return _frame(text, head.separator, file)
+
+
+def _typed(text: bytes, line: bytes, head: Head, file: str) -> pl.DataFrame:
     """Parse rows; a column whose cell in the first line is a number is one of numbers."""
     kinds = {
         f"column_{i}": pl.Float64 if cell and NUMBER.fullmatch(cell) else pl.String
         for i, cell in enumerate(_frame(line, head.separator, file).row(0), start=1)
     }
-    try:
-        return pl.read_csv(text, has_header=False, schema=kinds, separator=head.separator.decode())
-    except pl.exceptions.PolarsError:
-        return _frame(text, head.separator, file)
+    return pl.read_csv(text, has_header=False, schema=kinds, separator=head.separator.decode())
 
 
 def _frame(text: bytes, separator: bytes, file: str) -> pl.DataFrame:
