@@ -89,10 +89,13 @@ class Decimator:
             at = np.arange(row, part.stop - self.half, self.factor)
             if len(at):
                 row = int(at[-1]) + self.factor
-                weighted, outputs = products(self.taps, at - first), list[np.ndarray]()
-                for x, y in zip(series, pending, strict=True):
-                    w = products(np.abs(self.taps), at - first) if x.dtype == bool else weighted
-                    outputs.append(multiplied(w, y).reshape(len(at), *x.shape[1:]))
+                kinds = {x.dtype == bool for x in series}
+                taps = {masks: np.abs(self.taps) if masks else self.taps for masks in kinds}
+                weights = {masks: products(h, at - first) for masks, h in taps.items()}
+                outputs = [
+                    multiplied(weights[x.dtype == bool], y).reshape(len(at), *x.shape[1:])
+                    for x, y in zip(series, pending, strict=True)
+                ]
                 yield at, outputs
             needed = min(row - self.half, part.stop)
             pending, first = [y[needed - first :] for y in pending], needed

@@ -115,10 +115,12 @@ def torque_noise(mechanism: Mechanism, e: State, cutoff: float | None, point: Po
     """
     taps = Decimator.of(cutoff, e.rate).taps
     passed = 1.0 if taps is None else float(np.sqrt(taps @ taps))
-    squares = np.zeros(e.leverage.shape[2])
+    squares, rows, times = np.zeros(e.leverage.shape[2]), e.usable, 1
+    if e.loop is None:  # of all samples the same
+        rows, times = np.arange(len(e)) < 1, int(np.count_nonzero(e.usable))
     for name in mechanism.driven:
-        W = e.leverage[e.usable, mechanism.joint_index[name]]
-        squares += e.noise.get(f"tau.{name}", 0.0) ** 2 * (W**2).sum(axis=0)
+        W = e.leverage[rows, mechanism.joint_index[name]]
+        squares += e.noise.get(f"tau.{name}", 0.0) ** 2 * times * (W**2).sum(axis=0)
     base = Samples(mechanism, e, slice(None), point).reduced(slice(None))
     for effect in mechanism.effects:
         c, shape = point.of(effect)

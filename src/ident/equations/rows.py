@@ -472,6 +472,9 @@ SHORTEST_REST = 0.1  # range: s; a joint that turns round is slow for less
 IMMOBILE = 1e-9  # numerics: of a joint's largest transmission: below, it does not move
 
 
+PIECE = 1024  # work: rows that are put together at once, where none is made of all samples
+
+
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Rows of n consecutive samples, d independent coordinates and k unknowns."""
@@ -579,6 +582,55 @@ def largest_transmission(e: State) -> np.ndarray | None:
     return np.abs(e.leverage[e.usable]).max(axis=0, initial=0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class DataRows:
+    """What filtered rows have of the log alone, whatever is unknown: N rows, d coordinates."""
+
+    sample: np.ndarray  # (N,) index into the state
+    tau: np.ndarray  # (N, d) measured torques
+    informed: np.ndarray  # (N, d), as `Rows` have it; false of poses
+    moving: np.ndarray  # (N, d), false where a joint stands still
+    rest: np.ndarray  # (N, d), as `Rows` have it
+
+
+def data_rows(
+    scene: Scene,
+    cutoff: float | None,
+    sticking: float = STICKING,
+    farthest: np.ndarray | None = None,
+    keep: bool = True,
+) -> DataRows:
+    """Return the data of all rows of a state; arguments as of `rows`."""
+    e, local = scene.e, [effect for effect in scene.mechanism.effects if effect.local]
+    segments = e.segments()
+    spans = tuple((run.start, run.stop) for run in segments)
+    labels = tuple((type(effect), effect.label) for effect in local)  # these say which inform
+    key = "data", cutoff, sticking, e.loop is not None, spans, labels
+    keep = keep and all(_of_label(type(effect)) for effect in local)
+    if keep and (stored := e.store.get(key, e.tau)) is not None:
+        return DataRows(*stored)
+    farthest = largest_transmission(e) if farthest is None else farthest
+    at_rest = stretches_at_rest(scene.samples, farthest)
+    decimator = Decimator.of(cutoff, e.rate)
+
+    def make(part: slice) -> list[np.ndarray]:
+        s = scene.samples.reduced(part)
+        informed = informing(s, farthest) & (not e.poses)
+        return [s.measured(s.mechanism.driven), informed, in_motion(s, farthest)]
+
+    d = e.leverage.shape[2]
+    pieces = [[np.zeros(0, int), np.zeros((0, d)), *np.zeros((2, 0, d), bool), np.zeros((0, d))]]
+    for segment in segments:
+        for sample, (tau, opened, standing) in decimator.filtered(segment, make):
+            weights = at_rest[sample] * np.sqrt(decimator.factor)
+            rest = np.where(opened > 1 - STANDING, weights, 0.0)
+            pieces.append([sample, tau, opened < sticking, standing < STANDING, rest])
+    every = [np.concatenate(x) for x in zip(*pieces, strict=True)]
+    if keep:
+        e.store.put(key, e.tau, every)
+    return DataRows(*every)
+
+
 def rows(
     scene: Scene,
     cutoff: float | None,
@@ -612,17 +664,24 @@ def rows(
     sharp = [s[missing[s]] - before for s in supports]
     thin = [np.intersect1d(s, smooth) for s in supports]
     fresh: list[list[np.ndarray]] | None = [] if stored is None and keep else None
-    at_rest = stretches_at_rest(scene.samples, farthest)
+    data, b_is_tau = data_rows(scene, cutoff, sticking, farthest, keep), _b_is_tau(scene)
+    of_scene = (stored is not None or step > 1) and b_is_tau and not any(map(len, sharp))
 
     def make(part: slice) -> list[np.ndarray]:
-        """Effects' columns by row, b, τ, informed, moving, and Γ by row, of all samples."""
+        """Effects' columns by row, twists, b if it is not τ, and Γ by row, of all samples."""
         s = scene.samples.reduced(part)
         terms = scene.effects(s, step > 1, made)
         effects = [terms.A[:, u, support] for u, support in enumerate(sharp)]
-        informed = informing(s, farthest) & (not e.poses)
         gamma = gamma_of(s) if stored is None and step == 1 else []
         twists = [twist.columns(part) for twist in scene.twists]
-        return [*effects, terms.b, terms.tau, informed, in_motion(s, farthest), *twists, *gamma]
+        return [*effects, *twists, *([] if b_is_tau else [terms.b]), *gamma]
+
+    def made_before(segment: slice) -> Iterator[tuple[np.ndarray, list[np.ndarray]]]:
+        """The samples of a run's rows, all of whose series are stored or made at nodes."""
+        first, stop = np.searchsorted(data.sample, (segment.start, segment.stop))
+        for start in range(first, stop, PIECE):
+            sample = data.sample[start : min(start + PIECE, stop)]
+            yield sample, [np.empty((len(sample), 0))] * d
 
     def gamma_of(s: Samples) -> list[np.ndarray]:
         return [s.gamma[:, u, span] for u, span in enumerate(spans)]
@@ -638,36 +697,37 @@ def rows(
     for segment in segments:
         thinning = Thinning(decimator, step, segment.stop - segment.start)
         at_nodes = NodeSeries(thinning, make_smooth, segment.start)
-        for sample, series in decimator.filtered(segment, make):
-            n = len(sample)
+        pieces = made_before(segment) if of_scene else decimator.filtered(segment, make)
+        for sample, series in pieces:
+            now = slice(done, done + len(sample))
             smoothed = at_nodes.rows(sample) if step > 1 else []
             if stored is not None:
-                gamma = [x[:, done : done + n].T for x in stored]
+                gamma = [x[:, now].T for x in stored]
             else:
-                gamma = smoothed[d:] if step > 1 else series[d + 4 + twists :]
+                gamma = smoothed[d:] if step > 1 else series[d + twists + (not b_is_tau) :]
                 size += sum(x.nbytes for x in gamma)
                 fresh = fresh if fresh is not None and e.store.fits(size) else None
                 if fresh is not None:
                     fresh.append(gamma)
-            A = np.zeros((d, len(scene.columns) - before, n)).transpose(2, 0, 1)
+            A = np.zeros((d, len(scene.columns) - before, len(sample))).transpose(2, 0, 1)
             for u in range(d):
                 A[:, u, sharp[u]] = series[u]
                 if step > 1:
                     A[:, u, thin[u] - before] = smoothed[u]
             for effect in lasting:
-                effect.exchange(A, before, slice(done, done + n))
-            done += n
-            b, tau, opened, standing = series[d : d + 4]
-            informed, moving = opened < sticking, standing < STANDING
-            rest = np.where(opened > 1 - STANDING, at_rest[sample] * np.sqrt(decimator.factor), 0.0)
+                effect.exchange(A, before, now)
+            done = now.stop
+            tau, informed, rest = (x[now].copy() for x in (data.tau, data.informed, data.rest))
+            b = tau.copy() if b_is_tau else series[d + twists]
             A, b = with_bodies(
                 scene.columns, scene.point, gamma, A, b, spans, scene.samples.share_of
             )
-            scene.add_twists(A, b, series[d + 4 : d + 4 + twists])
+            scene.add_twists(A, b, series[d : d + twists])
             for u in scene.mechanism.unmeasured_rows:
                 A[:, u], b[:, u], tau[:, u], informed[:, u] = 0.0, 0.0, 0.0, False
                 rest[:, u] = 0.0
-            yield Rows(e.t[sample], sample, A, b, tau, informed, moving & informed, rest)
+            moving = data.moving[now] & informed
+            yield Rows(e.t[sample], sample, A, b, tau, informed, moving, rest)
     for effect in lasting:
         if effect.stored is None and effect.pieces:
             e.store.put(effect.key, model, effect.whole)
@@ -729,6 +789,14 @@ def _lasting(
 def _of_label(kind: type[Effect]) -> bool:
     """Return whether effects of a class with the same label are the same, but for values."""
     return [entry.name for entry in fields(kind)] == [entry.name for entry in fields(Effect)]
+
+
+def _b_is_tau(scene: Scene) -> bool:
+    """Return whether the known side of the rows of effects is that of the log's torques alone."""
+    corrections = scene.perturbed or scene.slopes or scene.scales or scene.twists
+    torques = [(x, at) for x, at in scene.columns.effects if not (x.corrects or x.loaded_link)]
+    known = any(x.shapes or at.min(initial=0) < 0 for x, at in torques)
+    return not (corrections or known) and scene.e.wrench is None
 
 
 def smooth_step(scene: Scene, cutoff: float | None) -> int:

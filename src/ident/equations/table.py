@@ -116,6 +116,15 @@ class Table(Rows):
         return numbers
 
     @cached_property
+    def predicted(self) -> np.ndarray | None:
+        """(N, d) torques that the model predicts at its point, weighed as the rows are; None where
+        its rows have more than these: in loops, and where effects hang on predicted torques.
+        """
+        if self.mechanism.closures or any(effect.implicit for effect in self.mechanism.effects):
+            return None
+        return self.tau - self.b + self.A @ self.point.unknowns(self.columns)
+
+    @cached_property
     def coarse(self) -> Table:
         """The same rows, with columns from fewer samples, the rows among them. Columns with steps
         are off at reversals: of dry friction by 0.2 % (rms) on the TX40, by 7 % on a five-bar.

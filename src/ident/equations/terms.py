@@ -175,7 +175,9 @@ class Samples:
         if joints not in self._signals:
             e, part = self.e, self.part
             index = self.mechanism.joint_index
-            at = [index[name] for name in joints if name in index]
+            places = [index[name] for name in joints if name in index]
+            # of one joint nothing is copied
+            at = slice(places[0], places[0] + 1) if len(places) == 1 else places
             bare = self.generalised(part)  # no reference back to what is cached here
             self._signals[joints] = Signals(
                 t=e.t[part],
@@ -307,22 +309,38 @@ class Samples:
         """Σ Wᵀτ (n, r) [N m | N] of the measured torques of some driven joints."""
         total, chosen = np.zeros(self.shape), {*names}
         for i, name in enumerate(self.mechanism.driven):
-            if name in chosen:
+            joint = self.mechanism.joint(name)
+            if name in chosen and joint.in_tree and not self.independent:
+                total[:, joint.index] += self.e.tau[self.part, i]
+            elif name in chosen:
                 self.add_torque(total, name, self.e.tau[self.part, i])
         return total
 
-    def parts(self) -> dict[str, np.ndarray]:
-        """Forces (n, r) of the model at the point, by name: rigid bodies, each effect's label, and
-        less the wrenches.
+    def parts(self, without: Container[str] = ()) -> dict[str, np.ndarray]:
+        """Forces (n, r) of the model at the point, by name: rigid bodies, each effect's label, but
+        for some, and less the wrenches.
         """
         forces = {RIGID: self.rigid(self.point.pi)}
         for effect in self.mechanism.effects:
-            c, shape = self.point.of(effect)
-            if effect.unknowns and len(shape) == len(effect.shapes):
-                forces[effect.label] = self.force_of(effect, c, shape)
+            if effect.label not in without and self.makes_torque(effect):
+                forces[effect.label] = self.force_of(effect, *self.point.of(effect))
         if self.wrench is not None:
             forces[WRENCHES] = -self.wrench
         return forces
+
+    def makes_torque(self, effect: Effect) -> bool:
+        """Return whether an effect has a torque, all of whose shapes are known."""
+        names = (effect.full[parameter.name] for parameter in effect.shapes)
+        return bool(effect.unknowns) and all(name in self.point.values for name in names)
+
+    def coordinates_of(self, name: str) -> list[int]:
+        """Return the coordinates in which one of `parts`, by its name, may differ from zero."""
+        effect = next((x for x in self.mechanism.effects if x.label == name), None)
+        if effect is not None and not self.point.of(effect)[0].any():
+            return []
+        if effect is None or effect.loaded_link or self.e.loop is not None:
+            return [*range(self.e.leverage.shape[2])]
+        return sorted({self.mechanism.joint(joint).index for joint in effect.acting})
 
     # --- predictions of the present model, none of which sees the measured torque of the joint ----
 

@@ -18,6 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ident.effects.drive import TorqueGain
 from ident.equations.filter import Decimator, multiplied, products
 from ident.equations.motion_noise import LinearRun, rows_cutoff
 from ident.equations.problem import Problem, block_edges, stacks_information, triangles
@@ -90,7 +91,7 @@ class FitRows(ABC):
                 slopes |= {} if made is None else {k: made}
                 continue
             with suppress(IdentError, np.linalg.LinAlgError):
-                parts = [_column(table, cause) for table in self.tables]
+                parts = [self._column(table, cause) for table in self.tables]
                 if all(np.isfinite(part).all() for part in parts):
                     columns[k] = np.concatenate(parts)
         for first in range(0, len(slopes), TOGETHER):
@@ -105,6 +106,18 @@ class FitRows(ABC):
             for k, column in zip(batch, rows.transpose(2, 0, 1), strict=True):
                 columns[k] = causes[k].scale * column
         return columns
+
+    def _column(self, table: Table, cause: CalibrationError) -> np.ndarray:
+        """Return the column (N, d) of a cause that is an effect in the rows of a table."""
+        column, predicted = np.zeros(table.b.shape), None if self.white else table.predicted
+        if isinstance(cause.effect, TorqueGain) and predicted is not None:
+            (name,) = cause.effect.joints
+            u = table.mechanism.joint(name).index
+            column[:, u] = predicted[:, u]
+        else:
+            C, felt = table.effect_columns(cause.effect, [{}])
+            column[:, felt] = C[:, :, 0]
+        return cause.scale * column
 
     def _slopes(self, cause: CalibrationError) -> list[list[np.ndarray]] | None:
         """Return `Table.slopes` of a cause that corrects by table; None if none can be made."""
@@ -334,14 +347,6 @@ class WhitenedRows(FitRows):
     def _runs(self) -> list[LinearRun]:
         """Return the runs in the order of the tables."""
         return sorted(self.linear.parts, key=lambda run: run.experiment)
-
-
-def _column(table: Table, cause: CalibrationError) -> np.ndarray:
-    """Return the column (N, d) of a cause that is an effect in the rows of a table."""
-    C, felt = table.effect_columns(cause.effect, [{}])
-    column = np.zeros(table.b.shape)
-    column[:, felt] = C[:, :, 0]
-    return cause.scale * column
 
 
 def _slopes(table: Table, cause: CalibrationError, share: float) -> list[np.ndarray]:

@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from ident.fit.prediction import Prediction
-from ident.mechanism.parameters import rigid_forces
+from ident.mechanism.parameters import rigid_tangents
 from ident.motion.signals import runs
 
 LONGEST = 0.5  # shown: [s] from one restart to the next
@@ -33,10 +33,7 @@ def deviation_rate(prediction: Prediction, samples: slice) -> tuple[np.ndarray, 
     e, model, point = scene.e, scene.mechanism.model, scene.point
     q, d = e.q[samples], prediction.residual.shape[1]
     L, zero = np.asarray(e.pinv[samples][:, :, -d:]), np.zeros((len(q), model.nv))
-    gravity = rigid_forces(model, q, zero, zero, point.pi)
-    M = np.empty((len(q), model.nv, model.nv))
-    for j, unit in enumerate(np.eye(model.nv)):
-        M[:, :, j] = rigid_forces(model, q, zero, zero + unit, point.pi) - gravity
+    M = np.ascontiguousarray(rigid_tangents(model, q, zero, zero, point.pi)[2].transpose(2, 0, 1))
     values = dict(point.values)
     for effect in scene.mechanism.effects:
         if effect.kind == "rotor_inertia":

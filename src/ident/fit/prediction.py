@@ -22,9 +22,9 @@ from itertools import pairwise
 import numpy as np
 
 from ident.display import Plotted
-from ident.equations.filter import STANDING, STICKING, Decimator
+from ident.equations.filter import Decimator
 from ident.equations.problem import Problem
-from ident.equations.rows import Scene, in_motion, informing, largest_transmission, smooth_step
+from ident.equations.rows import Scene, data_rows, in_motion, largest_transmission, smooth_step
 from ident.equations.terms import RIGID, WRENCHES
 from ident.equations.thinning import NodeSeries, Thinning
 from ident.equations.unknowns import NOTHING, Point
@@ -53,12 +53,17 @@ class TorqueParts:
     def predicted(self) -> np.ndarray:
         """Σ parts (n, d)."""
         total = np.zeros_like(self.measured)
-        for force in self.parts.values():
-            acts = np.flatnonzero(force.any(axis=0))
-            total[:, acts] += force[:, acts]
+        for name, force in self.parts.items():
+            for u in self.acting[name]:
+                total[:, u] += force[:, u]
         return total
 
-    @property
+    @cached_property
+    def acting(self) -> Mapping[str, list[int]]:
+        """Coordinates in which each part may differ from zero."""
+        return {name: np.flatnonzero(x.any(axis=0)).tolist() for name, x in self.parts.items()}
+
+    @cached_property
     def residual(self) -> np.ndarray:
         """measured − predicted (n, d)."""
         return self.measured - self.predicted
@@ -89,24 +94,29 @@ class Prediction(TorqueParts):
     @property
     def squares(self) -> Squares:
         """The same, of usable samples."""
-        usable = self.usable
+        usable = slice(None) if self.usable.all() else self.usable
         return Squares.of(self.residual[usable], self.measured[usable], self.moving[usable])
+
+    @cached_property
+    def acting(self) -> Mapping[str, list[int]]:
+        """The same, by where effects sit."""
+        return {name: self.scene.samples.coordinates_of(name) for name in self.parts}
 
     def filtered(self, cutoff: float | None) -> Trace:
         """Return the residual at the rows of the regression, with a cut-off [Hz]."""
         scene, e, point = self.scene, self.scene.e, self.scene.point
-        farthest, model = largest_transmission(e), scene.mechanism.model
+        model, segments, data = scene.mechanism.model, e.segments(), data_rows(scene, cutoff)
         step, decimator = smooth_step(scene, cutoff), Decimator.of(cutoff, e.rate)
+        key = "direction", cutoff, tuple((run.start, run.stop) for run in segments)
+        stored = e.store.get(key, e.yd)
 
         def make(part: slice) -> list[np.ndarray]:
-            """Return what jumps: measured torque and parts, directions; informed; moving."""
+            """Return what jumps: parts of the torque and directions; and all the rest."""
             # most effects act on one coordinate: what is 0 throughout needs no filter
-            rows = [self.measured[part], *(self.parts[name][part][:, acts]
-                                           for name, acts in acting.items())]  # fmt: skip
-            direction = np.clip(e.yd[part] / e.still, -1.0, 1.0)
-            informed = informing(scene.samples.reduced(part), farthest) | e.poses
-            jumping = [np.hstack(rows), direction, informed, self.moving[part]]
-            return jumping if step > 1 else [*jumping, *make_smooth(part)]
+            columns = [self.parts[name][part, u] for name, acts in jumping.items() for u in acts]
+            parts = np.array(columns).reshape(len(columns), len(e.t[part])).T
+            jumps = [] if stored else [np.clip(e.yd[part] / e.still, -1.0, 1.0)]
+            return [parts, *jumps, *(() if step > 1 else make_smooth(part))]
 
         def make_smooth(part: slice | np.ndarray) -> list[np.ndarray]:
             """Return rigid bodies' forces, gravity; joint signals: made at nodes as rows are."""
@@ -115,33 +125,33 @@ class Prediction(TorqueParts):
             bodies = [self.parts[RIGID][part], scene.samples.reduced(part).reduce(gravity)]
             return [np.hstack(bodies), np.hstack([e.y[part], e.yd[part], e.ydd[part]])]
 
-        jumping = {name: x for name, x in self.parts.items() if name != RIGID}
-        acting = {name: np.flatnonzero(x.any(axis=0)) for name, x in jumping.items()}
+        jumping = {name: acts for name, acts in self.acting.items() if name != RIGID}
         d, J = self.measured.shape[1], e.y.shape[1]
-        widths = d + sum(map(len, acting.values())), J, d, d, 2 * d, 3 * J
-        empty = [np.zeros((0, width)) for width in widths]
-        pieces: list[list[np.ndarray]] = [[np.zeros(0), np.zeros(0, int), *empty]]
-        for number, segment in enumerate(e.segments()):
+        widths = [sum(map(len, jumping.values())), *([] if stored else [J]), 2 * d, 3 * J]
+        pieces = [[np.zeros((0, width)) for width in widths]]
+        for segment in segments:
             thinning = Thinning(decimator, step, segment.stop - segment.start)
             at_nodes = NodeSeries(thinning, make_smooth, segment.start)
             for sample, filtered in decimator.filtered(segment, make):
-                smooth = at_nodes.rows(sample) if step > 1 else []
-                pieces.append([e.t[sample], np.full(len(sample), number), *filtered, *smooth])
-        t, segments, torques, direction, opened, standing, bodies, joints = (
+                pieces.append([*filtered, *(at_nodes.rows(sample) if step > 1 else ())])
+        torques, *directions, bodies, joints = (
             np.concatenate(x) for x in zip(*pieces, strict=True)
         )
-        informed, moving = opened < STICKING, standing < STANDING
-        measured, gravity = torques[:, :d], bodies[:, d:]
-        by_name, first = {RIGID: bodies[:, :d]}, d
-        for name, acts in acting.items():
+        if not stored:
+            e.store.put(key, e.yd, directions)
+        (direction,) = stored or directions
+        measured, gravity, t = data.tau.copy(), bodies[:, d:], e.t[data.sample]
+        by_name, first = {RIGID: bodies[:, :d]}, 0
+        for name, acts in jumping.items():
             by_name[name] = np.zeros((len(t), d))
             by_name[name][:, acts] = torques[:, first : first + len(acts)]
             first += len(acts)
         for x in (measured, gravity, *by_name.values()):  # no residual where none is measured
             x[:, scene.mechanism.unmeasured_rows] = 0.0
-        q, v, a = np.split(joints, 3, axis=1)
+        informed, (q, v, a) = data.informed | e.poses, np.split(joints, 3, axis=1)
+        numbers = np.searchsorted([run.start for run in segments], data.sample, side="right") - 1
         return Trace(
-            self.name, t, measured, by_name, informed & moving, segments, gravity, q, v, a,
+            self.name, t, measured, by_name, informed & data.moving, numbers, gravity, q, v, a,
             direction, informed,
         )  # fmt: skip
 
@@ -183,24 +193,33 @@ def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Predicti
         scene = Scene.of(mechanism, NOTHING, bare, point, motion.band.cutoff)
         e, farthest = scene.e, largest_transmission(scene.e)
         n, d, m = len(e), e.leverage.shape[2], len(mechanism.kinematics.multipliers)
-        parts: dict[str, np.ndarray] = {}
-        measured, multipliers = np.empty((n, d)), np.empty((n, m))
-        moving = np.empty((n, d), bool)
+        samples, parts = scene.samples, dict[str, np.ndarray]()
+        alone = {x.label: x for x in mechanism.effects if e.loop is None and not x.loaded_link}
+        measured, moving = np.empty((d, n)).T, np.empty((d, n), bool).T
+        multipliers = np.empty((n, m))
         for start in range(0, n, CHUNK):
             part = slice(start, min(start + CHUNK, n))
-            s, u = scene.samples.generalised(part), scene.samples.reduced(part)
-            forces = s.parts()
+            s, u = samples.generalised(part), samples.reduced(part)
+            forces = s.parts(without=alone)
             for name, force in forces.items():
                 if name not in parts:  # by column: those of an effect on one joint take no memory
                     parts[name] = np.zeros((d, n)).T
                 reduced = u.reduce(force)
-                acts = np.flatnonzero(reduced.any(axis=0))
-                parts[name][part, acts] = reduced[:, acts]
+                for at in samples.coordinates_of(name):
+                    parts[name][part, at] = reduced[:, at]
             measured[part], moving[part] = u.measured(mechanism.driven), in_motion(u, farthest)
             if e.loop is not None:
                 f = sum(forces.values()) - s.measured(others)
                 multipliers[part] = -np.einsum("nij,ni->nj", e.pinv[part][:, :, :m], f)
-        scene.samples.memo.pop(RIGID, None)  # the parts hold them
+        for label, effect in alone.items():
+            if samples.makes_torque(effect):
+                parts[label] = np.zeros((d, n)).T
+                for name in effect.acting:
+                    torque = samples.torque_of(effect, name)
+                    parts[label][:, mechanism.joint(name).index] += torque
+        samples.memo.pop(RIGID, None)  # the parts hold them
+        order = RIGID, *(effect.label for effect in mechanism.effects), WRENCHES
+        parts = {name: parts[name] for name in order if name in parts}
         for part_series in parts.values():  # no residual where nothing is measured
             part_series[:, mechanism.unmeasured_rows] = 0.0
         predictions.append(Prediction(e.name, e.t, measured, parts, moving, multipliers, scene))

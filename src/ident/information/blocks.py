@@ -70,9 +70,12 @@ class Squares:
     @classmethod
     def of(cls, residual: Array, measured: Array, moving: Mask) -> Squares:
         """Return the sums of rows (n, d), of which `moving` says whether they are in motion."""
-        series = residual**2, measured**2, np.ones(measured.shape)
+        series = residual**2, measured**2
         return cls(
-            *(np.stack([(x * use).sum(axis=0) for x in series]) for use in (moving, ~moving))
+            *(
+                np.stack([*((x * use).sum(axis=0) for x in series), use.sum(axis=0)])
+                for use in (moving, ~moving)
+            )
         )
 
     def __add__(self, other: Squares) -> Squares:

@@ -163,7 +163,7 @@ def film_of(
     residual = np.where(p.usable[:, None], p.residual, np.nan)
     rms = np.sqrt(np.nanmean(p.measured**2, axis=0))
     misfit = {
-        joint: running_rms(t, x / size, WIDTH)[moments]
+        joint: running_rms(t, x / size, WIDTH, moments)
         for joint, x, size in zip(p.joints, residual.T, rms, strict=True)
         if size > 0
     }
@@ -211,13 +211,17 @@ def frames(t: np.ndarray, most: int) -> np.ndarray:
     return np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], most)))
 
 
-def running_rms(t: np.ndarray, x: np.ndarray, width: float) -> np.ndarray:
-    """Return the rms of x (n,) over `width` [s] around each t (n,); NaN counts as no sample."""
+def running_rms(
+    t: np.ndarray, x: np.ndarray, width: float, at: slice | np.ndarray = slice(None)
+) -> np.ndarray:
+    """Return the rms of x (n,) over `width` [s] around each t (n,), or around some of these, `at`;
+    NaN counts as no sample.
+    """
     known = np.isfinite(x)
     power = np.concatenate([[0.0], np.cumsum(np.where(known, x, 0.0) ** 2)])
     count = np.concatenate([[0], np.cumsum(known)])
-    first = np.searchsorted(t, t - width / 2, side="left")
-    last = np.searchsorted(t, t + width / 2, side="right")
+    first = np.searchsorted(t, t[at] - width / 2, side="left")
+    last = np.searchsorted(t, t[at] + width / 2, side="right")
     number = count[last] - count[first]
     mean = (power[last] - power[first]) / np.where(number > 0, number, np.nan)
     return np.sqrt(np.maximum(mean, 0.0))
