@@ -35,6 +35,7 @@ CORNERS = 16  # work: values of f_c
 LOWEST = 0.25  # range: of the motion's band, that f_c is above: what is slower is not seen
 FEWEST = 32  # work: frequencies above the motion, from which a spectrum can be told
 ROUNDS = 8  # work: of weights of the likelihood
+SAME = 1e-7  # numerics: of a column's size, below which what it has beside another is rounding
 # work: frequencies on either side of a line, of which the median is its surrounding
 NEIGHBOURS = 10
 LEAKED = 2  # numerics: frequencies beside a line that a Hann window's main lobe spreads it over
@@ -106,23 +107,29 @@ def has_line(P: np.ndarray) -> bool:
 
 def _spectrum(f: np.ndarray, P: np.ndarray, n: np.ndarray, band: float) -> tuple[float, ...]:
     """Return s, a and f_c of the spectrum of powers P (bins,), of n frequencies each about f."""
-    best = (np.inf, 0.0, 0.0, 1.0)
-    for corner in np.geomspace(LOWEST * band, f[-1], CORNERS):
-        shape = np.column_stack([np.ones(len(f)), 1 / (1 + (f / corner) ** 2)])
-        S = np.maximum(P, 1e-300)
-        for _ in range(ROUNDS):
-            root = np.sqrt(n) / S
-            x = _nonnegative(shape * root[:, None], P * root)
-            S = np.maximum(shape @ x, 1e-300)
-        loss = float((n * (np.log(S) + P / S)).sum())
-        best = min(best, (loss, float(x[0]), float(x[1]), float(corner)))
-    return best[1:]
+    corners = np.geomspace(LOWEST * band, f[-1], CORNERS)
+    shape = np.stack(np.broadcast_arrays(1.0, 1 / (1 + (f / corners[:, None]) ** 2)))
+    S = np.broadcast_to(np.maximum(P, 1e-300), shape.shape[1:])
+    for _ in range(ROUNDS):
+        root = np.sqrt(n) / S
+        x = _nonnegative(shape * root, P * root)
+        S = np.maximum((x[:, :, None] * shape).sum(axis=0), 1e-300)
+    best = int((n * (np.log(S) + P / S)).sum(axis=1).argmin())
+    return float(x[0, best]), float(x[1, best]), float(corners[best])
 
 
 def _nonnegative(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the least-squares solution x (2,) of A x = b with x ≥ 0."""
-    x = np.linalg.lstsq(A, b, rcond=None)[0]
-    if (x >= 0).all():
-        return np.asarray(x)
-    alone = np.diag(np.maximum(A.T @ b, 0.0) / np.maximum((A**2).sum(axis=0), 1e-300))
-    return np.asarray(min(alone, key=lambda y: float(((A @ y - b) ** 2).sum())))
+    """Return the least-squares solutions x (2, c) of two columns A (2, c, n) for b (c, n), x ≥ 0:
+    by Gram and Schmidt, or of one column alone.
+    """
+    squares = np.maximum((A**2).sum(axis=2), 1e-300)
+    alone = np.maximum((A * b).sum(axis=2), 0.0) / squares
+    share = (A[0] * A[1]).sum(axis=1) / squares[0]
+    rest = A[1] - share[:, None] * A[0]
+    square = (rest**2).sum(axis=1)
+    new = square > SAME**2 * squares[1]
+    second = np.where(new, (rest * b).sum(axis=1) / np.where(new, square, 1.0), 0.0)
+    both = np.stack([(A[0] * b).sum(axis=1) / squares[0] - share * second, second])
+    misfits = ((A * alone[:, :, None] - b) ** 2).sum(axis=2)
+    first = misfits[0] <= misfits[1]
+    return np.where((both >= 0).all(axis=0), both, alone * np.stack([first, ~first]))
