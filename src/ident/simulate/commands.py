@@ -43,8 +43,8 @@ class CommandLaw:
 
     def torque(self, t: float, y: np.ndarray, yd: np.ndarray) -> float:
         """Return the torque [N m | N] at an instant, coordinates and rates (J,) of all joints."""
-        at = max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)
-        T0, Tq, Tv = self.terms[:, at]
+        at = max(int(self.t.searchsorted(t, side="right")) - 1, 0)
+        T0, Tq, Tv = self.terms[:, at].tolist()
         if at + 1 < len(self.t) and self.ends[at] != T0:
             since, until = self.t[at : at + 2]
             T0 += (self.ends[at] - T0) * max(t - since, 0.0) / (until - since)

@@ -127,9 +127,12 @@ class _Instant:
             self.explicit += law.c.sum() * z * m.W[law.at[0]]
         self.tau = dynamics.actuator(m, self.explicit - self.external)
         self.applied = m.W[plant.driven].T @ self.tau + self.external
-        self.A = m.Z.T @ m.M @ m.Z if len(m.J) else m.M  # Z is 1 in a tree
-        self.delta = self.w @ m.a0 + plant.dry @ m.drift
-        self.B = self.w @ m.Z
+        if len(m.J):
+            self.A = m.Z.T @ m.M @ m.Z
+            self.delta = self.w @ m.a0 + plant.dry @ m.drift
+            self.B = self.w @ m.Z
+        else:  # Z is 1, a₀ is 0
+            self.A, self.B, self.delta = m.M, self.w, plant.dry @ m.drift
 
     def _with(self, x: np.ndarray) -> Signals:
         if not len(x):
@@ -152,7 +155,9 @@ class _Instant:
             return self._smooth(r)
         F = np.array([joint.limit(s) for joint in laws.dry])
         f = np.where(self.stuck, 0.0, self.modes * F)
-        b = m.Z.T @ (r - self.w.T @ f - m.M @ m.a0)
+        loops = bool(len(m.J))
+        b = r - self.w.T @ f
+        b = m.Z.T @ (b - m.M @ m.a0) if loops else b
         sides, stuck, holding = np.zeros(len(F), dtype=int), np.flatnonzero(self.stuck), True
         if len(stuck) and F[stuck].min() < 0:
             k = stuck[int(F[stuck].argmin())]
@@ -169,8 +174,8 @@ class _Instant:
         elif len(stuck):
             f[stuck], holding = holding_friction(H, g, F[stuck] * (1 + MARGIN))
         alpha = back[:, 0] - back[:, 1:] @ f[stuck]
-        a, rates = m.a0 + m.Z @ alpha, self.B @ alpha + self.delta
-        multipliers = m.Jp.T @ (r - self.w.T @ f - m.M @ a)
+        a, rates = m.a0 + m.Z @ alpha if loops else alpha, self.B @ alpha + self.delta
+        multipliers = m.Jp.T @ (r - self.w.T @ f - m.M @ a) if loops else np.zeros(0)
         return Balance(a, self.tau, multipliers, f, F, rates, sides, holding)
 
     def _smooth(self, r: np.ndarray) -> Balance:
@@ -242,6 +247,9 @@ def holding_friction(H: np.ndarray, g: np.ndarray, F: np.ndarray) -> tuple[np.nd
 
     f is the smallest where several joints of a loop hold the same motion and can share its load.
     """
+    if len(g) == 1:
+        f = np.divide(g, H[0], out=np.zeros(1), where=H[0] != 0)
+        return f, bool(abs(f[0]) <= F[0])
     f, rank = linear.lstsq(H, g, rcond=SMALL)
     holds = bool((np.abs(f) <= F).all())
     if holds or rank == len(g):

@@ -101,6 +101,8 @@ class DryJoint:
 
     def limit(self, s: Signals, *, explicit: bool = False) -> float:
         """Return F [N m | N], or the part that needs no prediction of the model."""
+        if not self.parts:
+            return self.level
         parts = (part for part in self.parts if not (explicit and part.effect.asks))
         return self.level + sum(part.limit(s) for part in parts)
 
@@ -212,6 +214,7 @@ class Plant:
         self._index = [joints[i].index for i in self._tree]
         self._W = np.zeros((len(joints), model.nv))
         self._W[self._tree, self._index] = 1.0
+        self._free = np.eye(model.nv), np.zeros((model.nv, 0))  # Z and J⁺ without closures
         self.qdot = lambda q, v: v  # q̇ (nq,); v itself where every joint has one coordinate
         if model.nq != model.nv:
             symbols = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
@@ -221,6 +224,10 @@ class Plant:
         self._closure = Mapped(kinematics.closure_function, 1) if mechanism.closures else None
         closure_joints = wanted - {*self._tree}  # closures' own joints
         self._closure_state = Mapped(kinematics.own_function, 1) if closure_joints else None
+        self._inertia = np.zeros((model.nv, model.nv))  # of effects, where W does not change
+        for at, Ia in laws.inertial:
+            w = self._W[list(at)].sum(axis=0)
+            self._inertia += Ia * np.outer(w, w)
 
     def closures(self, q: np.ndarray, v: np.ndarray) -> Rows:
         """Return Φ (m,), J (m, nv), J̇v (m,)."""
@@ -255,18 +262,20 @@ class Plant:
         _, J, gamma = self.closures(q, v)
         y, W, drift = self.joints(q, v, near)
         M, h = self.rigid(pin.crba, q), self.rigid(pin.nonLinearEffects, q, v)
-        for at, Ia in self.laws.inertial:
-            w = W[list(at)].sum(axis=0)
-            M = M + Ia * np.outer(w, w)
-            h = h + Ia * drift[list(at)].sum() * w
+        if self._closure_state is None:
+            M = M + self._inertia
+        else:
+            for at, Ia in self.laws.inertial:
+                w = W[list(at)].sum(axis=0)
+                M = M + Ia * np.outer(w, w)
+                h = h + Ia * drift[list(at)].sum() * w
         Z, Jp = self.split(J, t)
         return InstantTerms(t, q, v, z, y, W @ v, W, drift, M, h, J, Jp, Z, -Jp @ gamma)
 
     def split(self, J: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Return Z (nv, d) with J Z = 0, and J⁺ (nv, m); refuse J that has lost rank."""
-        nv = self.mechanism.model.nv
         if not len(J):
-            return np.eye(nv), np.zeros((nv, 0))
+            return self._free
         r = self.mechanism.rank
         U, S, Vt = linear.svd(J)
         if r and S[r - 1] < SINGULAR * S[0]:
