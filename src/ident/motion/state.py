@@ -56,8 +56,8 @@ class Store:
 
     def put_state(self, key: object, owner: object, state: State) -> None:
         """Keep a state with what is stored of it, for the last one that was kept."""
-        while len(self._states) >= self.STATES:
-            _, last = self._states.pop(next(iter(self._states)))
+        while key in self._states or len(self._states) >= self.STATES:
+            _, last = self._states.pop(key if key in self._states else next(iter(self._states)))
             Store._used -= last.nbytes
         if self.fits(state.nbytes):
             Store._used += state.nbytes
