@@ -214,9 +214,9 @@ def predict(mechanism: Mechanism, motion: Motion, point: Point) -> list[Predicti
         for label, effect in alone.items():
             if samples.makes_torque(effect):
                 parts[label] = np.zeros((d, n)).T
-                for name in effect.acting:
-                    torque = samples.torque_of(effect, name)
-                    parts[label][:, mechanism.joint(name).index] += torque
+                for name in effect.acting if samples.coordinates_of(label) else ():
+                    at = mechanism.joint(name).index
+                    parts[label][:, at] = samples.torque_of(effect, name)
         samples.memo.pop(RIGID, None)  # the parts hold them
         order = RIGID, *(effect.label for effect in mechanism.effects), WRENCHES
         parts = {name: parts[name] for name in order if name in parts}
