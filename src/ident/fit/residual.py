@@ -197,7 +197,7 @@ class Residual(Displayed):
         coarse = any(c.spacing and c.residual > EXCESS * c.noise for c in channels)
         if not loud or not band.motion or coarse:
             return {}
-        if any(map(self.of_motion, loud)):
+        if any(self.failure(joint).of_motion for joint in loud):
             return {}
         bands = [times * band.motion for times in (1.0, *OVERTONES)]
         noise = coloured_noise(model.mechanism, experiments, model.point, band.cutoff, bands)
@@ -282,10 +282,23 @@ class Residual(Displayed):
             return self._failures[joint]
         u, again = self.joints.index(joint), self.periods
         error = self.errors[joint]
-        pieces = self._pieces(u)
+        pieces = [trace.residual[run, u] for trace in self.traces for run in trace.runs()]
         memory = residual_maps.memory_of(pieces, self.motion.band.cutoff, self.rate)
-        r, nothing = np.concatenate(pieces), self._explained(joint)
-        steps, threshold, by_halves = self._dependence(joint, residual_maps.SIGNALS)
+        r = np.concatenate(pieces)
+        nothing = error.rms <= TORQUE_ROUNDING * float(self.parts["measured"].max(initial=0.0))
+        steps: list[residual_maps.Dependence] = []
+        threshold, by_halves = 1.0, False
+        if not nothing:
+            rows = np.concatenate([trace.informed[:, u] for trace in self.traces])
+            edges = np.cumsum([0, *map(len, pieces)])
+            ends = np.append(0, np.cumsum(rows))[edges]
+            together = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
+            maps = residual_maps.own_maps(self.signal, joint, self.maps)
+            if together:
+                steps, threshold, of_halves = residual_maps.dependence(
+                    r, rows, maps, together, self.reach
+                )
+                by_halves = sum(x.r2 for x in of_halves) > residual_maps.LEAST_OF_HALVES
         repeats = again is not None and again.rho[joint] > again.chance
         self._failures[joint] = Failure(
             joint=joint,
@@ -303,43 +316,6 @@ class Residual(Displayed):
             of_motion=bool(steps) or by_halves or repeats,
         )
         return self._failures[joint]
-
-    def of_motion(self, joint: str) -> bool:
-        """Return `Failure.of_motion` of a joint, without all that it depends on."""
-        if joint in self._failures:
-            return self._failures[joint].of_motion
-        again, (steps, _, by_halves) = self.periods, self._dependence(joint, 1)
-        repeats = again is not None and again.rho[joint] > again.chance
-        return bool(steps) or by_halves or repeats
-
-    def _pieces(self, u: int) -> list[np.ndarray]:
-        """Return the residual of a coordinate in runs of rows without a gap."""
-        return [trace.residual[run, u] for trace in self.traces for run in trace.runs()]
-
-    def _explained(self, joint: str) -> bool:
-        """Return whether what is left in a joint is rounding."""
-        torque = float(self.parts["measured"].max(initial=0.0))
-        return self.errors[joint].rms <= TORQUE_ROUNDING * torque
-
-    def _dependence(
-        self, joint: str, signals: int
-    ) -> tuple[list[residual_maps.Dependence], float, bool]:
-        """Return on which signals, so many at most, a joint's residual depends, the R² that was
-        needed last, and whether it depends on some by halves of the time.
-        """
-        u, pieces = self.joints.index(joint), self._pieces(self.joints.index(joint))
-        rows = np.concatenate([trace.informed[:, u] for trace in self.traces])
-        edges = np.cumsum([0, *map(len, pieces)])
-        ends = np.append(0, np.cumsum(rows))[edges]
-        together = [slice(int(a), int(b)) for a, b in pairwise(ends) if b > a]
-        if self._explained(joint) or not together:
-            return [], 1.0, False
-        maps = residual_maps.own_maps(self.signal, joint, self.maps)
-        r = np.concatenate(pieces)
-        steps, threshold, of_halves = residual_maps.dependence(
-            r, rows, maps, together, self.reach, signals
-        )
-        return steps, threshold, sum(x.r2 for x in of_halves) > residual_maps.LEAST_OF_HALVES
 
     @cached_property
     def _failures(self) -> dict[str, Failure]:

@@ -195,14 +195,10 @@ class Dependence:
 
 
 def depends_on(
-    r: np.ndarray,
-    fold: np.ndarray,
-    maps: Sequence[SignalMap],
-    runs: Sequence[slice],
-    signals: int = SIGNALS,
+    r: np.ndarray, fold: np.ndarray, maps: Sequence[SignalMap], runs: Sequence[slice]
 ) -> tuple[list[Dependence], float]:
-    """Return the `signals` at most that explain a residual r (n,), the one that adds most first,
-    and the R² that was needed last.
+    """Return the signals that explain a residual r (n,), the one that adds most first, and the R²
+    that was needed last.
 
     Consecutive rows with one number in `fold` (n,) are one stretch of time; `maps` are in order of
     preference where they explain alike; `runs` of rows have no gap.
@@ -212,7 +208,7 @@ def depends_on(
         return [], threshold
     now, groups = _regression(r, fold, maps)
     total, rest, random = float(now.loss.sum()), [*range(len(maps))], np.random.default_rng(0)
-    while rest and len(added) < signals:
+    while rest and len(added) < SIGNALS:
         groups_left, loss = [groups[i] for i in rest], float(now.loss.sum())
         g, threshold = _shares(now, groups_left) * loss / total, LEAST
         if g.max() <= threshold:
@@ -342,12 +338,7 @@ def _in_first_half(fold: np.ndarray) -> np.ndarray:
 
 
 def dependence(
-    r: np.ndarray,
-    rows: np.ndarray,
-    maps: Sequence[SignalMap],
-    runs: Sequence[slice],
-    reach: Reach,
-    signals: int = SIGNALS,
+    r: np.ndarray, rows: np.ndarray, maps: Sequence[SignalMap], runs: Sequence[slice], reach: Reach
 ) -> tuple[list[Dependence], float, list[Dependence]]:
     """Return what `depends_on` does for some rows, a mask (n,), of a residual r (n,), and, where
     that is no signal, on which maps of both halves it depends.
@@ -360,7 +351,7 @@ def dependence(
         return [], 1.0, []
 
     def dependences(
-        most: np.ndarray, make: Callable[[Sequence[SignalMap]], Sequence[SignalMap]], signals: int
+        most: np.ndarray, make: Callable[[Sequence[SignalMap]], Sequence[SignalMap]]
     ) -> tuple[list[Dependence], float]:
         def within(chosen: Sequence[SignalMap]) -> Sequence[SignalMap]:
             return make(chosen if rows.all() else [x.of_rows(rows) for x in chosen])
@@ -369,16 +360,11 @@ def dependence(
         few = 2 * len(likely) < len(maps)  # else the others' columns cost less than asking twice
         if not likely or (few and _shares(*_regression(r, fold, within(likely))).max() <= LEAST):
             return [], LEAST
-        return depends_on(r, fold, within(maps), runs, signals)
+        return depends_on(r, fold, within(maps), runs)
 
-    steps, threshold = dependences(most, lambda chosen: chosen, signals)
-    if steps:
-        return steps, threshold, []
-    return (
-        [],
-        threshold,
-        dependences(most_of_halves, lambda some: by_halves(some, fold), SIGNALS)[0],
-    )
+    steps, threshold = dependences(most, lambda chosen: chosen)
+    halves = [] if steps else dependences(most_of_halves, lambda some: by_halves(some, fold))[0]
+    return steps, threshold, halves
 
 
 def by_halves(maps: Sequence[SignalMap], fold: np.ndarray) -> list[SignalMap]:
