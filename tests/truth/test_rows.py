@@ -61,6 +61,46 @@ def test_rows_hold_for_the_true_parameters(name, form, robots):
         assert np.all(found.A[:, u, outside] == 0)
 
 
+def test_rows_of_gears_have_the_columns_of_what_moves_with_them(robots, tmp_path):
+    # a mirror of the last joint, on the base: it has nothing to do with the joints before
+    names = ("shoulder", "upper", "elbow")
+    bodies = '<robot name="geared"><link name="base"/>'
+    inertial = (
+        '<inertial><origin xyz="0.1 0.02 0"/><mass value="1"/>'
+        '<inertia ixx="0.01" iyy="0.02" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    sits_on = {"shoulder": "base", "upper": "shoulder_link", "elbow": "upper_link"}
+    sits_on["mirror"] = "base"
+    for name, on in sits_on.items():
+        xyz = "0 0 1" if name == "shoulder" else "0 1 0"
+        bodies += (
+            f'<link name="{name}_link">{inertial}</link><joint name="{name}" type="revolute">'
+            f'<parent link="{on}"/><child link="{name}_link"/><origin xyz="0.3 0 0"/>'
+            f'<axis xyz="{xyz}"/><limit lower="-3" upper="3" effort="9" velocity="9"/></joint>'
+        )
+    (tmp_path / "geared.urdf").write_text(f"{bodies}</robot>")
+    (tmp_path / "mechanism.toml").write_text(
+        'urdf = "geared.urdf"\n[joints]\npassive = ["mirror"]\n[[closure]]\nname = "gear"\n'
+        'kind = "linear"\njoints = ["mirror", "elbow"]\nratios = [1, 2]\n'
+    )
+    mechanism = load(tmp_path) + create("viscous", "mirror") + create("viscous", "upper")
+    t = np.linspace(0, 4, 801)
+    columns = {f"q.{name}": np.sin((1 + 0.3 * i) * t + i) for i, name in enumerate(names)}
+    columns |= {f"tau.{name}": np.cos(t) for name in names}
+    motion = complete(mechanism, Log.from_arrays("run.csv", t, columns))
+    unknowns = Columns.of(mechanism)
+    (e,) = motion.experiments
+    A = raw_rows(Scene.of(mechanism, unknowns, e), slice(0, len(e))).A
+    supports = row_supports(mechanism, unknowns, e)
+    for u, name in enumerate(motion.independent):
+        present = {unknowns.names[i] for i in supports[u]}
+        assert not A[:, u, np.setdiff1d(np.arange(len(unknowns)), supports[u])].any()
+        assert ("mirror_link.Lyy" in present) == (name == "elbow")
+        assert ("viscous.mirror.Fv" in present) == (name == "elbow")
+        assert ("viscous.upper.Fv" in present) == (name == "upper")
+        assert "elbow_link.Lyy" in present
+
+
 @pytest.mark.parametrize("joint", ["crank", "coupler", "closure.pin"])
 def test_an_effects_torque_works_through_its_leverage(joint, robots):
     # power of a viscous torque at any joint of the loop: Σ τ_u ẏ_u = Fv ẏ_joint²

@@ -831,18 +831,27 @@ def smooth_step(scene: Scene, cutoff: float | None) -> int:
 
 def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.ndarray]:
     """For each independent coordinate the unknowns that can appear in its rows."""
-    k = len(columns)
-    # a load twists its spring, and that moves all bodies behind it
-    if e.loop is not None or any(effect.by_load for effect in mechanism.effects):
-        return [np.arange(k)] * e.leverage.shape[2]
-    index, supports_of_rows = mechanism.joint_index, []
+    k, d = len(columns), e.leverage.shape[2]
+    constant = e.loop is None or e.pinv.strides[0] == 0
+    # a load twists its spring, and that moves all bodies behind it; a loop's transmission may be
+    # zero at some samples alone
+    if not constant or any(effect.by_load for effect in mechanism.effects):
+        return [np.arange(k)] * d
+    index, bodies, supports_of_rows = mechanism.joint_index, supports(mechanism.model), []
+    # which coordinates move which of the model's joints, and which of the mechanism's
+    if e.loop is None:
+        moved = np.eye(len(bodies), dtype=bool)
+        turned = moved[[joint.index for joint in mechanism.joints]]
+    else:
+        moved, turned = (np.asarray(x != 0) for x in (e.pinv[0, :, -d:], e.leverage[0]))
     of_effects = [
-        (effect.local and {mechanism.joint(n).index for n in effect.joints if n in index}, places)
-        for effect, places in columns.effects
+        (turned[[index[n] for n in effect.joints if n in index]].any(axis=0), effect.local, at)
+        for effect, at in columns.effects
     ]
-    for row, bodies in enumerate(supports(mechanism.model)):
-        support = [np.flatnonzero(np.isin(columns.rigid, bodies))]
-        support += [at[at >= 0] for rows, at in of_effects if rows is False or row in rows]
+    for u in range(d):
+        reached = np.concatenate([bodies[j] for j in np.flatnonzero(moved[:, u])])
+        support = [np.flatnonzero(np.isin(columns.rigid, reached))]
+        support += [at[at >= 0] for acts, local, at in of_effects if not local or acts[u]]
         supports_of_rows.append(np.concatenate(support).astype(int))
     return supports_of_rows
 
