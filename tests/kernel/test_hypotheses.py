@@ -109,6 +109,23 @@ def test_what_is_projected_already_stays_when_the_model_changes():
         np.testing.assert_allclose(changed.gains(group).D, fresh.gains(group).D, atol=1e-9)
 
 
+@pytest.mark.parametrize("alone", [False, True], ids=["in all blocks", "in one block"])
+def test_errors_without_some_columns_are_those_of_the_model_without_them(alone):
+    given = parts()
+    if alone:  # a direction that one block alone determines
+        for part in given:
+            part.X[ROWS:, part.columns == 1] = 0.0
+    model = np.arange(8)
+    regression = PartialRegression(given, model, WEIGHT)
+    for columns in ([0], [1], [2, 3], [1, 4, 7]):
+        expected = PartialRegression(given, np.setdiff1d(model, columns), WEIGHT).losses
+        found = regression.losses_without(np.array(columns))
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+    groups = [np.array(columns) for columns in ([9], [10, 11], [3, 12])]
+    expected = regression.gains(groups).visible
+    np.testing.assert_allclose(regression.visible(groups), expected, atol=1e-12)
+
+
 def test_columns_that_the_model_has_are_not_visible():
     given = parts()
     twin = tuple(

@@ -83,7 +83,7 @@ class Unseen:
     @staticmethod
     def _losses(rows: PartialRegression, member: Member) -> tuple[Array, Array]:
         """Return the left-out squares (parts, d) without a member and with it."""
-        return rows.without(member.columns).losses, rows.losses
+        return rows.losses_without(member.columns), rows.losses
 
     @cached_property
     def phases(self) -> PartialRegression | None:

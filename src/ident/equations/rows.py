@@ -843,15 +843,15 @@ def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.nd
         moved = np.eye(len(bodies), dtype=bool)
         turned = moved[[joint.index for joint in mechanism.joints]]
     else:
-        moved, turned = (np.asarray(x != 0) for x in (e.pinv[0, :, -d:], e.leverage[0]))
+        moved, turned = (x.astype(bool) for x in (e.pinv[0, :, -d:], e.leverage[0]))
     of_effects = [
-        (turned[[index[n] for n in effect.joints if n in index]].any(axis=0), effect.local, at)
+        (turned[[index[name] for name in effect.joints if name in index]], effect.local, at)
         for effect, at in columns.effects
     ]
     for u in range(d):
         reached = np.concatenate([bodies[j] for j in np.flatnonzero(moved[:, u])])
         support = [np.flatnonzero(np.isin(columns.rigid, reached))]
-        support += [at[at >= 0] for acts, local, at in of_effects if not local or acts[u]]
+        support += [at[at >= 0] for acts, local, at in of_effects if not local or acts[:, u].any()]
         supports_of_rows.append(np.concatenate(support).astype(int))
     return supports_of_rows
 

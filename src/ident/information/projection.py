@@ -25,6 +25,7 @@ from ident.information.linear import Array, Index
 
 RANK = 1e-8  # numerics: of unit columns' largest singular value: below, it is rounding
 VISIBLE = 1e-4  # numerics: share of a column that must be new; squares of less are rounding
+SURE = 1e-6  # numerics: of 1: where more is left of all directions, formulas in blocks are exact
 ALONE = 1e-10  # numerics: of 1: less is left of a direction that one block alone determines
 EXACT = 1e-6  # numerics: of the squares that a weight expects: what is below is explained
 
@@ -342,6 +343,44 @@ class Projection:
         vars(reduced).update(_factors=U.T @ K)
         return reduced._with(self._Q @ U, self._residual + q @ qY, self, columns)
 
+    def losses_without(self, columns: Index) -> Array:
+        """Return the left-out squares (blocks, d) without some of the model's columns.
+
+        With q (rows, u) what these alone span, c = qᵀY, and θ_k = (I + q_kᵀL_k q_k)⁻¹ q_kᵀL_k r'_k,
+
+            r' = r + q c        L'_k r'_k = L_k r'_k − L_k q_k θ_k        (Sherman, Morrison)
+        """
+        if not self._sure:
+            return self.without(columns).losses
+        M, q = self._downdated[1], self._Q @ self._spanned_by(columns)
+        w = M @ self.by_block(self._Q, q)
+        Lq, y = self._plus(q, self._Q, w), self._targets
+        e = self._errors[:, :1] + Lq @ (q.T @ y)
+        both = self.by_block(q, np.hstack([Lq, e]))
+        D, h = both[:, :, :-1], both[:, :, -1:]
+        theta = linear.inverse(np.eye(q.shape[1]) + D, 0.0) @ h
+        return self.by_coordinate(self._plus(e, Lq, -theta)[:, 0] ** 2)
+
+    @cached_property
+    def _sure(self) -> bool:
+        """Whether no block alone determines a direction of the model."""
+        G = self._downdated[0].sum(axis=0)
+        try:
+            np.linalg.cholesky((1 - SURE) * np.eye(self.rank) - G)
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
+    @cached_property
+    def _targets(self) -> Array:
+        """b (rows, 1), weighted."""
+        return np.concatenate([p.Y[:, :1] * self.weight[p.coordinate] for p in self.parts])
+
+    def _spanned_by(self, columns: Index) -> Array:
+        """Return V (rank, u), orthonormal: Q V spans what only some of the model's columns do."""
+        U, s, _ = linear.svd(self._factors[:, ~np.isin(self.model, columns)])
+        return U[:, int((s > RANK * s.max(initial=0.0)).sum()) :]
+
     def _with(self, Q: Array, residual: Array, rows: Self, changed: Index) -> Self:
         """The same with what is projected, and with what only the rows decide, and the sets of
         coordinates that do not have the columns in which both models differ.
@@ -384,6 +423,7 @@ class Projection:
         """
         ordered = replace(self, parts=tuple(parts), count=self.columns)
         vars(ordered).update(_Q=self._Q[order], _residual=self._residual[order, :1])
+        vars(ordered).update(_factors=self._factors)
         return ordered
 
     @property
