@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ident.display import part
 from ident.effects import Effect, ReversalPulses
 from ident.effects.curve import Curve, curves
 from ident.equations.rest import FEWEST_RESTS
@@ -24,6 +25,7 @@ from ident.motion.signals import SLOW
 
 STANDS_FOR = 1 / 3  # tuned: share of a joint's samples or squares, that can speak for all of them
 HIDDEN = 0.02  # tuned: visible share below which the data cannot speak of an effect
+OF_LAWS = 0.6  # shown: share of the columns' progress that laws are
 FREE = 30.0  # range: error over torque, from which a joint swings freely
 PULSES_SE = 1.0  # level: standard errors over blocks by which pulses lower left-out errors
 Shape = Mapping[str, float]
@@ -209,23 +211,8 @@ class Contest:
             joint: store.add(fit.mechanism.placed(ReversalPulses((joint,))), [{}])
             for joint in dict.fromkeys(dry)
         }
-        index, columns = table.mechanism.joint_index, columns_of(fit.motion)
-        moving = tuple(  # in some log, in the tree or anywhere in a loop
-            name
-            for name, at in ((joint.name, index[joint.name]) for joint in table.mechanism.joints)
-            if any(np.quantile(np.abs(s.e.yd[:, at]), 0.98) > s.e.still[at] for s in table.scenes)
-        )
-        every = curves(moving, moving, columns) if curved else ()
-        wanted = [*effects, *map(fit.mechanism.placed, every)]
-        candidates, failed = [], []
-        for i, effect in enumerate(wanted):
-            on_progress(f"columns of {effect.label}", i / len(wanted))
-            try:
-                shapes = table.starts(effect)
-                groups = np.split(store.add(effect, shapes), len(shapes))
-                candidates.append(CandidateColumns(effect, tuple(shapes), tuple(groups)))
-            except (IdentError, np.linalg.LinAlgError) as error:
-                failed.append((effect, str(error)))
+        of_laws = part(on_progress, 0.0, OF_LAWS) if curved else on_progress
+        candidates, failed = store.candidates([*effects], of_laws)
         sigma, model = fit.estimate.sigma, np.flatnonzero(~fixed)
         if len(sigma) != table.b.shape[1]:  # a time basis weighs all rows alike
             r = table.b - table.A @ fit.estimate.solution.x
@@ -236,9 +223,27 @@ class Contest:
         candidates, more = _visible_beside_fixed(regression, bodies, candidates)
         failed += more
         regression = regression.extended(chosen_pulses)
-        rule = decision or Decision()
-        return cls(
-            fit, table, use, regression, chosen_pulses, tuple(candidates), tuple(failed), rule, seed
+        rule, both = decision or Decision(), (tuple(candidates), tuple(failed))
+        contest = cls(fit, table, use, regression, chosen_pulses, *both, rule, seed)
+        return contest.with_curves(part(on_progress, OF_LAWS, 1.0)) if curved else contest
+
+    def with_curves(self, on_progress: OnProgress) -> Contest:
+        """The contest with curves of all joints that move as candidates too."""
+        table, fit = self.table, self.fit
+        index, store = table.mechanism.joint_index, ColumnStore(table, self.use)
+        store.count = self.regression.columns
+        moving = tuple(  # in some log, in the tree or anywhere in a loop
+            name
+            for name, at in ((joint.name, index[joint.name]) for joint in table.mechanism.joints)
+            if any(np.quantile(np.abs(s.e.yd[:, at]), 0.98) > s.e.still[at] for s in table.scenes)
+        )
+        every = map(fit.mechanism.placed, curves(moving, moving, columns_of(fit.motion)))
+        candidates, failed = store.candidates([*every], on_progress)
+        return replace(
+            self,
+            regression=store.added_to(self.regression),
+            candidates=(*self.candidates, *candidates),
+            failed=(*self.failed, *failed),
         )
 
     def at_reversals(self, on_progress: OnProgress) -> Contest | None:
@@ -264,8 +269,8 @@ class Contest:
             c, shape = self.fit.point.of(effect)
             torque = [x + C @ c for x, C in zip(torque, self.columns(effect, shape), strict=True)]
         rms = np.zeros(self.regression.d)
-        for part, x in zip(parts, torque, strict=True):
-            rms[part.coordinate] = np.sqrt((x**2).sum() / max(len(x), 1))
+        for p, x in zip(parts, torque, strict=True):
+            rms[p.coordinate] = np.sqrt((x**2).sum() / max(len(x), 1))
         return rms
 
     @cached_property
@@ -423,16 +428,34 @@ def _visible_beside_fixed(
 
 class ColumnStore:
     """Columns of many effects in the rows that decide, by coordinate, beside the model's, of which
-    those that are held (k,) are taken off b at their priors.
+    those that are held (k,) are taken off b at their priors; None leaves the model's out.
     """
 
-    def __init__(self, table: Table, use: np.ndarray, fixed: np.ndarray) -> None:
-        prior, A = table.columns.prior_at(table.point.values), table.A
-        self.table, self.b = table, table.b - A[:, :, fixed] @ prior[fixed]
+    def __init__(self, table: Table, use: np.ndarray, fixed: np.ndarray | None = None) -> None:
+        self.table, self.b, A = table, table.b, table.A
+        if fixed is None:
+            A = A[:, :, :0]
+        else:
+            self.b = self.b - A[:, :, fixed] @ table.columns.prior_at(table.point.values)[fixed]
         self.rows = [np.flatnonzero(mask) for mask in use.T]
         self.blocks = [[A[rows, u]] for u, rows in enumerate(self.rows)]
         self.index = [[np.arange(A.shape[2])] for _ in self.rows]
         self.count = A.shape[2]
+
+    def candidates(
+        self, effects: Sequence[Effect], on_progress: OnProgress
+    ) -> tuple[list[CandidateColumns], list[tuple[Effect, str]]]:
+        """Adds the columns of effects at their starts; returns them, and what could not be made."""
+        candidates, failed = [], []
+        for i, effect in enumerate(effects):
+            on_progress(f"columns of {effect.label}", i / len(effects))
+            try:
+                shapes = self.table.starts(effect)
+                groups = np.split(self.add(effect, shapes), len(shapes))
+                candidates.append(CandidateColumns(effect, tuple(shapes), tuple(groups)))
+            except (IdentError, np.linalg.LinAlgError) as error:
+                failed.append((effect, str(error)))
+        return candidates, failed
 
     def add(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         """Adds the columns of an effect at the starts of its search; returns which they are."""
@@ -451,6 +474,14 @@ class ColumnStore:
             self.index[coordinate].append(new[nonzero])
         self.count += len(new)
         return new
+
+    def added_to(self, regression: PartialRegression) -> PartialRegression:
+        """The rows of a regression with these columns as further candidates."""
+        parts = (
+            p.added(*(np.concatenate(x[p.coordinate], axis=-1) for x in (self.blocks, self.index)))
+            for p in regression.parts
+        )
+        return regression.with_candidates(tuple(parts), self.count)
 
     def parts(self) -> tuple[Part, ...]:
         """One part a coordinate."""

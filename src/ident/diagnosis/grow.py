@@ -232,9 +232,9 @@ def grow(
 
     def contest_of(fit: Fit, on_progress: OnProgress, earlier: Contest | None = None) -> Contest:
         # curves judge what is left in the end, the search needs none
-        curved, effects = earlier is not None, candidates_of(fit)
+        effects = candidates_of(fit)
         return with_noise(
-            Contest.of(fit, effects, on_progress, curved, earlier, decision=decision, seed=seed)
+            Contest.of(fit, effects, on_progress, False, earlier, decision=decision, seed=seed)
         )
 
     def reached(rungs: Collection[Step]) -> None:
@@ -277,7 +277,7 @@ def grow(
         last = None
         if grown is None:  # what a diagnosis names of this model is the next step
             if not any(candidate.curve for candidate in contest.candidates):
-                contest = contest_of(fit, part(rest, 0.35, 0.4), contest)
+                contest = contest.with_curves(part(rest, 0.35, 0.4))
             selection = select(contest, part(rest, 0.4, 0.6))
             last = conclude(selection, part(rest, 0.6, 0.8))
             last = at_reversals(last, part(rest, 0.8, 1.0), turning)
@@ -300,6 +300,7 @@ def grow(
         saved.add(rungs, start.values, visited)
         reached(rungs)
         fit, best = again, best.best(errors)
+        del search, effect_set, grown, turning  # all rows of the round before
     assert last is not None
     final = rivals_in_the_end(steps, last.selection.first.contest)
     return History(final, last, stopped)

@@ -138,8 +138,8 @@ class Unseen:
             of_rows = labels[contest.use[:, part.coordinate]]
             order = np.argsort(of_rows, kind="stable")
             edges = np.searchsorted(of_rows[order], [*numbers, numbers[-1] + 1])
-            X = part.taken(regression.model)[order]
-            parts.append(Part(part.coordinate, regression.model, X, part.Y[order, :1], edges))
+            none = np.zeros((len(order), 0))
+            parts.append(Part(part.coordinate, numbers[:0], none, part.Y[order, :1], edges))
             orders.append(first + order)
             first += len(order)
         return regression.in_order(parts, np.concatenate(orders))

@@ -398,11 +398,15 @@ class Projection:
         felt = [c.any(axis=0) for c in C]  # most of many act on one coordinate
         pairs = zip(self.parts, C, felt, strict=True)
         parts = (part.added(c if at.all() else c[:, at], new[at]) for part, c, at in pairs)
-        added = replace(self, parts=tuple(parts), count=int(new[-1]) + 1)
+        return self.with_candidates(tuple(parts), int(new[-1]) + 1), new
+
+    def with_candidates(self, parts: tuple[Part, ...], count: int) -> Self:
+        """The same rows in `parts` with further candidates, `count` columns in all."""
+        added = replace(self, parts=parts, count=count)
         recomputed = {"columns", "squares", "size", "_by_sets"}
         recomputed |= {field.name for field in fields(self)}
         vars(added).update({name: x for name, x in vars(self).items() if name not in recomputed})
-        return added, new
+        return added
 
     def weighted(self, weight: Array) -> Self:
         """The same rows with other weights."""
@@ -418,12 +422,12 @@ class Projection:
         return replaced
 
     def in_order(self, parts: Sequence[Part], order: Index) -> Self:
-        """Return the rows of b in another `order` (rows,), in `parts` with the model's columns and
-        with blocks of their own.
+        """Return the rows of b in another `order` (rows,), in `parts` without columns, which have
+        blocks of their own; the model is as it is projected.
         """
         ordered = replace(self, parts=tuple(parts), count=self.columns)
         vars(ordered).update(_Q=self._Q[order], _residual=self._residual[order, :1])
-        vars(ordered).update(_factors=self._factors)
+        vars(ordered).update(_factors=self._factors, squares=self.squares, size=self.size)
         return ordered
 
     @property
