@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ident.errors import LogError
 from ident.log import Log, read_log
 
 ROWS = [f"{k / 100},{k * k},{-k}" for k in range(12)]  # line k + 2 of a file with a header
@@ -149,3 +150,20 @@ def test_many_rows_are_read_to_the_last_digit(csv: Callable[..., Path]) -> None:
     lines = [f"{k / 5000}," + ",".join(map(str, row)) for k, row in enumerate(x)]
     log = read_log(csv("t," + ",".join(f"q.j{j}" for j in range(12)) + "\n" + "\n".join(lines)))
     np.testing.assert_array_equal(np.column_stack(list(log.columns.values())), x)
+
+
+@pytest.mark.parametrize("short", [(), (100,)])
+@pytest.mark.parametrize("columns", [2, 3])
+def test_a_cell_too_many_in_the_last_line_is_refused(
+    tmp_path: Path, columns: int, short: tuple[int, ...]
+) -> None:
+    """Long texts are parsed before their lines are looked at; the parser drops an empty last cell,
+    and a line that is a cell short makes the number of separators right."""
+    names = ["t", "q.a", "tau.a"][:columns]
+    rows = [",".join([f"{k / 100}", f"{k * k}", f"{-k}"][:columns]) for k in range(3000)]
+    for k in short:
+        rows[k] = rows[k].rpartition(",")[0]
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join([",".join(names), *rows]) + ",")
+    with pytest.raises(LogError, match=f"line {short[0] + 2 if short else 3001} has"):
+        read_log(path)

@@ -2,6 +2,8 @@
 
 import datetime
 import gc
+import os
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import polars as pl
@@ -147,3 +149,33 @@ def test_a_damaged_archive_is_closed_again(tmp_path):
     path.write_bytes(whole.read_bytes()[:-30])
     assert likely_rows(path) == 0
     gc.collect()  # a file left open warns here, and warnings are errors
+
+
+def test_threads_that_read_two_parquet_files_get_the_rows_of_theirs(tmp_path):
+    logs = []
+    for number in range(2):
+        t = np.arange(ROWS) * 0.001
+        Log.from_arrays("made", t, {"q.a": t + 1000.0 * number}).write(
+            tmp_path / f"{number}.parquet"
+        )
+        logs.append(open_log(tmp_path / f"{number}.parquet"))
+
+    def wrong(number: int) -> int:
+        starts = range(0, ROWS - 300, 97)
+        pieces_of_log = ((first, logs[number].piece(first, first + 300)) for first in starts)
+        offset = 1000.0 * number
+        return sum(abs(x.columns["q.a"][0] - 0.001 * a - offset) > 1e-9 for a, x in pieces_of_log)
+
+    with ThreadPoolExecutor(4) as threads:
+        assert sum(threads.map(wrong, [0, 1, 0, 1])) == 0
+
+
+def test_a_parquet_file_that_is_replaced_is_read_anew(tmp_path):
+    path, t = tmp_path / "run.parquet", np.arange(ROWS) * 0.001
+    Log.from_arrays("made", t, {"q.a": t}).write(path)
+    log, state = open_log(path), path.stat()
+    log.piece(0, 100)
+    Log.from_arrays("made", t, {"q.a": t + 1.0}).write(tmp_path / "other.parquet")
+    (tmp_path / "other.parquet").replace(path)
+    os.utime(path, ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert log.piece(0, 100).columns["q.a"][0] == 1.0

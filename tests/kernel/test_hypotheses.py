@@ -7,7 +7,14 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from ident.fit.residual_maps import LEAST, Reach, SignalMap, by_halves, dependence, depends_on
+from ident.fit.residual_maps import (
+    LEAST,
+    ExplainedBounds,
+    SignalMap,
+    by_halves,
+    dependence,
+    depends_on,
+)
 from ident.information.blocks import Block, Information, Part
 from ident.information.chance import SMOOTH, remaining_power, surrogates
 from ident.information.evidence import Chance, exceeding, paired, quantile, zscore
@@ -357,7 +364,7 @@ def test_no_map_explains_more_than_its_bound(seed: int) -> None:
             SignalMap("sign(v)", np.sign(np.cos(20 * t))[:, None])]  # fmt: skip
     r = hats @ random.standard_normal(9) + 2 * random.standard_normal(n) + t * (fold > 4)
     rows = random.uniform(size=n) < 0.9
-    bounds, of_halves = Reach(fold).most(r, rows, maps)
+    bounds, of_halves = ExplainedBounds(fold).most(r, rows, maps)
     y, of_rows = r[rows], fold[rows]
 
     def left_out(X: np.ndarray) -> float:
@@ -375,7 +382,7 @@ def test_no_map_explains_more_than_its_bound(seed: int) -> None:
     for bound, signal_map in zip(of_halves, by_halves(some, of_rows), strict=True):
         assert 1 - left_out(signal_map.columns) / total <= bound + 1e-9
     expected = depends_on(y, of_rows, some, [slice(0, len(y))])
-    assert dependence(r, rows, maps, [slice(0, len(y))], Reach(fold))[:2] == expected
+    assert dependence(r, rows, maps, [slice(0, len(y))], ExplainedBounds(fold))[:2] == expected
 
 
 def test_rounding_does_not_change_random_residuals():

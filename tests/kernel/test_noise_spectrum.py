@@ -49,3 +49,16 @@ def test_a_sine_is_a_line_and_no_noise():
     disturbed = noise + 0.5 * np.sin(2 * np.pi * 2.345 * t)
     assert has_line(powers(disturbed))
     assert _passed(disturbed, RATE, None, BAND) == 0.0
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0])
+def test_a_constant_residual_has_no_noise(level):
+    assert _passed(np.full(2000, level), RATE, None, BAND) == pytest.approx(0.0, abs=1e-25)
+
+
+def test_a_band_without_any_power_is_none_of_a_spectrum():
+    from ident.equations.noise_spectrum import _spectrum
+
+    f, n = np.linspace(2.0, 90.0, 12), np.full(12, 20)
+    P = np.where(np.arange(12) == 5, 0.0, 1.0)
+    assert np.isfinite(_spectrum(f, P, n, BAND)).all()

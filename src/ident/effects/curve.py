@@ -233,10 +233,13 @@ def basis(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
     """B (n, pieces + 3) of a signal x (n,), constant outside the knots (pieces + 1,)."""
     from scipy.interpolate import BSpline  # takes 0.2 s to import
 
+    count = len(knots) - 1 + DEGREE
+    if knots[0] == knots[-1]:  # of a signal that stays where it is
+        return np.zeros((len(x), count))
     every = np.concatenate([[knots[0]] * DEGREE, knots, [knots[-1]] * DEGREE])
     x = np.clip(x, knots[0], knots[-1])
     # a third of the time of BSpline.design_matrix, which makes a sparse matrix
-    return np.asarray(BSpline(every, np.eye(len(knots) - 1 + DEGREE), DEGREE)(x))
+    return np.asarray(BSpline(every, np.eye(count), DEGREE)(x))
 
 
 def curves(

@@ -35,6 +35,7 @@ CORNERS = 16  # work: values of f_c
 LOWEST = 0.25  # range: of the motion's band, that f_c is above: what is slower is not seen
 FEWEST = 32  # work: frequencies above the motion, from which a spectrum can be told
 ROUNDS = 8  # work: of weights of the likelihood
+TINY = 1e-30  # numerics: of the largest power of a spectrum: what is below is none
 SAME = 1e-7  # numerics: of a column's size, below which what it has beside another is rounding
 # work: frequencies on either side of a line, of which the median is its surrounding
 NEIGHBOURS = 10
@@ -107,13 +108,15 @@ def has_line(P: np.ndarray) -> bool:
 
 def _spectrum(f: np.ndarray, P: np.ndarray, n: np.ndarray, band: float) -> tuple[float, ...]:
     """Return s, a and f_c of the spectrum of powers P (bins,), of n frequencies each about f."""
-    corners = np.geomspace(LOWEST * band, f[-1], CORNERS)
+    corners, least = np.geomspace(LOWEST * band, f[-1], CORNERS), TINY * float(P.max())
+    if not least:
+        return 0.0, 0.0, float(corners[0])
     shape = np.stack(np.broadcast_arrays(1.0, 1 / (1 + (f / corners[:, None]) ** 2)))
-    S = np.broadcast_to(np.maximum(P, 1e-300), shape.shape[1:])
+    S = np.broadcast_to(np.maximum(P, least), shape.shape[1:])
     for _ in range(ROUNDS):
         root = np.sqrt(n) / S
         x = _nonnegative(shape * root, P * root)
-        S = np.maximum((x[:, :, None] * shape).sum(axis=0), 1e-300)
+        S = np.maximum((x[:, :, None] * shape).sum(axis=0), least)
     best = int((n * (np.log(S) + P / S)).sum(axis=1).argmin())
     return float(x[0, best]), float(x[1, best]), float(corners[best])
 

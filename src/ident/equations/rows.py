@@ -116,9 +116,9 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     if any(moves):
         # once: all are of the data as logged
         motors, key = e, _numbers_of(corrections, e.usable)
-        moved = base.e.store.state(key, mechanism.model) if key else None
-        if moved is not None:
-            e = moved.with_torques(e.tau).with_rest(e.rest)
+        stored = base.e.store.state(key, mechanism.model) if key else None
+        if stored is not None:
+            e = stored.with_torques(e.tau).with_rest(e.rest)
         else:
             e = with_motors(mechanism, e.stepped(mechanism, steps), motors, every_correction)
             if key:
@@ -470,8 +470,6 @@ def check_needs(mechanism: Mechanism, log: str, columns: Container[str]) -> None
 
 SHORTEST_REST = 0.1  # range: s; a joint that turns round is slow for less
 IMMOBILE = 1e-9  # numerics: of a joint's largest transmission: below, it does not move
-
-
 PIECE = 1024  # work: rows that are put together at once, where none is made of all samples
 
 
@@ -606,7 +604,7 @@ def data_rows(
     spans = tuple((run.start, run.stop) for run in segments)
     labels = tuple((type(effect), effect.label) for effect in local)  # these say which inform
     key = "data", cutoff, sticking, e.loop is not None, spans, labels
-    keep = keep and all(_of_label(type(effect)) for effect in local)
+    keep = keep and farthest is None and all(_of_label(type(effect)) for effect in local)
     if keep and (stored := e.store.get(key, e.tau)) is not None:
         return DataRows(*stored)
     farthest = largest_transmission(e) if farthest is None else farthest

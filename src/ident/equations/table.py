@@ -61,7 +61,7 @@ class Table(Rows):
     every: int = 1  #: of so many samples one is evaluated for columns
     made: dict[str, MadeColumns] = field(default_factory=dict)  #: by label, at starts of searches
     #: of corrections that are not linear, by label, at shapes that searches beside any model reach
-    moved: dict[str, list[MadeColumns]] = field(default_factory=dict)
+    made_at_shapes: dict[str, list[MadeColumns]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -136,7 +136,7 @@ class Table(Rows):
         return replace(
             self,
             made={},
-            moved={},
+            made_at_shapes={},
             every=max(k for k in range(1, int(max(most, 1)) + 1) if step % k == 0),
         )
 
@@ -221,18 +221,18 @@ class Table(Rows):
                 for name in names
             ]
             return np.stack(S, axis=-1)
-        of_label = self.moved.setdefault(effect.label, [])
+        of_label = self.made_at_shapes.setdefault(effect.label, [])
         for old in of_label:
             if old.effect == effect and [*old.starts] == [shape]:
                 return old.C
         C = self._of_extent(effect, shape)
-        kept = sum(x.C.nbytes for made in self.moved.values() for x in made)
-        if kept + C.nbytes <= MADE_BYTES:
+        nbytes = sum(x.C.nbytes for made in self.made_at_shapes.values() for x in made)
+        if nbytes + C.nbytes <= MADE_BYTES:
             of_label.append(MadeColumns(effect, [dict(shape)], C, np.arange(C.shape[1])))
         return C
 
     def _of_extent(self, effect: Effect, shape: Mapping[str, float]) -> np.ndarray:
-        """Make the columns of a correction that is not linear in its extent."""
+        """Return columns (N, d, numbers) of a correction that is not linear in its extent."""
         names, extent = [parameter.name for parameter in effect.searched], shape[effect.extent]
         series: list[list[np.ndarray]] = [[] for _ in names]
         cutoff = self.motion.band.cutoff

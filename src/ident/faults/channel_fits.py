@@ -42,9 +42,7 @@ SEVERAL = 3  # range: joints from which on torques of another run are told from 
 ROUNDS = 3  # work: in which weights settle
 SQUARES_ROUNDING = 1e-12  # numerics: of the largest torque's squares: a smaller torque is none
 RIDGE = 1e-10  # numerics: of unit columns' squares: settles what no row determines
-ACTIVE = (
-    "active"  # key of the limits at which the last solution was: the next is sought there first
-)
+ACTIVE = "active"  # key of the limits at which the last solution was, where the next is sought
 RIDGE_OF_DUAL = 1e-12  # numerics: of the trace: limits that are alike share a multiplier
 POSTURES = 40  # work: samples at which the mean inertia must be positive
 

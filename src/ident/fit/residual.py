@@ -296,7 +296,7 @@ class Residual(Displayed):
             maps = residual_maps.own_maps(self.signal, joint, self.maps)
             if together:
                 steps, threshold, of_halves = residual_maps.dependence(
-                    r, rows, maps, together, self.reach
+                    r, rows, maps, together, self.bounds
                 )
                 by_halves = sum(x.r2 for x in of_halves) > residual_maps.LEAST_OF_HALVES
         repeats = again is not None and again.rho[joint] > again.chance
@@ -327,9 +327,11 @@ class Residual(Displayed):
         return residual_maps.signal_maps(self.signal, self.signals, self.joints)
 
     @cached_property
-    def reach(self) -> residual_maps.Reach:
+    def bounds(self) -> residual_maps.ExplainedBounds:
         """The most that maps can explain, on the rows of all experiments."""
-        return residual_maps.Reach(residual_maps.folds([len(trace) for trace in self.traces]))
+        return residual_maps.ExplainedBounds(
+            residual_maps.folds([len(trace) for trace in self.traces])
+        )
 
     @cached_property
     def shares(self) -> np.ndarray:

@@ -254,7 +254,7 @@ def _shares(now: PartialRegression, groups: Sequence[np.ndarray]) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class ExplainedBounds:
     """The most that maps can explain of residuals: a bound that takes few products of columns.
 
     All rows together leave no more than those of stretches that are left out do, since what is
@@ -338,15 +338,19 @@ def _in_first_half(fold: np.ndarray) -> np.ndarray:
 
 
 def dependence(
-    r: np.ndarray, rows: np.ndarray, maps: Sequence[SignalMap], runs: Sequence[slice], reach: Reach
-) -> tuple[list[Dependence], float, list[Dependence]]:
+    r: np.ndarray,
+    rows: np.ndarray,
+    maps: Sequence[SignalMap],
+    runs: Sequence[slice],
+    bounds: ExplainedBounds,
+) -> tuple[list[Dependence], float, list[Dependence]]:  # fmt: skip
     """Return what `depends_on` does for some rows, a mask (n,), of a residual r (n,), and, where
     that is no signal, on which maps of both halves it depends.
 
     Columns of maps are taken only where some may explain enough.
     """
-    most, most_of_halves = reach.most(r, rows, maps)
-    r, fold = r[rows], reach.fold[rows]
+    most, most_of_halves = bounds.most(r, rows, maps)
+    r, fold = r[rows], bounds.fold[rows]
     if _undetermined(r, fold):
         return [], 1.0, []
 
@@ -357,13 +361,17 @@ def dependence(
             return make(chosen if rows.all() else [x.of_rows(rows) for x in chosen])
 
         likely = [x for x, share in zip(maps, most, strict=True) if share > LEAST - SLACK]
-        few = 2 * len(likely) < len(maps)  # else the others' columns cost less than asking twice
-        if not likely or (few and _shares(*_regression(r, fold, within(likely))).max() <= LEAST):
+        few_likely = 2 * len(likely) < len(
+            maps
+        )  # else the others' columns cost less than asking twice
+        if not likely or (
+            few_likely and _shares(*_regression(r, fold, within(likely))).max() <= LEAST
+        ):
             return [], LEAST
         return depends_on(r, fold, within(maps), runs)
 
     steps, threshold = dependences(most, lambda chosen: chosen)
-    halves = [] if steps else dependences(most_of_halves, lambda some: by_halves(some, fold))[0]
+    halves = [] if steps else dependences(most_of_halves, lambda chosen: by_halves(chosen, fold))[0]
     return steps, threshold, halves
 
 

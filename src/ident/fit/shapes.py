@@ -345,9 +345,12 @@ def variable_projection(
         before = point.unknowns(columns)
         if shapes.any():
             loss = trial(point, first)[1] if np.isinf(loss) else loss
-            here, there = (now.triangle.residual_norm(values) for values in (before, now.x))
-            promised = here**2 - there**2
-            for half in range(HALVES if promised > FELT**2 else 1):
+            error_before, error_after = (
+                now.triangle.residual_norm(values) ** 2 for values in (before, now.x)
+            )
+            noise = error_after / max(now.triangle.rows, 1)  # a row's
+            felt = error_before - error_after > FELT**2 * noise
+            for half in range(HALVES if felt else 1):
                 x = now.x.copy()
                 for i in columns.shapes:  # no farther than LONGEST, within bounds
                     low, high = bounds[int(i)]

@@ -16,6 +16,7 @@ import math
 import os
 import select
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -98,29 +99,35 @@ def _open_parquet(path: Path) -> tuple[int, Rows]:
         times = [name for name, kind in lazy.collect_schema().items() if kind.is_temporal()]
         firsts = lazy.select(pl.col(times).drop_nulls().first()).collect()
     since = {name: first_tick(firsts[name]) for name in times}
-    return rows, partial(_rows_of_parquet, path, since)
+    return rows, partial(_rows_of_parquet, path, since, LastFrame())
 
 
-def _rows_of_parquet(path: Path, since: Mapping[str, int], first: int, stop: int) -> RawTable:
+def _rows_of_parquet(
+    path: Path, since: Mapping[str, int], last: LastFrame, first: int, stop: int
+) -> RawTable:
     with storage.parquet_errors(path):
-        frame = _frame_of_parquet(path, first, stop)
+        frame = last.rows(path, first, stop)
     return table_of(str(path), frame, first=first, since=since)
 
 
-@dataclass
-class LastFrame:
-    """The rows of a Parquet file that were read last, of which the next piece needs the end."""
+class LastFrame(threading.local):
+    """The rows of a Parquet file that a thread read last, of which the next piece needs the end."""
 
-    key: tuple[Path, int] | None = None  # the file, and when it was changed [ns]
-    first: int = 0
-    frame: pl.DataFrame | None = None
+    def __init__(self) -> None:
+        self.version: tuple[int, ...] = ()  # of the file
+        self.first = 0
+        self.frame: pl.DataFrame | None = None
+
+    def __reduce__(self) -> tuple[type[LastFrame], tuple[()]]:
+        return LastFrame, ()  # a copy in another process starts empty
 
     def rows(self, path: Path, first: int, stop: int) -> pl.DataFrame:
         """Return rows first … stop - 1 of a file; a group of rows that was read is not read again,
         as long as pieces follow each other.
         """
-        key, ahead = (path, path.stat().st_mtime_ns), -(-stop // GROUP) * GROUP
-        before = self.frame if key == self.key else None
+        state, ahead = path.stat(), -(-stop // GROUP) * GROUP
+        version = state.st_ino, state.st_size, state.st_mtime_ns
+        before = self.frame if version == self.version else None
         end = self.first + len(before) if before is not None else 0
         if before is None or not self.first <= first <= end:
             frame = pl.scan_parquet(path).slice(first, ahead - first).collect()
@@ -129,11 +136,8 @@ class LastFrame:
         else:
             more = pl.scan_parquet(path).slice(end, ahead - end).collect()
             frame = pl.concat([before.slice(first - self.first), more])
-        self.key, self.first, self.frame = key, first, frame
+        self.version, self.first, self.frame = version, first, frame
         return frame.slice(0, stop - first)
-
-
-_frame_of_parquet = LastFrame().rows
 
 
 def _open_csv(path: Path) -> tuple[int, str, Rows]:

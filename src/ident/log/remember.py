@@ -21,9 +21,11 @@ def once_a_series(function: Callable[[np.ndarray], T]) -> Callable[[np.ndarray],
     @wraps(function)
     def remembered(x: np.ndarray) -> T:
         owner = x if x.base is None else x.base
-        if not isinstance(owner, np.ndarray) or owner.flags.writeable or not owner.flags.owndata:
+        if not isinstance(owner, np.ndarray) or not owner.flags.owndata:
             return function(x)
-        key = id(owner), x.__array_interface__["data"][0], x.shape, x.strides
+        if owner.flags.writeable or x.flags.writeable:
+            return function(x)
+        key = id(owner), x.__array_interface__["data"][0], x.dtype.str, x.shape, x.strides
         known = made.get(key)
         if known is None or known[0]() is not owner:
             forget = ref(owner, lambda _: made.pop(key, None))
