@@ -26,7 +26,7 @@ import ident
 from ident.equations.rows import Scene, full_rows
 from ident.equations.unknowns import Columns
 from ident.information.estimate import rank_revealing, solve
-from ident.information.linear import Array, Index
+from ident.information.linear import Array, Index, Triangle
 from ident.information.time_bases import Basis, Chunk, eliminate
 
 REPEAT = 200
@@ -56,7 +56,8 @@ class System:
         L *= self.values.repeat(n, axis=0).repeat(m, axis=1)
         rows = L.reshape(N * n, width, m), self.A.reshape(N * n, k), self.b.reshape(N * n)
         elimination = eliminate([Chunk(np.repeat(self.first, n), *rows)], self.basis.count)
-        x = solve(elimination.border, rank_revealing(elimination.border)).x
+        border = Triangle.merge(elimination.factors)
+        x = solve(border, rank_revealing(border)).x
         return x, elimination.back_substitute(x)
 
 

@@ -42,6 +42,12 @@ def test_cores_agree_with_the_lines_that_a_user_would_write(tmp_path):
     assert np.abs(core - plain).max() < 1e-4 * np.abs(core).max()
 
 
+def test_elimination_agrees_with_banded_normal_equations(benchmarks, monkeypatch):
+    module = benchmarks("banded")
+    monkeypatch.setattr(module, "REPEAT", 1)
+    assert max(module.table()[1]["p, λ apart"]) < 1e-10
+
+
 def test_growth_with_joints_closures_and_candidates(benchmarks):
     module = benchmarks("growth")
     rows = [*module.joints(400, (2,)), *module.closures(400, (1, 2))]
