@@ -643,7 +643,6 @@ def rows(
     no parameter or torque, are stored with the state, unless it is seen once (`keep`).
     """
     e, model = scene.e, scene.mechanism.model
-    farthest = largest_transmission(e) if farthest is None else farthest
     segments = e.segments()
     key = "Γ", cutoff, e.loop is not None, tuple((run.start, run.stop) for run in segments)
     stored = e.store.get(key, model)
