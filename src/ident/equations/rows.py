@@ -837,16 +837,16 @@ def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.nd
     index, bodies, supports_of_rows = mechanism.joint_index, supports(mechanism.model), []
     # which coordinates move which of the model's joints, and which of the mechanism's
     if e.loop is None:
-        moved = np.eye(len(bodies), dtype=bool)
-        turned = moved[[joint.index for joint in mechanism.joints]]
+        of_model = np.eye(len(bodies), dtype=bool)
+        of_mechanism = of_model[[joint.index for joint in mechanism.joints]]
     else:
-        moved, turned = (x.astype(bool) for x in (e.pinv[0, :, -d:], e.leverage[0]))
+        of_model, of_mechanism = (x.astype(bool) for x in (e.pinv[0, :, -d:], e.leverage[0]))
     of_effects = [
-        (turned[[index[name] for name in effect.joints if name in index]], effect.local, at)
+        (of_mechanism[[index[name] for name in effect.joints if name in index]], effect.local, at)
         for effect, at in columns.effects
     ]
     for u in range(d):
-        reached = np.concatenate([bodies[j] for j in np.flatnonzero(moved[:, u])])
+        reached = np.concatenate([bodies[j] for j in np.flatnonzero(of_model[:, u])])
         support = [np.flatnonzero(np.isin(columns.rigid, reached))]
         support += [at[at >= 0] for acts, local, at in of_effects if not local or acts[:, u].any()]
         supports_of_rows.append(np.concatenate(support).astype(int))

@@ -417,8 +417,8 @@ class Projection:
         parts = zip(self.parts, Y, strict=True)
         replaced = replace(self, parts=tuple(replace(part, Y=y) for part, y in parts))
         vars(replaced).update(_Q=self._Q, squares=self.squares, cells=self.cells)  # of X
-        kept = ("_downdated", "_factors")
-        vars(replaced).update({name: x for name, x in vars(self).items() if name in kept})
+        of_columns = ("_downdated", "_factors")
+        vars(replaced).update({name: x for name, x in vars(self).items() if name in of_columns})
         return replaced
 
     def in_order(self, parts: Sequence[Part], order: Index) -> Self:
