@@ -121,6 +121,9 @@ class LastFrame(threading.local):
     def __reduce__(self) -> tuple[type[LastFrame], tuple[()]]:
         return LastFrame, ()  # a copy in another process starts empty
 
+    def __repr__(self) -> str:
+        return "LastFrame()"  # the same in each process: a run that goes on compares what it reads
+
     def rows(self, path: Path, first: int, stop: int) -> pl.DataFrame:
         """Return rows first … stop - 1 of a file; a group of rows that was read is not read again,
         as long as pieces follow each other.
