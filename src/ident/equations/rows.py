@@ -821,8 +821,8 @@ def smooth_step(scene: Scene, cutoff: float | None) -> int:
         return scene.samples.reduced(part).gamma.reshape(len(e.t[part]), -1)
 
     step = agreeing_step(decimator, e.rate, cutoff, e.segments(), quick, all_rows, tolerance)
-    e.store.put(key, model, [np.array([step])])
-    e.store.put(NODES, model, [np.array([step, tolerance])])
+    e.store.put(key, model, [np.array([step])], always=True)
+    e.store.put(NODES, model, [np.array([step, tolerance])], always=True)
     return step
 
 

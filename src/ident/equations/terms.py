@@ -36,7 +36,7 @@ from ident.motion.state import State
 
 STEP = 1e-3  # numerics: of the range of a shape parameter, for differences
 SLIGHTLY = 1e-5  # numerics: [rad | m | per second] step along a coordinate, for differences
-# work: bytes of Γ at all samples of a state, up to which it is kept unfiltered
+# work: bytes of Γ at all samples of a state, or of one row of it, up to which it is kept unfiltered
 GAMMA_BYTES = 48_000_000
 MOST_BYTES = 100_000_000  # work: of derivatives that are kept with a state
 FEWEST = 30  # work: samples from which one pass of derivatives is faster than several of forces
@@ -401,17 +401,17 @@ class Samples:
         key, times = ("Γ", index), e.store.get(asked, model)
         if times is None:
             times = [np.zeros(1)]
-            e.store.put(asked, model, times)
+            e.store.put(asked, model, times, always=True)
         times[0] += 1
         stored = e.store.get(key, model)
         if stored is None and times[0] >= OFTEN:
             span, n = row_spans(model)[index], len(e)
-            if not e.store.fits(8 * n * (span.stop - span.start)):
+            if 8 * n * (span.stop - span.start) > GAMMA_BYTES:
                 return None
             parts = (slice(i, min(i + CHUNK, n)) for i in range(0, n, CHUNK))
             pieces = [regressor(model, e.q[x], e.v[x], e.a[x])[:, index, span] for x in parts]
             stored = [np.concatenate(pieces)]
-            e.store.put(key, model, stored)
+            e.store.put(key, model, stored, always=True)
         return None if stored is None else np.asarray(stored[0])
 
     def _bodies(self) -> np.ndarray:
@@ -571,7 +571,7 @@ def _series_step(e: State, model: pin.Model) -> int:
         off = np.abs(_from_nodes(e, step, lambda at: e.a[at]) - e.a)
         size = np.sqrt((e.a**2).mean(axis=0))
         step = step if (off.max(axis=0) <= tolerance * size).all() else 1
-        e.store.put(SERIES, model, [np.array([step])])
+        e.store.put(SERIES, model, [np.array([step])], always=True)
     return step
 
 

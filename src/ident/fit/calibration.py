@@ -34,7 +34,7 @@ from ident.fit.calibration_rows import FitRows
 from ident.information import linear
 from ident.information.blocks import Information
 from ident.information.chance import moderated_covariance
-from ident.information.estimate import MATERIAL, Estimate, estimate, term_sizes
+from ident.information.estimate import ROUNDING, Estimate, estimate, least_noise, term_sizes
 from ident.information.evidence import CERTAIN
 from ident.information.linear import Triangle
 from ident.mechanism.causes import CalibrationError
@@ -45,7 +45,6 @@ ROUNDS = 2  # work: of columns at the parameters that they lead to
 NEAR = 0.1  # work: prior scales, below which a second round is saved: errors differ by 3 %
 PASSES = 6  # work: over the weights of the coordinates
 SETTLED = 1e-3  # numerics: of a weight: a smaller change is the last
-ROUNDING = 1e-13  # numerics: of the largest torque: a column that is smaller is one of rounding
 TRADES = 0.9  # level: correlation of two causes' errors from which one stands for the other
 LIBRARY = {"late_torque": "delay"}  # kinds of calibration errors: the library's for the same
 MOST_NAMED = 3  # shown: causes that trade with one that is named
@@ -251,7 +250,7 @@ def _marginal(
         z = _within_limits(estimate([total], np.zeros(n + c), one, sigma=one), fitted)
         return z, total, one, _by_noise(z, [information.total(one)], one, one)
     start = np.concatenate([fitted.solution.beta, np.zeros(c)])
-    floor = MATERIAL * np.maximum(term_sizes(totals, start), of.torque)
+    floor = least_noise(term_sizes(totals, start), of.torque)
     sigma = np.array(fitted.sigma) if len(fitted.sigma) == len(totals) else None
     if sigma is None:
         rms = [t.residual_norm(start) / np.sqrt(max(t.rows, 1)) for t in totals]

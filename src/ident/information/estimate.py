@@ -23,6 +23,7 @@ from ident.information.lapack import lapack
 from ident.information.linear import Array, Index, Triangle, merged_by_support, weighted_total
 
 _EPS = float(np.finfo(float).eps)
+ROUNDING = 1e-13  # numerics: of the largest torque: what is smaller is rounding
 _NULL = 1e-12  # numerics: of its reference: what is left of a column is null below this
 
 
@@ -196,6 +197,14 @@ def term_sizes(totals: Sequence[Triangle], x: Array) -> Array:
     return np.array([s / np.sqrt(max(t.rows, 1)) for s, t in zip(sizes, totals, strict=True)])
 
 
+def least_noise(terms: Array, torque: Array) -> Array:
+    """Return the least noise (d,) by which coordinates' rows are divided, from the sizes (d,) of
+    the terms that add up in each and of its torque; of one that bears nothing all is rounding.
+    """
+    floor = MATERIAL * np.maximum(terms, torque)
+    return np.asarray(np.maximum(floor, ROUNDING * torque.max(initial=0.0)))
+
+
 def estimate(
     totals: Sequence[Triangle],
     prior: Array,
@@ -260,7 +269,7 @@ def estimate(
             fixed = np.zeros(len(prior), dtype=bool)  # decided anew with weights that are right
             before = np.minimum(term_sizes(totals, prior), 10 * largest)
             after = term_sizes(totals, trial.x)
-            floor = MATERIAL * np.maximum(np.maximum(after, before), torque)
+            floor = least_noise(np.maximum(after, before), torque)
         new = np.maximum(_residuals(totals, trial.x), floor)
         new = np.where(new > 0, new, largest)
         converged = step > 0 and np.abs(np.log(new / weights)).max() < 1e-3

@@ -27,7 +27,9 @@ LEFT_OPEN = 1e-6  # numerics: [m | rad] largest equation of a sample, used at ot
 
 
 class Store:
-    """A cache of a state's slow arrays; those of all states stay below `LIMIT` bytes."""
+    """A cache of a state's slow arrays; those of all states stay below `LIMIT` bytes, but for those
+    by which others are made in another way: no result depends on how much room there is.
+    """
 
     LIMIT: ClassVar[int] = 128_000_000
     STATES: ClassVar[int] = 2  # work: that are kept: at a point, and a step of one shape from it
@@ -42,10 +44,12 @@ class Store:
         of, value = self._arrays.get(key, (None, None))
         return value if of is owner else None
 
-    def put(self, key: object, owner: object, value: Sequence[np.ndarray]) -> None:
-        """Keep arrays, if there is room."""
+    def put(
+        self, key: object, owner: object, value: Sequence[np.ndarray], always: bool = False
+    ) -> None:
+        """Keep arrays, if there is room, or `always`."""
         size = sum(x.nbytes for x in value)
-        if self.fits(size) and key not in self._arrays:
+        if (always or self.fits(size)) and key not in self._arrays:
             Store._used += size
             self._arrays[key] = owner, value
 

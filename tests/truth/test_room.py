@@ -1,0 +1,35 @@
+"""What is kept of a log saves time: no result depends on how much room there is for it."""
+
+import numpy as np
+import pytest
+
+from ident.fit import identify
+from ident.motion import complete
+from ident.motion.state import Store
+from identification import motion_log, plant, robot
+
+
+@pytest.mark.parametrize(
+    ("name", "effects"),
+    [
+        ("arm", ("viscous", "load_friction", "stribeck")),
+        ("arm", ("viscous", "elasticity:elbow")),
+        ("four_bar", ("viscous", "load_friction")),
+    ],
+)
+def test_a_fit_is_the_same_with_and_without_room(name, effects, monkeypatch):
+    mechanism = robot(name)
+    for effect in effects:
+        mechanism = mechanism.with_effect(effect)
+    log = plant(mechanism, motion_log(name, 100.0, 4.0), seed=1).log
+
+    def numbers():
+        fit = identify(mechanism, complete(mechanism, log))
+        values = [v for e in fit.effects for v in e.parameters] + [*fit.parameters]
+        pairs = [(v.value, v.stderr or 0.0) for v in values]
+        return np.array(pairs), fit.estimate.x, fit.covariance
+
+    kept = numbers()
+    monkeypatch.setattr(Store, "LIMIT", 0)
+    for one, other in zip(kept, numbers(), strict=True):
+        np.testing.assert_array_equal(one, other)
