@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -34,6 +33,7 @@ from ident.fit.prediction import Trace
 from ident.information.blocks import Part
 from ident.information.chance import surrogates
 from ident.information.hypotheses import PartialRegression
+from ident.information.projection import VISIBLE
 from ident.motion import Motion, State
 
 KNOTS, KNOTS_WAVE, KNOTS_TIME = 9, 41, 4  # work: of a map; of a joint's own position; of time
@@ -42,7 +42,6 @@ JOINTS = 12  # work: whose signals are compared
 # TX40's joint 5 depended on the sign of v.joint_6, to which it is coupled by viscous friction
 LEAST = 0.03
 SLACK = 1e-6  # numerics: of a share, by which the most that it can be may be off
-DEPENDENT = 1e-12  # numerics: of unit columns' squares: below, a direction is of others
 LEAST_OF_HALVES = 0.25  # level: half of its size, that maps of both halves must explain
 SIGNALS = 4  # shown: of one joint
 DRAWS = 60  # work: surrogates of noise
@@ -210,14 +209,14 @@ def depends_on(
     total, rest, random = float(now.loss.sum()), [*range(len(maps))], np.random.default_rng(0)
     while rest and len(added) < SIGNALS:
         groups_left, loss = [groups[i] for i in rest], float(now.loss.sum())
-        g, threshold = _shares(now, groups_left) * loss / total, LEAST
+        noise = surrogates(now.residual[0], runs, DRAWS, random)[:, 0]
+        asked = now.with_targets([np.column_stack([now.parts[0].Y, noise])])
+        gains = asked.gains(groups_left)
+        g, threshold = asked.explained(gains.by) * loss / total, LEAST
         if g.max() <= threshold:
             break
-        noise = surrogates(now.residual[0], runs, DRAWS, random)[:, 0]
-        asked = now.with_targets([np.column_stack([r, noise])])
-        null = asked.gains(groups_left).null.transpose(0, 2, 1)
-        chance = asked.explained(null, asked.null_losses.T).max() * loss / total
-        threshold = max(LEAST, float(chance))
+        null = asked.explained(gains.null.transpose(0, 2, 1), asked.null_losses.T)
+        threshold = max(LEAST, float(null.max() * loss / total))
         if g.max() <= threshold:
             break
         near = np.flatnonzero(g >= g.max() - LEAST)
@@ -257,28 +256,16 @@ def _shares(now: PartialRegression, groups: Sequence[np.ndarray]) -> np.ndarray:
 class ExplainedBounds:
     """The most that maps can explain of residuals: a bound that takes few products of columns.
 
-    All rows together leave no more than those of stretches that are left out do, since what is
-    fitted to the others leaves as little of these as can be. With A = [1 Φ],
+    With T such that A T, A = [1 Φ], are orthonormal columns, G_k = TᵀA_kᵀA_k T of stretch k,
+    α = TᵀAᵀr and c_k = TᵀA_kᵀr − G_k α, stretches that are left out have errors with the squares
 
-        R² ≤ 1 − (rᵀr − rᵀA (AᵀA)⁺ Aᵀr) / Σ_folds ‖r − r̄₋fold‖²
+        rᵀr − αᵀα + Σ_k Σ_m (m + 1) c_kᵀ G_k^(m − 1) c_k,    m ≥ 1
+
+    as |(I − H)⁻¹ e|² = Σ_m (m + 1) eᵀ H^m e: no term is negative, and the first ones are a bound.
     """
 
     fold: np.ndarray  # (n,) of every row, ascending
-    _made: dict[SignalMap, np.ndarray] = field(default_factory=dict)
-
-    @cached_property
-    def halves(self) -> tuple[slice, slice]:
-        """The rows of each half of the stretches of time."""
-        middle = int(_in_first_half(self.fold).sum())
-        return slice(0, middle), slice(middle, len(self.fold))
-
-    def _squares(self, signal_map: SignalMap) -> np.ndarray:
-        """Return AᵀA (2, c + 1, c + 1) of all rows of each half."""
-        if signal_map not in self._made:
-            self._made[signal_map] = np.stack(
-                [_squares(signal_map.columns[h]) for h in self.halves]
-            )
-        return self._made[signal_map]
+    _made: dict[tuple[bytes, tuple[SignalMap, ...]], MapProducts] = field(default_factory=dict)
 
     def most(
         self, r: np.ndarray, rows: np.ndarray, maps: Sequence[SignalMap]
@@ -286,48 +273,89 @@ class ExplainedBounds:
         """Return bounds (maps,) of R², and those of maps with values of their own in each half, of
         some rows, a mask (n,), of a residual r (n,).
         """
-        r = np.where(rows, r, 0.0)
-        total = _left_out_squares(r, rows, self.fold)
-        missing, falls = float(total - r @ r), np.zeros((len(maps), 2))
-        outside = [np.flatnonzero(~rows[half]) + half.start for half in self.halves]
-        widths = np.array([signal_map.columns.shape[1] for signal_map in maps])
-        for width in np.unique(widths):
-            of_width = np.flatnonzero(widths == width)
-            squares = np.zeros((2, len(of_width), width + 1, width + 1))
-            products = np.zeros(squares.shape[:3])
-            for i, number in enumerate(of_width.tolist()):
-                columns = maps[number].columns
-                squares[:, i] = self._squares(maps[number])
-                for h, (half, out) in enumerate(zip(self.halves, outside, strict=True)):
-                    squares[h, i] -= _squares(columns[out])
-                    products[h, i] = np.append(r[half].sum(), r[half] @ columns[half])
-            falls[of_width, 0] = _explained(squares.sum(axis=0), products.sum(axis=0))
-            falls[of_width, 1] = _explained(squares, products).sum(axis=0)
-        shares = (missing + falls) / max(total, 1e-300)
-        same = np.array_equal(_in_first_half(self.fold[rows]), _in_first_half(self.fold)[rows])
-        return shares[:, 0], shares[:, 1] if same else np.ones(len(maps))
+        fold, r, shares = self.fold[rows], np.where(rows, r, 0.0), np.ones((2, len(maps)))
+        if _undetermined(r[rows], fold):
+            return shares[0], shares[1]
+        total, by_width = _left_out_squares(r[rows], fold), dict[int, list[int]]()
+        stretches = np.zeros((len(r), len(np.unique(fold))))  # r in the column of its stretch
+        stretches[rows, np.unique(fold, return_inverse=True)[1]] = r[rows]
+        for i in sorted(range(len(maps)), key=lambda i: maps[i].name):  # in any joint's order
+            by_width.setdefault(maps[i].columns.shape[1], []).append(i)
+        for of_width in by_width.values():
+            chosen = tuple(maps[i] for i in of_width)
+            key = rows.tobytes(), chosen
+            if key not in self._made:
+                columns = np.stack([x.columns[rows] for x in chosen])
+                self._made[key] = MapProducts.of(columns, fold)
+            products = np.stack([stretches.T @ x.columns for x in chosen])
+            falls = self._made[key].falls(stretches.sum(axis=0), products)
+            shares[:, of_width] = 1 - (r @ r - falls) / max(total, 1e-300)
+        return shares[0], shares[1]
 
 
-def _squares(X: np.ndarray) -> np.ndarray:
-    """Return AᵀA (c + 1, c + 1) of A = [1 X] for columns X (n, c)."""
-    A = np.column_stack([np.ones(len(X)), X])
-    return A.T @ A
+@dataclass(frozen=True, eq=False)
+class MapProducts:
+    """Products of the columns of M maps of equal width by stretch of time."""
+
+    first: np.ndarray  # (stretches,) whether they are in the first half
+    # for all rows, and for halves with values of their own: T (M, c, c) and G (M, stretches, c, c)
+    factors: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+    @classmethod
+    def of(cls, columns: np.ndarray, fold: np.ndarray) -> MapProducts:
+        """Return those of columns (M, n, c − 1) of rows with stretches `fold` (n,)."""
+        A = np.concatenate([np.ones((*columns.shape[:2], 1)), columns], axis=2)
+        starts = np.append(0, np.flatnonzero(np.diff(fold)) + 1)
+        first, parts = _in_first_half(fold)[starts], np.split(A, starts[1:], axis=1)
+        squares = np.stack([x.swapaxes(1, 2) @ x for x in parts], axis=1)
+        half = _by_half(_by_half(squares, first).swapaxes(2, 3), first).swapaxes(2, 3)
+        return cls(first, (_orthonormal(squares), _orthonormal(half)))
+
+    def falls(self, sums: np.ndarray, products: np.ndarray) -> np.ndarray:
+        """Return αᵀα less the first terms of the sum (2, M), of a residual with `sums` (stretches,)
+        and `products` with the columns (M, stretches, c − 1).
+        """
+        falls, first = [], np.broadcast_to(sums[:, None], (*products.shape[:2], 1))
+        b = np.concatenate([first, products], axis=2)
+        for (T, G), x in zip(self.factors, (b, _by_half(b, self.first)), strict=True):
+            y = x @ T
+            alpha = y.sum(axis=1)
+            c = y - (G @ alpha[:, None, :, None])[..., 0]
+            further = (G @ c[..., None])[..., 0]
+            last = (G @ further[..., None])[..., 0]
+            terms = 2 * c * c + 3 * c * further + 4 * further**2 + 5 * further * last
+            falls.append((alpha**2).sum(axis=1) - terms.sum(axis=(1, 2)))
+        return np.array(falls)
 
 
-def _explained(squares: np.ndarray, products: np.ndarray) -> np.ndarray:
-    """Return bᵀ K⁺ b (…) of squares K (…, c, c) and products b (…, c)."""
-    of_columns = np.einsum("...ii->...i", squares)
-    known = of_columns > DEPENDENT * of_columns.max(axis=-1, keepdims=True)
-    size = np.sqrt(np.where(known, of_columns, 1.0))
-    values, V = np.linalg.eigh(squares / (size[..., :, None] * size[..., None, :]))
-    b = np.einsum("...ij,...i->...j", V, products / size)
-    good = values > DEPENDENT
-    return np.where(good, b**2 / np.where(good, values, 1.0), 0.0).sum(axis=-1)
+def _by_half(x: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Return what has [1 Φ] of stretches (M, stretches, …, c) for [1 Φ₁ Φ₂], with Φ of the `first`
+    stretches (stretches,) and of the others, (M, stretches, …, 2 c − 1).
+    """
+    c = x.shape[-1]
+    out = np.zeros((*x.shape[:-1], 2 * c - 1))
+    out[..., 0] = x[..., 0]
+    out[:, first, ..., 1:c] = x[:, first, ..., 1:]
+    out[:, ~first, ..., c:] = x[:, ~first, ..., 1:]
+    return out
 
 
-def _left_out_squares(r: np.ndarray, rows: np.ndarray, fold: np.ndarray) -> float:
-    """Return Σ_folds ‖r − r̄₋fold‖² of r (n,), zero outside of `rows`, a mask (n,)."""
-    count, total, squares = (np.bincount(fold, weights=x) for x in (rows, r, r * r))
+def _orthonormal(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return T (M, c, c), zero for dependent columns, and G of squares (M, stretches, c, c)."""
+    total = squares.sum(axis=1)
+    of_columns = np.einsum("mii->mi", total)
+    size = np.sqrt(np.where(of_columns > 0, of_columns, 1.0))
+    T = np.eye(total.shape[1]) / size[:, None, :]
+    T[:, 0, 1:] = -total[:, 0, 1:] / (total[:, :1, 0] * size[:, 1:])  # without their means
+    values, V = np.linalg.eigh(T.swapaxes(1, 2) @ total @ T)
+    new = values > VISIBLE**2
+    T = T @ (V * (new / np.sqrt(np.where(new, values, 1.0)))[:, None, :])
+    return T, T.swapaxes(1, 2)[:, None] @ squares @ T[:, None]
+
+
+def _left_out_squares(r: np.ndarray, fold: np.ndarray) -> float:
+    """Return Σ_folds ‖r − r̄₋fold‖² of r (n,)."""
+    count, total, squares = (np.bincount(fold, x) for x in (np.ones(len(r)), r, r * r))
     mean = (total.sum() - total) / np.maximum(count.sum() - count, 1)
     return float((squares - 2 * mean * total + count * mean**2).sum())
 
