@@ -9,6 +9,8 @@ Ten a body in Pinocchio's order, about the joint frame's origin, which is what Î
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -178,8 +180,12 @@ class Covariance:
 
     def csv(self) -> bytes:
         """A table with the names as its first row and first column."""
-        columns = dict(zip(self.names, self.matrix.T, strict=True))
-        return pl.DataFrame({"parameter": self.names, **columns}).write_csv().encode()
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["parameter", *self.names])
+        rows = zip(self.names, self.matrix.tolist(), strict=True)
+        writer.writerows([name, *row] for name, row in rows)
+        return stream.getvalue().encode()
 
 
 def read_covariance(table: TomlTable, folder: Path) -> Covariance | None:

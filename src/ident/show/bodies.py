@@ -191,14 +191,16 @@ def hull(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return points (n, 3) and outward faces (m, 3) of their hull, of many only outer points."""
     if len(cloud) > HULL:
         cloud = cloud[np.unique((cloud @ sphere(1.0, HULL).T).argmax(axis=0))]
-    from scipy.spatial import ConvexHull  # takes 0.1 s to import
-
-    convex = ConvexHull(cloud, qhull_options="QJ Pp")  # joggled: flat ones too
-    faces = convex.simplices
-    a, b, c = (cloud[faces[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), convex.equations[:, :3]) < 0
+    points = coal.StdVec_Vec3s()
+    points.extend(cloud)
+    convex = coal.Convex.convexHull(points, True, "QJ Pp")  # joggled: flat ones too
+    corners = np.array(convex.points())
+    triangles = (convex.polygons(i) for i in range(convex.num_polygons))
+    faces = np.array([[triangle[i] for i in range(3)] for triangle in triangles])
+    a, b, c = (corners[faces[:, i]] for i in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - corners.mean(axis=0)) < 0
     faces[inward] = faces[inward][:, ::-1]
-    return cloud, faces
+    return corners, faces
 
 
 # --- marks, and bodies without a shape ------------------------------------------------------------
