@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from importlib import resources
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -336,11 +337,13 @@ def _pixels(panel: Panel) -> int:
 
 def source(name: str) -> str:
     """Return a script of BokehJS (`bokeh.min.js`, `bokeh-api.min.js`) or of this package."""
-    here = resources.files("ident.show.charts").joinpath(name)
-    # the folder is read without importing bokeh, which takes half a second
-    path = here if name in PACKAGE_SCRIPTS else resources.files("bokeh").joinpath(
-        "server", "static", "js", name)  # fmt: skip
-    return path.read_text(encoding="utf-8")
+    if name in PACKAGE_SCRIPTS:
+        return resources.files("ident.show.charts").joinpath(name).read_text(encoding="utf-8")
+    package = find_spec("bokeh")  # is not imported: that takes longer than to read the script
+    if package is None or package.origin is None:
+        raise ModuleNotFoundError("No module named 'bokeh'", name="bokeh")
+    folder = Path(package.origin).parent / "server" / "static" / "js"
+    return (folder / name).read_text(encoding="utf-8")
 
 
 def scripts(charts: bool = True, scenes: bool = False) -> str:
