@@ -152,3 +152,10 @@ def test_a_torque_without_any_value_is_refused_as_such(log, mechanism):
     empty = ident.Log.from_arrays("empty.csv", log.t, columns)
     with pytest.raises(ident.errors.MotionError, match=r"'tau\.elbow' has no value in any"):
         ident.complete(mechanism, empty)
+
+
+def test_a_torque_in_words_is_refused_as_such(log, mechanism):
+    columns = {**log.columns, "tau.elbow": np.full(len(log.t), "high")}
+    words = ident.Log.from_arrays("words.csv", log.t, columns)
+    with pytest.raises(ident.errors.MotionError, match=r"'tau\.elbow' holds text \('high'\); log"):
+        ident.complete(mechanism, words)

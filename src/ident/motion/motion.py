@@ -391,6 +391,8 @@ def _missing_torques(mechanism: Mechanism, signals: LogSignals, needed: bool) ->
         lacking += f" ({one_of('tau.' + name, free)})" * bool(free)
         if f"tau.{name}" in signals.log.columns:
             lacking = f"column 'tau.{name}' has no value in any of {len(signals.log.t)} rows"
+        of_text = (note for note in signals.log.repairs if f"column 'tau.{name}' holds" in note)
+        lacking = next(of_text, lacking).removesuffix(", left out")
         entry = entry_for("tau", missing, free)
         raise MotionError(
             f"{log}: joint '{name}' is driven, but {lacking}; log it, map it in mechanism.toml"
