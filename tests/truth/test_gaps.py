@@ -154,8 +154,13 @@ def test_a_torque_without_any_value_is_refused_as_such(log, mechanism):
         ident.complete(mechanism, empty)
 
 
-def test_a_torque_in_words_is_refused_as_such(log, mechanism):
-    columns = {**log.columns, "tau.elbow": np.full(len(log.t), "high")}
-    words = ident.Log.from_arrays("words.csv", log.t, columns)
+def test_a_torque_in_words_is_refused_as_such(log, mechanism, tmp_path):
+    names = ["t", *log.columns]
+    rows = zip(log.t, *log.columns.values(), strict=True)
+    words = [
+        ["high" if n == "tau.elbow" else x for n, x in zip(names, r, strict=True)] for r in rows
+    ]
+    lines = [",".join(map(str, row)) for row in [names, *words]]
+    (tmp_path / "words.csv").write_text("\n".join(lines))
     with pytest.raises(ident.errors.MotionError, match=r"'tau\.elbow' holds text \('high'\); log"):
-        ident.complete(mechanism, words)
+        ident.complete(mechanism, tmp_path / "words.csv")
