@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.effects import Effect
-from ident.equations.terms import CHUNK, NEARBY, Samples
+from ident.effects.drive import TorqueGain
+from ident.equations.terms import CHUNK, NEARBY, WIDE, Samples
 from ident.mechanism import batched
 
 
@@ -60,6 +61,21 @@ class Nearby:
         key = ("force", effect.label, part.start, part.stop, c.tobytes(), *shape.items())
         if key not in self.base.memo:
             self.base.memo[key] = self.base.reduced(part).force_of(effect, c, shape)
+        made: np.ndarray = self.base.memo[key]
+        return made
+
+    def torque(
+        self, effect: Effect, place: int, c: np.ndarray, shape: Mapping[str, float]
+    ) -> np.ndarray:
+        """Return the torque (n,) of an effect that is kept, at the joint at `place` among those at
+        which it acts.
+        """
+        key = ("torque", effect.label, place, c.tobytes(), *shape.items())
+        if key not in self.base.memo:
+            n = len(self.base.e)
+            parts = (slice(i, min(i + WIDE, n)) for i in range(0, n, WIDE))
+            every = (self.base.generalised(part).columns(effect, shape) for part in parts)
+            self.base.memo[key] = np.concatenate([E[:, place] @ c for E in every])
         made: np.ndarray = self.base.memo[key]
         return made
 
@@ -113,23 +129,37 @@ def difference(one: Samples, other: Samples, base: Samples) -> np.ndarray | None
     }
     if differ - corrections or (one.point.pi != other.point.pi).any() or e.wrench is not None:
         return None
-    n, out = len(e), np.zeros((len(e), mechanism.model.nv))
+    n = len(e)
+    # measured torques, forces of the model, and of what hangs on these in another way than a gain
+    measured, model, implicit = np.zeros((3, n, mechanism.model.nv))
     if e.tau is not other.e.tau:
         for sign, s in ((1, one), (-1, other)):
-            out += sign * s.generalised(slice(None)).measured(mechanism.driven)
+            measured += sign * s.generalised(slice(None)).measured(mechanism.driven)
     steps = dict(near.steps)
     for key, step in far.steps.items():
         steps[key] = steps[key] - step if key in steps else -step
     for start in range(0, n if steps else 0, CHUNK):
         part = slice(start, min(start + CHUNK, n))
-        out[part] -= near.along(part, one.point.pi, steps).T
+        model[part] += near.along(part, one.point.pi, steps).T
         for effect in mechanism.effects:
             c, shape = one.point.of(effect)
             known = effect.unknowns and len(shape) == len(effect.shapes) and c.any()
-            if known and not (near.keeps(effect) and far.keeps(effect)):
-                for sign, s in ((-1, one), (1, other)):
+            kept = isinstance(effect, TorqueGain) or (near.keeps(effect) and far.keeps(effect))
+            if known and not kept:
+                out = implicit if effect.implicit else model
+                for sign, s in ((1, one), (-1, other)):
                     s.generalised(part).add_effect(out[part], effect, sign * c, shape)
-    return out
+    return measured - implicit - (1 + _gains(one)) * model
+
+
+def _gains(s: Samples) -> np.ndarray:
+    """Return by how much (nv,) torques that the model of a tree predicts are read too large."""
+    gains = np.zeros(s.mechanism.model.nv)
+    for effect in s.mechanism.effects:
+        if isinstance(effect, TorqueGain):
+            joint = s.mechanism.joint(effect.joints[0])
+            gains[joint.index] += s.share_of(effect) * s.point.of(effect)[0][0]
+    return gains
 
 
 def _of_placements(one: Samples, other: Samples, base: Samples) -> np.ndarray | None:
@@ -139,7 +169,9 @@ def _of_placements(one: Samples, other: Samples, base: Samples) -> np.ndarray | 
     states, models = (one.e, other.e, base.e), [s.mechanism.model for s in (one, other, base)]
     effects = one.mechanism.effects
     if any(s.mechanism.closures for s in (one, other)) or any(
-        x.implicit or not (x.corrects or x.local or x.loaded_link) for x in effects
+        (x.implicit and not isinstance(x, TorqueGain))
+        or not (x.corrects or x.local or x.loaded_link)
+        for x in effects
     ):
         return None
     both = [(getattr(e, x), getattr(base.e, x)) for e in states[:2] for x in "qva"]
@@ -165,7 +197,7 @@ def _of_placements(one: Samples, other: Samples, base: Samples) -> np.ndarray | 
             q, v, a = (x[part] for x in (base.e.q, base.e.v, base.e.a))
             base.memo[key] = batched.Dynamics.of(models[2], joints, q, v, a, pi)
         out[part] -= base.memo[key].slopes(int(moved[0]), step[moved[0], :3, 3]).T
-    return out
+    return (1 + _gains(one)) * out
 
 
 def _nearby(s: Samples, base: Samples) -> Nearby | None:

@@ -30,6 +30,7 @@ from ident.effects import Correction, Effect
 from ident.equations.filter import STANDING, STICKING, Decimator, filtered_windows
 from ident.equations.nearby import linearized
 from ident.equations.terms import (
+    NEARBY,
     NODES,
     RIGID,
     Samples,
@@ -144,7 +145,8 @@ def corrected(base: Samples, cutoff: float | None, only: Effect | None = None) -
     for _, what in corrections:
         for name, d in what.late.items() if len(e) > 1 else ():
             now = Samples(mechanism, e, slice(None), base.point, memo)
-            torque, before = (s.predicted((name,))[0][:, 0] for s in (now, _earlier(now, base, d)))
+            earlier = _earlier(now, base, d, name)
+            torque, before = (s.predicted((name,))[0][:, 0] for s in (now, earlier))
             tau = e.tau.copy()
             tau[:, mechanism.driven.index(name)] += torque - before
             e = e.with_torques(tau)
@@ -222,9 +224,10 @@ def holding_torques(mechanism: Mechanism, e: State) -> np.ndarray:
     return e.drive_torques(forces, [mechanism.joint_index[name] for name in mechanism.driven])
 
 
-def _earlier(now: Samples, base: Samples, d: float) -> Samples:
+def _earlier(now: Samples, base: Samples, d: float, name: str) -> Samples:
     """Return samples of the state d [s] before, so that dry friction jumps there as it does where
-    positions are read as much earlier, and forces are as near to those now as they are there.
+    positions are read as much earlier, and forces are as near to those now as they are there; the
+    load of the joint `name` of a tree, which is smooth, is interpolated where it would take a pass.
     """
     e = now.e
     stored = base.memo.setdefault(EARLIER, {}) if base.same_motion(now) else {}
@@ -234,6 +237,9 @@ def _earlier(now: Samples, base: Samples, d: float) -> Samples:
         earlier = replace(now, e=e.at(now.mechanism, shifted.transpose(1, 0, 2)), memo={})
         stored[d] = linearized(earlier, base)
     made: Samples = stored[d]  # corrections of torques change no force of the model
+    if NEARBY not in made.memo and e.loop is None and e.wrench is None:
+        load = now.predicted((name,))[1]
+        made.memo.setdefault(("loads", (name,)), late(e.t, load, d))
     return replace(now, e=made.e, memo=made.memo)
 
 
@@ -824,6 +830,13 @@ def smooth_step(scene: Scene, cutoff: float | None) -> int:
     e.store.put(key, model, [np.array([step])], always=True)
     e.store.put(NODES, model, [np.array([step, tolerance])], always=True)
     return step
+
+
+def take_step(scene: Scene, other: Scene, cutoff: float | None) -> None:
+    """Make rows of a state from samples as far from each other as those of another one."""
+    for key in (("step", cutoff), NODES):
+        if (stored := other.e.store.get(key, other.mechanism.model)) is not None:
+            scene.e.store.put(key, scene.mechanism.model, stored, always=True)
 
 
 def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.ndarray]:

@@ -17,13 +17,22 @@ import numpy as np
 from ident.effects import Effect, Signals
 from ident.equations.filter import Decimator, Product, multiplied, products
 from ident.equations.nearby import difference, linearized
-from ident.equations.rows import Rows, Scene, corrected, perturbed, rows, slightly_further, twist_of
+from ident.equations.rows import (
+    Rows,
+    Scene,
+    corrected,
+    perturbed,
+    rows,
+    slightly_further,
+    take_step,
+    twist_of,
+)
 from ident.equations.terms import Samples, residual
 from ident.equations.thinning import SplineProduct, multiplied_splines, spline_products
 from ident.equations.twists import twist_slopes
 from ident.equations.unknowns import Columns, Point
 from ident.errors import MotionError
-from ident.information.cubic import coefficients, cubic
+from ident.information.cubic import cubic, slopes
 from ident.mechanism.mechanism import Mechanism
 from ident.motion import Motion
 from ident.motion.state import State
@@ -66,15 +75,21 @@ class Table(Rows):
     @classmethod
     def of(
         cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point,
-        keep: bool = True,
+        keep: bool = True, as_smooth: Table | None = None,
     ) -> Table:  # fmt: skip
-        """Return the rows of a model at a working point; `keep`: as `rows` takes it.
+        """Return the rows of a model at a working point.
+
+        Args:
+            keep: as `rows` takes it.
+            as_smooth: rows of the same logs, whose motion is as smooth.
 
         Raises:
             MotionError: if no sample is usable, as where a delay may be longer than the log is.
         """
         cutoff = motion.band.cutoff
         scenes = tuple(Scene.of(mechanism, columns, e, point, cutoff) for e in motion.experiments)
+        for scene, other in zip(scenes, as_smooth.scenes if as_smooth else (), strict=False):
+            take_step(scene, other, cutoff)
         expected = sum(len(s.e) // Decimator.of(cutoff, s.e.rate).factor for s in scenes)
         every = max(1, -(-expected // TABLE))
         parts, number, scales = [], [], []
@@ -325,7 +340,7 @@ class Table(Rows):
             out = np.zeros((int((self.experiment == number).sum()), S.shape[1]))
             for first in range(0, len(felt), AT_ONCE):
                 at = felt[first : first + AT_ONCE]
-                terms = np.stack(coefficients(bare.e.t, S[:, at]), axis=1)
+                terms = np.stack([S[:, at], slopes(bare.e.t, S[:, at])], axis=1)
                 out[:, at] = multiplied_splines(self._splines[number], terms)
             return out
         if len(S) != len(t):

@@ -382,7 +382,9 @@ class Samples:
         key = "loads", joints
         if key not in self.memo:
             at = [self.mechanism.joint(name).index for name in joints]
-            rows = [] if NEARBY in self.memo else [self._gamma_row(index) for index in at]
+            made = {number for *_, number in self.memo.get(RIGID, {})}  # bodies' forces, by π
+            whole = NEARBY in self.memo or self.point.pi.tobytes() in made
+            rows = [] if whole else [self._gamma_row(index) for index in at]
             if rows and all(row is not None for row in rows):
                 pi, spans = self.dynamic_parameters, row_spans(self.mechanism.model)
                 both = zip(rows, (spans[index] for index in at), strict=True)
@@ -445,9 +447,11 @@ class Samples:
         if not effect.unknowns or len(shape) < len(effect.shapes) or not c.any():
             return
         nearby, place = self.memo.get(NEARBY), effect.acting.index(joint)
-        whole = nearby.base if nearby is not None and nearby.keeps(effect) else self
+        if nearby is not None and nearby.keeps(effect):
+            out += nearby.torque(effect, place, c, shape)
+            return
         for start in range(0, len(out), WIDE):
-            s = whole.generalised(slice(start, min(start + WIDE, len(out))))
+            s = self.generalised(slice(start, min(start + WIDE, len(out))))
             out[s.part] += s.columns(effect, shape)[:, place] @ c
 
     def torque_of(self, effect: Effect, joint: str) -> np.ndarray:

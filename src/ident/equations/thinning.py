@@ -160,7 +160,7 @@ def interpolated(make: Callable[[Index], Array], run: slice, step: int) -> Array
 
 # --- rows of cubic splines -----------------------------------------------------------------------
 
-SplineProduct = list[tuple[slice, Array]]  # intervals m, and weights (rows, m · 4) of some rows
+SplineProduct = list[tuple[slice, Array]]  # points m, and weights (rows, m · 2) of some rows
 TOGETHER = 16  # work: rows of splines that one product makes
 
 
@@ -172,10 +172,17 @@ def spline_products(
 
         Σ_s h_s Σ_p c_ip u_s^p  =  Σ_i Σ_p (Σ_s h_s u_s^p) c_ip          samples s of interval i
 
-    `length`: samples of the run, `spacing` [s] apart.
+    whose coefficients c are those of values and slopes at both ends (Hermite). `length`: samples of
+    the run, `spacing` [s] apart.
     """
     last, taps, half = (length - 1) // step - 1, taps_of(decimator), decimator.half
-    # by the row's place between two samples: weights (intervals, 4) and the first interval
+    H = step * spacing
+    # by values and slopes at the first and at the second end, of c in 1, u, u² and u³
+    hermite = np.array([
+        [1, 0, -3 / H**2, 2 / H**3], [0, 1, -2 / H, 1 / H**2],
+        [0, 0, 3 / H**2, -2 / H**3], [0, 0, -1 / H, 1 / H**2],
+    ])  # fmt: skip
+    # by the row's place between two samples: weights (points, 2) and the first point
     inner = dict[int, tuple[int, Array]]()
 
     def weights(sample: int) -> tuple[int, Array]:
@@ -184,7 +191,10 @@ def spline_products(
         u, low = spacing * (samples - step * interval), int(interval[0])
         size = int(interval[-1]) - low + 1
         powers = [np.bincount(interval - low, taps * u**p, size) for p in range(4)]
-        return low, np.stack(powers, axis=1)
+        both, w = hermite @ powers, np.zeros((size + 1, 2))
+        w[:-1] += both[:2].T
+        w[1:] += both[2:].T
+        return low, w
 
     def of(sample: int) -> tuple[int, Array]:
         if sample + half >= step * (last + 1):  # beyond the last of the points
@@ -198,7 +208,7 @@ def spline_products(
     for start in range(0, len(at), TOGETHER):
         group = [of(int(sample)) for sample in at[start : start + TOGETHER]]
         first = min(low for low, _ in group)
-        W = np.zeros((len(group), max(low + len(w) for low, w in group) - first, 4))
+        W = np.zeros((len(group), max(low + len(w) for low, w in group) - first, 2))
         for row, (low, w) in zip(W, group, strict=True):
             row[low - first : low - first + len(w)] = w
         products.append((slice(first, first + W.shape[1]), W.reshape(len(W), -1)))
@@ -206,7 +216,7 @@ def spline_products(
 
 
 def multiplied_splines(products: SplineProduct, terms: Array) -> Array:
-    """Return the rows (N, c) of splines with coefficients `terms` (intervals, 4, c)."""
+    """Return the rows (N, c) of splines with values and slopes `terms` (points, 2, c)."""
     c = terms.shape[2]
     return np.concatenate([W @ terms[at].reshape(-1, c) for at, W in products])
 

@@ -33,22 +33,25 @@ def cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 def coefficients(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return those of 1, u, u² and u³ after each of the n ≥ 4 points but the last (n − 1, …)."""
+    h, m = np.diff(t).reshape(-1, *(1,) * (x.ndim - 1)), slopes(t, x)
+    rise, m0, m1 = np.diff(x, axis=0) / h, m[:-1], m[1:]
+    return x[:-1], m0, (3 * rise - 2 * m0 - m1) / h, (m0 + m1 - 2 * rise) / h**2
+
+
+def slopes(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the slopes m (n, …) at the n ≥ 4 points."""
     n = len(t)
     steps, shape = np.diff(t), (-1, *(1,) * (x.ndim - 1))
     first, last = t[2] - t[0], t[-1] - t[-3]
     h = steps.reshape(shape)
-    rise = np.diff(x, axis=0) / h
-    right = np.concatenate([
-        ((h[0] + 2 * first) * h[1] * rise[:1] + h[0] ** 2 * rise[1:2]) / first,
-        3 * (h[1:] * rise[:-1] + h[:-1] * rise[1:]),
-        ((h[-1] + 2 * last) * h[-2] * rise[-1:] + h[-1] ** 2 * rise[-2:-1]) / last,
-    ])  # fmt: skip
+    rise, right = np.diff(x, axis=0) / h, np.empty(x.shape)
+    right[0] = ((h[0] + 2 * first) * h[1] * rise[0] + h[0] ** 2 * rise[1]) / first
+    right[1:-1] = 3 * (h[1:] * rise[:-1] + h[:-1] * rise[1:])
+    right[-1] = ((h[-1] + 2 * last) * h[-2] * rise[-1] + h[-1] ** 2 * rise[-2]) / last
     diagonal = np.concatenate([steps[1:2], 2 * (steps[1:] + steps[:-1]), steps[-2:-1]])
     lower, upper = np.append(steps[1:], last), np.append(first, steps[:-1])
-    *_, slopes, _ = lapack.dgtsv(lower, diagonal, upper, right.reshape(n, -1))
-    m = slopes.reshape(x.shape)
-    m0, m1 = m[:-1], m[1:]
-    return x[:-1], m0, (3 * rise - 2 * m0 - m1) / h, (m0 + m1 - 2 * rise) / h**2
+    *_, m, _ = lapack.dgtsv(lower, diagonal, upper, right.reshape(n, -1))
+    return np.asarray(m.reshape(x.shape))
 
 
 def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
