@@ -36,10 +36,13 @@ def test_what_is_short_or_nothing_is_alike_to_nothing():
     assert rows_alike([np.zeros(100)]) == 1.0
 
 
-def _case(seed, loud=1.0):
-    """Rows of which two blocks determine most of some unknowns; what noise makes of these."""
+def _case(seed, loud=1.0, last=1.0):
+    """Rows of which two blocks determine most of some unknowns, with the last of columns that are
+    so large; what noise makes of these.
+    """
     random = np.random.default_rng(seed)
     A = random.standard_normal((ROWS, UNKNOWNS))
+    A[:, -1] *= last
     block = np.arange(ROWS) * BLOCKS // ROWS
     A[(block != 2) & (block != 7), 3:] *= 0.05
     noise = random.standard_normal(ROWS) * np.where(block == 2, loud, 1.0)
@@ -74,6 +77,17 @@ def test_a_loud_stretch_is_in_the_blocks_scatter():
         information, fitted, white = _case(seed, loud=4.0)
         z.append(fitted.x / np.sqrt(np.diag(moderated_covariance(information, fitted, white))))
     assert np.sqrt(np.mean(np.square(z))) < 1.6  # of white noise it would be 2.9
+
+
+@pytest.mark.parametrize("last", [0.0, 1e-11, 1e-9])
+def test_an_unknown_of_which_rows_tell_nothing_changes_no_noise(last):
+    """Its variance by noise is one of rounding, of either sign."""
+    information, fitted, white = _case(0, last=1e-6)
+    expected = moderated_covariance(information, fitted, white)[:-1, :-1]
+    information, fitted, white = _case(0, last=last)
+    white[-1, -1] = -1e-17
+    found = moderated_covariance(information, fitted, white)[:-1, :-1]
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
 def test_without_noise_there_is_none():
