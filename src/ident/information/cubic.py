@@ -13,6 +13,7 @@ import numpy as np
 
 from ident.information.lapack import lapack
 
+UNEVEN = 1e-6  # numerics: of a step in time: times are taken for even whose steps differ by less
 
 def cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Return the values at `at` of the spline through x (n, …) at increasing times t (n,).
@@ -56,6 +57,18 @@ def slopes(t: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def late(t: np.ndarray, x: np.ndarray, d: float) -> np.ndarray:
     """Return x(t − d) of a series x (n, …) at the times t (n,) [s]; the ends stand still."""
-    if not d or len(t) < 2:  # of one sample no rate is known
+    n = len(t)
+    if not d or n < 2:  # of one sample no rate is known
         return x
-    return cubic(t, x, np.clip(t - d, t[0], t[-1]))
+    h = (t[-1] - t[0]) / (n - 1)
+    if n < 4 or np.abs(np.diff(t) - h).max() > UNEVEN * h:
+        return cubic(t, x, np.clip(t - d, t[0], t[-1]))
+    k, f = int(np.floor(-d / h)), float(-d / h % 1)  # samples on: k whole ones, and a part
+    first, stop, m = max(0, -k), min(n, n - 1 - k), slopes(t, x)
+    out = np.empty(x.shape)
+    out[:first], out[max(stop, 0) :] = x[0], x[-1]
+    if first < stop:  # Hermite's polynomials of values and slopes at both ends
+        one, other = slice(first + k, stop + k), slice(first + k + 1, stop + k + 1)
+        out[first:stop] = x[one] * ((1 + 2 * f) * (1 - f) ** 2) + x[other] * (f * f * (3 - 2 * f))
+        out[first:stop] += h * f * (1 - f) * ((1 - f) * m[one] - f * m[other])
+    return out
