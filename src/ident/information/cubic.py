@@ -15,6 +15,7 @@ from ident.information.lapack import lapack
 
 UNEVEN = 1e-6  # numerics: of a step in time: times are taken for even whose steps differ by less
 
+
 def cubic(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Return the values at `at` of the spline through x (n, …) at increasing times t (n,).
 
