@@ -131,7 +131,7 @@ def difference(one: Samples, other: Samples, base: Samples) -> np.ndarray | None
         return None
     n = len(e)
     # measured torques, forces of the model, and of what hangs on these in another way than a gain
-    measured, model, implicit = np.zeros((3, n, mechanism.model.nv))
+    measured, model, implicit = np.zeros((3, mechanism.model.nv, n)).transpose(0, 2, 1)
     if e.tau is not other.e.tau:
         for sign, s in ((1, one), (-1, other)):
             measured += sign * s.generalised(slice(None)).measured(mechanism.driven)
@@ -149,7 +149,9 @@ def difference(one: Samples, other: Samples, base: Samples) -> np.ndarray | None
                 out = implicit if effect.implicit else model
                 for sign, s in ((1, one), (-1, other)):
                     s.generalised(part).add_effect(out[part], effect, sign * c, shape)
-    return measured - implicit - (1 + _gains(one)) * model
+    gains, change = _gains(one), measured - implicit
+    change -= model * (1 + gains) if gains.any() else model
+    return np.asarray(change)
 
 
 def _gains(s: Samples) -> np.ndarray:

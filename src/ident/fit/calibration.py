@@ -213,16 +213,18 @@ def _weighed(
     if of.white or not jitter.any():
         information = of.reduced(rows)
         return information, *_marginal(rows, information, fitted, of, c)
-    information = of.reduced(rows)
-    result = _marginal(rows, information, fitted, of, c)
+    whole = of.reduced(rows, whole=True)
+    result = _marginal(rows, whole, fitted, of, c)
     for _ in range(PASSES):
         sigma = result[2]
         w = 1 / np.sqrt(1 + jitter / sigma**2)
         weighted = replace(rows, A=rows.A * w[:, :, None], b=rows.b * w)
-        information = of.reduced(weighted)
-        result = _marginal(weighted, information, fitted, of, c)
+        whole = of.reduced(weighted, whole=True)
+        result = _marginal(weighted, whole, fitted, of, c)
         if np.abs(np.log(result[2] / sigma)).max() < NEAR:
             break
+    information = of.reduced(weighted)
+    vars(information).update(totals=whole.totals)  # of the same rows
     return information, *result
 
 

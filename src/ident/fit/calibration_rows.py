@@ -21,7 +21,7 @@ import numpy as np
 from ident.effects.drive import TorqueGain
 from ident.equations.filter import Decimator, multiplied, products
 from ident.equations.motion_noise import LinearRun, rows_cutoff
-from ident.equations.problem import Problem, block_edges, stacks_information, triangles
+from ident.equations.problem import Problem, block_edges, blocks_of, stacks_information, triangles
 from ident.equations.rows import Rows, Scene
 from ident.equations.table import SMOOTH, Table
 from ident.equations.unknowns import Columns, Point
@@ -191,8 +191,8 @@ class FitRows(ABC):
         """Return the squared residual (d,) at x over that of the fit."""
 
     @abstractmethod
-    def reduced(self, rows: Rows) -> Information:
-        """Return rows as information."""
+    def reduced(self, rows: Rows, whole: bool = False) -> Information:
+        """Return rows as information; `whole`: of which the totals alone are asked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,10 +270,13 @@ class ReducedRows(FitRows):
         before = _mean_squares(self.problem.information, fitted.x)
         return _mean_squares(information, x) / np.maximum(before, 1e-300)
 
-    def reduced(self, rows: Rows) -> Information:
-        """Return the triangles of the blocks of all logs."""
+    def reduced(self, rows: Rows, whole: bool = False) -> Information:
+        """Return the triangles of the blocks of all logs; `whole`: as one block."""
         blocks, motion = list[Block](), self.problem.motion
         supports = [np.arange(rows.A.shape[2])] * rows.b.shape[1]
+        if whole:
+            blocks = blocks_of(0, 0, rows, supports)
+            return Information.of(blocks, rows.A.shape[2], rows.b.shape[1])
         for number, e in enumerate(motion.experiments):
             at = self.table.experiment == number
             if at.any():
@@ -338,7 +341,7 @@ class WhitenedRows(FitRows):
         """Return ones: the motion has moved, residuals are no measure."""
         return np.ones(self.problem.information.d)
 
-    def reduced(self, rows: Rows) -> Information:
+    def reduced(self, rows: Rows, whole: bool = False) -> Information:
         """Return the rows after the motion is eliminated."""
         runs, first = [], 0
         for run in self._runs():
