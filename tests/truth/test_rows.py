@@ -11,11 +11,13 @@ from helpers import Truth, series
 from ident.effects import create
 from ident.equations.filter import CHUNK, Decimator
 from ident.equations.rows import Scene, row_supports, rows
+from ident.equations.table import Table
 from ident.equations.terms import Samples
 from ident.equations.unknowns import Columns, Point
 from ident.log import Log
 from ident.mechanism import load
 from ident.mechanism.load import absolute
+from ident.mechanism.parameters import regressor
 from ident.motion import complete
 from ident.motion.state import Store
 
@@ -99,6 +101,25 @@ def test_rows_of_gears_have_the_columns_of_what_moves_with_them(robots, tmp_path
         assert ("viscous.mirror.Fv" in present) == (name == "elbow")
         assert ("viscous.upper.Fv" in present) == (name == "upper")
         assert "elbow_link.Lyy" in present
+    # levers of gears are the same at all samples: torques are filtered by joint, Γ has no row more
+    table, bare = (
+        Table.of(model, Columns.of(model), motion, Point.prior(model))
+        for model in (mechanism, load(tmp_path))
+    )
+    for effect, places in unknowns.effects:
+        C, felt = bare.effect_columns(effect, [{}])
+        dense = np.zeros((*bare.b.shape, C.shape[2]))
+        dense[:, felt] = C
+        np.testing.assert_allclose(dense, table.A[:, :, places], atol=1e-12)
+    Z, q, v, a = e.pinv[0][:, -3:], *(np.tile(x, (2, 1)) for x in (e.q, e.v, e.a))
+    for n in (len(e), len(q)):  # fewer than pay for passes over all samples, and more
+        gamma = regressor(mechanism.model, q[:n], v[:n], a[:n])
+        reduced = regressor(mechanism.model, q[:n], v[:n], a[:n], Z)
+        np.testing.assert_allclose(reduced, Z.T @ gamma, atol=1e-12)
+    shifted = e.q + 0.1
+    off = mechanism.kinematics.closure_values(shifted)[:, 0]
+    mirror, elbow = (mechanism.joint(name).index for name in ("mirror", "elbow"))
+    np.testing.assert_allclose(off, shifted[:, mirror] + 2 * shifted[:, elbow], atol=1e-12)
 
 
 @pytest.mark.parametrize("joint", ["crank", "coupler", "closure.pin"])

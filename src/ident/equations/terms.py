@@ -95,7 +95,10 @@ class Samples:
             isinstance(part, np.ndarray)
             or 80 * len(e) * model.nv * (model.njoints - 1) > GAMMA_BYTES
         ):
-            return self.reduce(regressor(model, e.q[part], e.v[part], e.a[part]))
+            motion = e.q[part], e.v[part], e.a[part]
+            if self.independent and len(self) and self._Z.strides[0] == 0:  # of all samples alike
+                return regressor(model, *motion, self._Z[0])
+            return self.reduce(regressor(model, *motion))
         stored = e.store.get("Γ", model)
         if stored is None:
             stored = [regressor(model, e.q, e.v, e.a)]
@@ -296,11 +299,11 @@ class Samples:
 
     def add_torque(self, out: np.ndarray, name: str, torque: np.ndarray) -> None:
         """Adds Wᵀτ to forces `out`: (n, r) for τ (n,), (n, r, c) for τ (n, c) of c columns."""
-        rows: slice | np.ndarray
         rows, W = self.lever(name)
         if len(W) > 1 and W.strides[0] == 0:  # of all samples the same: most rows have none
-            felt = np.flatnonzero(W[0])
-            rows, W = felt, W[:1, felt]
+            for row in np.flatnonzero(W[0]).tolist():
+                out[:, row] += W[0, row] * torque
+            return
         if torque.ndim == 2:
             W = W[:, :, None]
         out[:, rows] += W * torque[:, None]

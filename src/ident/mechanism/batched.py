@@ -175,10 +175,14 @@ def states(
     return bodies, placements
 
 
-def regressor(model: pin.Model, joints: list[Joint], q: Array, v: Array, a: Array) -> Array:
-    """Return Γ (nv, 10 · bodies, n) of q (n, nq), v (n, nv), a (n, nv)."""
+def regressor(
+    model: pin.Model, joints: list[Joint], q: Array, v: Array, a: Array, Z: Array | None = None
+) -> Array:
+    """Return Γ (nv, 10 · bodies, n) of q (n, nq), v (n, nv), a (n, nv), or ZᵀΓ (d, …) with Z
+    (nv, d), of which no row of Γ is kept.
+    """
     n = len(q)
-    gamma = np.zeros((model.nv, COUNT * len(joints), n))
+    gamma = np.zeros((model.nv if Z is None else Z.shape[1], COUNT * len(joints), n))
     carriers: list[list[int]] = []  # of each body the rows of its ancestors, from the base on
     for joint in joints:
         carriers.append([*(carriers[joint.parent] if joint.parent >= 0 else []), joint.v])
@@ -187,8 +191,12 @@ def regressor(model: pin.Model, joints: list[Joint], q: Array, v: Array, a: Arra
         motion = (np.ascontiguousarray(x[part].T) for x in (q, v, a))
         bodies, _ = states(model, joints, *motion, axes=True)
         for i, (body, rows) in enumerate(zip(bodies, carriers, strict=True)):
-            for row, columns in zip(rows, _columns(body), strict=True):
-                gamma[row, COUNT * i : COUNT * (i + 1), part] = columns
+            columns = _columns(body)
+            if Z is not None:
+                felt = np.flatnonzero(Z[rows].any(axis=0))
+                rows, columns = felt.tolist(), np.tensordot(Z[rows][:, felt].T, columns, 1)
+            for row, of_row in zip(rows, columns, strict=True):
+                gamma[row, COUNT * i : COUNT * (i + 1), part] = of_row
     return gamma
 
 

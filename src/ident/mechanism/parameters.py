@@ -274,13 +274,16 @@ FAR = 1e3  # range: [m] a centre of mass beyond belongs to a mass of rounding er
 BATCH = 1000  # work: samples from which passes over all of them are faster than calls
 
 
-def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Γ (n, nv, 10 · bodies) of q (n, nq), v (n, nv), a (n, nv); gravity is in it.
+def regressor(
+    model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray, Z: np.ndarray | None = None
+) -> np.ndarray:
+    """Γ (n, nv, 10 · bodies) of q (n, nq), v (n, nv), a (n, nv); gravity is in it. With Z (nv, d),
+    of all samples alike, ZᵀΓ (n, d, 10 · bodies).
 
     Samples are contiguous in memory, as the filter of the rows wants them.
     """
     if len(q) >= BATCH and (joints := batched.joints_of(model)):
-        return batched.regressor(model, joints, q, v, a).transpose(2, 0, 1)
+        return batched.regressor(model, joints, q, v, a, Z).transpose(2, 0, 1)
     data, gamma = model.createData(), np.zeros((model.nv, COUNT * (model.njoints - 1), len(q)))
     piece, spans = np.empty((TURNED, *gamma.shape[:2])), row_spans(model)
     for start in range(0, len(q), TURNED):
@@ -289,6 +292,7 @@ def regressor(model: pin.Model, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
             piece[i] = pin.computeJointTorqueRegressor(model, data, *state)
         for row, span in enumerate(spans):  # the others are zero
             gamma[row, span, now] = piece[: len(q) - start, row, span].T
+    gamma = gamma if Z is None else np.tensordot(Z.T, gamma, 1)
     return gamma.transpose(2, 0, 1)
 
 

@@ -117,9 +117,10 @@ class State:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the motion's arrays."""
+        """Bytes of the motion's arrays; of one sample's where all are the same."""
         series = (self.q, self.v, self.a, self.y, self.yd, self.ydd, *(self.loop or ()))
-        return sum({id(x): x.nbytes for x in series}.values())
+        whole = {id(x): x.nbytes if len(x) and x.strides[0] else x[:1].nbytes for x in series}
+        return sum(whole.values())
 
     @property
     def pinv(self) -> np.ndarray:
