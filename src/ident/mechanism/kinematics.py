@@ -224,6 +224,9 @@ class Kinematics:
         """Return Φ (n, m) alone, of q (n, nq)."""
         if not self.closures:
             return np.zeros((len(q), 0))
+        if self._constant_rates and self.model.nq == self.model.nv:  # Φ is linear
+            at_zero = self.closure_rows(np.zeros((1, self.model.nq)))
+            return np.asarray(q @ at_zero.rate[0].T + at_zero.value)
         still = np.zeros((len(q), self.model.nv))
         return self._outputs(self._value_function, q, still)[0][..., 0]
 

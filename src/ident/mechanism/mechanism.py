@@ -9,6 +9,7 @@ from itertools import combinations
 from operator import add
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -33,6 +34,8 @@ FEWEST_DUMMIES = 2  # range: bodies of the same numbers, which no machine has
 GENERAL_STEP = 0.05  # range: [rad | m] from the assembled configuration to one in general position
 SHORTEST = 1e-6  # numerics: [m] of a length of the drawing that may be wrong
 DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
+#: kinematics in use, by the identity of their model and closures, which they keep
+_compiled = WeakValueDictionary[tuple[int, int], Kinematics]()
 
 
 @dataclass(frozen=True)
@@ -165,9 +168,13 @@ class Mechanism(Displayed):
 
     @cached_property
     def kinematics(self) -> Kinematics:
-        """Φ, J and J̇v as compiled functions."""
+        """Φ, J and J̇v as compiled functions, once for mechanisms that differ in effects alone."""
         tree = {joint.name: joint.index for joint in self.joints if joint.in_tree}
-        return Kinematics(self.model, self.closures, tree)
+        key = id(self.model), id(self.closures)  # the entry keeps both alive
+        known = _compiled.get(key)
+        if known is None or known.coordinates != tree:
+            known = _compiled[key] = Kinematics(self.model, self.closures, tree)
+        return known
 
     @cached_property
     def prior(self) -> np.ndarray:
@@ -630,7 +637,10 @@ class Mechanism(Displayed):
             model.jointPlacements[index] = shifted(model.jointPlacements[index], axis, by)
             bare = replace(self, model=model)
             moved = (bare.placed(x) if isinstance(x, FrameForce) else x for x in self.effects)
-            return replace(bare, effects=tuple(moved))
+            other = replace(bare, effects=tuple(moved))
+            if not any(closure.frames for closure in self.closures):  # they bind coordinates alone
+                other.__dict__["kinematics"] = self.kinematics
+            return other
         closures = [c.displaced(place, by) if place in c.places else c for c in self.closures]
         other = replace(self, closures=tuple(closures))
         other.__dict__["kinematics"] = self.kinematics.with_closures(other.closures)
