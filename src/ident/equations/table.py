@@ -187,25 +187,46 @@ class Table(Rows):
     def _columns(
         self, effect: Effect, shapes: Sequence[Mapping[str, float]]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return those of an effect with columns of its own, that are not weighed."""
-        own_rows = effect.local and not self.mechanism.closures
-        joints = [self.mechanism.joint(name).index for name in effect.joints] if own_rows else ()
-        felt, u = np.array(joints) if own_rows else np.arange(self.b.shape[1]), len(effect.unknowns)
-        series, step = [], max(1, AT_ONCE // max(len(felt) * u, 1))
+        """Return those of an effect with columns of its own, that are not weighed.
+
+        Where a torque works by the same levers at all samples, it is filtered once, by joint.
+        """
+        own_rows, u = effect.local and not self.mechanism.closures, len(effect.unknowns)
+        levers = None if own_rows else self._levers(effect)
+        if own_rows:
+            felt = np.array([self.mechanism.joint(name).index for name in effect.joints])
+        elif levers is not None:
+            felt = np.flatnonzero(np.any(levers, axis=(0, 1)))
+        else:
+            felt = np.arange(self.b.shape[1])
+        width = len(felt) if levers is None else len(effect.acting)
+        series, step = [], max(1, AT_ONCE // max(width * u, 1))
         for number, s in enumerate(self.samples):
             pieces = []
             for first in range(0, len(shapes), step):  # one product each
                 batch = shapes[first : first + step]
-                out = np.zeros((len(felt), len(batch) * u, len(s))).transpose(2, 0, 1)  # by column
+                out = np.zeros((width, len(batch) * u, len(s))).transpose(2, 0, 1)  # by column
                 for i, shape in enumerate(batch):
                     columns = out[:, :, i * u : (i + 1) * u]
-                    if own_rows:
+                    if own_rows or levers is not None:
                         columns[:] = s.columns(effect, shape)
                     else:
                         s.add_effect(columns, effect, np.eye(u), shape)
                 pieces.append(self.filtered(number, out))
-            series.append(np.concatenate(pieces, axis=2))
+            C = np.concatenate(pieces, axis=2)
+            series.append(C if levers is None else levers[number][:, felt].T @ C)
         return np.concatenate(series), felt
+
+    def _levers(self, effect: Effect) -> list[np.ndarray] | None:
+        """Return by experiment the levers W (joints, d) of the torques of an effect, where they are
+        the same at all samples of a loop; else None.
+        """
+        index, every = self.mechanism.joint_index, [s.e.leverage for s in self.samples]
+        constant = all(len(W) and W.strides[0] == 0 for W in every)
+        if effect.loaded_link or not self.mechanism.closures or not constant:
+            return None
+        levers = [W[0, [index[name] for name in effect.acting]] for W in every]
+        return levers if np.any(levers) else None
 
     def scale_sensitivity(self, effect: Effect) -> np.ndarray:
         """Return S (N, d) of the scale of a drive, from what the model predicts for it.
