@@ -334,8 +334,7 @@ class Projection:
         if "_residual" not in vars(self):
             return reduced
         K = self._factors[:, stays]
-        U, s, _ = linear.svd(K)
-        rank = int((s > RANK * s.max(initial=0.0)).sum())
+        U, rank = _left_vectors(K)
         U, V = U[:, :rank], U[:, rank:]
         q = self._Q @ V
         both = zip(self.parts, self._parted(q), strict=True)
@@ -378,8 +377,16 @@ class Projection:
 
     def _spanned_by(self, columns: Index) -> Array:
         """Return V (rank, u), orthonormal: Q V spans what only some of the model's columns do."""
-        U, s, _ = linear.svd(self._factors[:, ~np.isin(self.model, columns)])
-        return U[:, int((s > RANK * s.max(initial=0.0)).sum()) :]
+        key = columns.tobytes()
+        if key not in self._spans:
+            U, rank = _left_vectors(self._factors[:, ~np.isin(self.model, columns)])
+            self._spans[key] = U[:, rank:]
+        return self._spans[key]
+
+    @cached_property
+    def _spans(self) -> dict[bytes, Array]:
+        """What `_spanned_by` has returned, by columns; of the same rows in any order."""
+        return {}
 
     def _with(self, Q: Array, residual: Array, rows: Self, changed: Index) -> Self:
         """The same with what is projected, and with what only the rows decide, and the sets of
@@ -428,6 +435,7 @@ class Projection:
         ordered = replace(self, parts=tuple(parts), count=self.columns)
         vars(ordered).update(_Q=self._Q[order], _residual=self._residual[order, :1])
         vars(ordered).update(_factors=self._factors, squares=self.squares, size=self.size)
+        vars(ordered).update(_spans=self._spans)
         return ordered
 
     @property
@@ -442,3 +450,12 @@ class Projection:
         # of a factor, not of normal equations: no variance is negative then
         root = linear.pinv(self._factors, rcond=RANK**0.5) / self.size[self.model][:, None]
         return root @ (self._Q.T @ b), root @ root.T
+
+
+def _left_vectors(K: Array) -> tuple[Array, int]:
+    """Return the left singular vectors (rank, rank) of K (rank, k), those of its own rank first,
+    and this rank.
+    """
+    R = np.asarray(np.linalg.qr(K.T, mode="r"))
+    U, s, _ = linear.svd(R.T)  # that has no more columns than rows
+    return U, int((s > RANK * s.max(initial=0.0)).sum())
