@@ -289,6 +289,14 @@ class Contest:
         made = self.table.made
         return {x.effect.label: made[x.effect.label] for x in explicit if x.effect.label in made}
 
+    @property
+    def columns_alone(self) -> Contest:
+        """The contest with what `unchanged` asks for, without the rows that decide."""
+        samples = (replace(s, samples=replace(s.samples, memo={})) for s in self.table.scenes)
+        table = replace(self.table, scenes=tuple(samples), made_at_shapes={})
+        regression = PartialRegression((), self.pulses[:0], self.regression.weight)
+        return replace(self, table=table, regression=regression, draws=None)
+
     def columns(self, effect: Effect, shape: Shape) -> list[np.ndarray]:
         """The columns (m, u) of an effect at a shape in the rows of each part."""
         return self.columns_at(effect, [shape])[0]
@@ -491,5 +499,7 @@ class ColumnStore:
         for u, rows in enumerate(self.rows):
             edges = np.searchsorted(block[rows], np.append(numbers, numbers[-1] + 1))
             X = np.concatenate(self.blocks[u], axis=1)
-            parts.append(Part(u, np.concatenate(self.index[u]), X, self.b[rows, u][:, None], edges))
+            self.blocks[u] = [X]  # the pieces go, one coordinate after the other
+            self.index[u] = [np.concatenate(self.index[u])]
+            parts.append(Part(u, self.index[u][0], X, self.b[rows, u][:, None], edges))
         return tuple(parts)

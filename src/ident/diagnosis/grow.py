@@ -259,9 +259,10 @@ def grow(
         done_before = 1 - 0.5 ** (number - begun)  # nobody knows how many rounds
         rest = part(on_progress, done_before, 1.0)
         on_round = part(rest, 0.0, 0.5)
+        grown, turning, last = None, None, None
+        contest = None if contest is None else contest.columns_alone  # its rows need not stay
         contest = contest_of(fit, part(on_round, 0.0, 0.4), contest)
         search = Search(contest, given, part(on_round, 0.4, 0.6), visited, to_refit=True)
-        grown, turning = None, None
         if number < ROUNDS and not stopped:
             effect_set, moved = with_given_moved(search.run(), given)
             on_round("refitting", 0.6)
@@ -274,12 +275,11 @@ def grow(
                 leading_set = led_at_reversals(search, search.run(), elsewhere)
                 if leading_set is not None:
                     grown = refit_set(fit, search, carried(leading_set, given), validate)
-        last = None
         if grown is None:  # what a diagnosis names of this model is the next step
+            del search
             if not any(candidate.curve for candidate in contest.candidates):
                 contest = contest.with_curves(part(rest, 0.35, 0.4))
-            selection = select(contest, part(rest, 0.4, 0.6))
-            last = conclude(selection, part(rest, 0.6, 0.8))
+            last = conclude(select(contest, part(rest, 0.4, 0.6)), part(rest, 0.6, 0.8))
             last = at_reversals(last, part(rest, 0.8, 1.0), turning)
             if number < ROUNDS and not stopped:
                 search, effect_set = named_set(last, given, visited)

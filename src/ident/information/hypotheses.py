@@ -97,9 +97,13 @@ class PartialRegression(Projection):
     def visible(self, groups: Sequence[Index]) -> Array:
         """Return the shares (groups,) of the columns that the model does not have."""
         flat = np.concatenate(groups)
-        pairs = [(Q, self._taken(p, flat)) for p, Q in zip(self.parts, self.Q, strict=True)]
-        inside = np.sum([Q.T @ X for Q, X in pairs], axis=0)
-        rest = sum(np.einsum("ij,ij->j", X, X) for _, X in pairs) - (inside**2).sum(axis=0)
+        inside, squares = np.zeros((self.rank, len(flat))), np.zeros(len(flat))
+        for part, Q in zip(self.parts, self.Q, strict=True):
+            present = np.flatnonzero(np.isin(flat, part.columns))
+            X = self._taken(part, flat[present])
+            inside[:, present] += Q.T @ X
+            squares[present] += np.einsum("ij,ij->j", X, X)
+        rest = squares - (inside**2).sum(axis=0)
         parts = np.split(rest, np.cumsum([len(group) for group in groups])[:-1])
         return np.sqrt(np.maximum([part.mean() for part in parts], 0.0))
 
