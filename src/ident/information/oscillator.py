@@ -75,14 +75,18 @@ def sprung(
     around = np.pad(g, ((1, 1), (0, 0)), mode="edge")
     g = g - (around[2:] - 2 * g + around[:-2]) / 12  # straight pieces are as large as g in the mean
     g0, slope = g[:-1], np.diff(g, axis=0) / step
-    root = np.sqrt((b - a**2).astype(complex))
-    root = np.where(np.abs(root) * step < 1e-6, 1e-6 / step, root)  # near critical damping
+    # cos x and sin x / root where it swings, cosh and sinh where it creeps
+    root, swings = np.sqrt(np.abs(b - a**2)), b >= a**2
+    short = root * step < 1e-6  # near critical damping
+    root, swings = np.where(short, 1e-6 / step, root), swings | short
     decay = np.exp(-np.clip(a * step, -MOST_TURNS, MOST_TURNS))
-    z = 1j * root * step
-    z = np.clip(z.real, -MOST_TURNS, MOST_TURNS) + 1j * z.imag
-    ahead, back = np.exp(z), np.exp(-z)
-    cosine = decay * (0.5 * (ahead + back)).real
-    sine = decay * (0.5 * (ahead - back) / (1j * root)).real
+    x = root * step
+    cosine, sine = decay * np.cos(x), decay * np.sin(x) / root
+    if not swings.all():
+        creeps = ~swings
+        x, fading = np.minimum(x[creeps], MOST_TURNS), decay[creeps]
+        cosine[creeps] = fading * np.cosh(x)
+        sine[creeps] = fading * np.sinh(x) / root[creeps]
     # ε = p0 + p1 s + homogeneous, from its values at the beginning of a step
     p1 = slope / b
     p0 = g0 / b - 2 * a * slope / b**2
