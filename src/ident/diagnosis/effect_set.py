@@ -36,7 +36,7 @@ from ident.effects.curve import PastSpeed
 from ident.effects.formula import Formula
 from ident.information import linear
 from ident.information.evidence import MAIN_CAUSE, credible, limit_by_coordinate
-from ident.information.hypotheses import Index, PartialRegression
+from ident.information.hypotheses import Array, Index, PartialRegression
 from ident.information.projection import EXACT
 
 
@@ -114,10 +114,17 @@ class EffectSet:
         squares = self.regression.losses.sum(axis=0) / self.regression.weight**2
         return float(-0.5 * (n * np.log(squares / n + 1e-300)).sum())
 
-    def rise(self, bare: EffectSet) -> float:
-        """Rise of the left-out squares without some effects, as a share; see `hypotheses`."""
-        more = bare.regression.losses - self.regression.losses
-        share = float(bare.regression.explained(more.sum(axis=0)))
+    def losses_without(self, member: Member) -> Array:
+        """Left-out squares (blocks, d) without an effect."""
+        if self.regression.sets[1:]:  # of few coordinates, whose rows are projected by themselves
+            return self.minus(member).regression.losses
+        return self.regression.losses_without(member.columns)
+
+    def rise(self, member: Member) -> float:
+        """Rise of the left-out squares without an effect, as a share; see `hypotheses`."""
+        before = self.losses_without(member).sum(axis=0)
+        fall = before - self.regression.losses.sum(axis=0)
+        share = float(self.regression.explained(fall, before))
         return share / max(1 - share, EXACT)
 
     def plus(self, evidence: Evidence, equal: tuple[Evidence, ...] = ()) -> EffectSet:
@@ -362,6 +369,6 @@ def evaluate_member(
         p = max(p, member.path or 0.0)
         believed = credible(share, limit, possible=e.sensible)
         e = replace(e, refit=refit, gain=share, limit=limit, p=p, credible=believed)
-    member = replace(member, evidence=e, gain=effect_set.rise(bare))
+    member = replace(member, evidence=e, gain=effect_set.rise(member))
     curve = _curve(member, last) or _past(member, *past)
     return replace(member, curve=curve, impossible=_impossible(member, bare.regression, last))

@@ -190,9 +190,8 @@ class Search:
                 )
             ]
             for member in sorted(doubtful, key=lambda e: now.shares[e.label]):
-                bare = now.minus(member)
-                if now.shares[member.label] < 0 or self.superfluous(now, bare, member):
-                    now = bare
+                if now.shares[member.label] < 0 or self.superfluous(now, member):
+                    now = now.minus(member)
                     break
             else:
                 return now
@@ -201,16 +200,17 @@ class Search:
         """What chance does where a member acts."""
         return self.chance.limit(now.regression.place(member.columns))
 
-    def superfluous(self, now: EffectSet, bare: EffectSet, member: Member) -> bool:
+    def superfluous(self, now: EffectSet, member: Member) -> bool:
         """Return whether a set is no worse without a member than chance makes it. What every
         machine has must only not be noise, and have columns of its own beside the others.
         """
-        if member.effect.common:
-            if bare.regression.visible([member.columns])[0] < HIDDEN:
-                return True
-            D = (bare.regression.losses - now.regression.losses).sum(axis=1)
-            return zscore(D) < self.contest.decision.rival_se
-        return now.rise(bare) < self.limit(now, member)
+        if not member.effect.common:
+            return now.rise(member) < self.limit(now, member)
+        D = (now.losses_without(member) - now.regression.losses).sum(axis=1)
+        if zscore(D) < self.contest.decision.rival_se:
+            return True
+        bare = now.regression.without(member.columns)
+        return bool(bare.visible([member.columns])[0] < HIDDEN)
 
     def add_group(self, now: EffectSet, ranking: Ranking) -> EffectSet:
         """The set with what all drives have in common, before what single joints may have; even
@@ -365,7 +365,7 @@ class Search:
         if group is not None and group.density > now.density:
             now = group
             most = max(self.new(now), key=lambda member: first.gains[member.label][0])
-            if self.superfluous(now, now.minus(most), most):
+            if self.superfluous(now, most):
                 now = self.prune(now)
         alone = max((first.gains[member.label][0] for member in self.new(now)), default=0.0)
         louder = {e.effect.label for e in first.credible if e.gain > alone} - now.labels
