@@ -467,6 +467,8 @@ class ColumnStore:
 
     def add(self, effect: Effect, shapes: Sequence[Shape]) -> np.ndarray:
         """Adds the columns of an effect at the starts of its search; returns which they are."""
+        if isinstance(effect, Curve):  # which no other rows take from these
+            return self._added(*self.table.effect_columns(effect, shapes))
         return self._added(*self.table.start_columns(effect, shapes))
 
     def add_at(self, effect: Effect, shape: Shape) -> np.ndarray:
