@@ -40,7 +40,7 @@ def deviation_rate(prediction: Prediction, samples: slice) -> tuple[np.ndarray, 
             for joint in effect.joints:
                 i = scene.mechanism.joint(joint).index
                 M[:, i, i] += values.get(f"rotor_inertia.{joint}.Ia", 0.0)
-    inertia = np.einsum("nvi,nvw,nwj->nij", L, M, L)
+    inertia = L.transpose(0, 2, 1) @ M @ L
     scale = np.trace(inertia, axis1=1, axis2=2)[:, None, None] / d
     inertia += 1e-9 * np.abs(scale) * np.eye(d)  # massless joints follow
     r = np.where(prediction.usable[samples, None], prediction.residual[samples], 0.0)
