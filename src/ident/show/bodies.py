@@ -194,13 +194,14 @@ def hull(cloud: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     points = coal.StdVec_Vec3s()
     points.extend(cloud)
     convex = coal.Convex.convexHull(points, True, "QJ Pp")  # joggled: flat ones too
-    corners = np.array(convex.points())
+    joggled = np.array(convex.points())
+    number = ((joggled[:, None] - cloud) ** 2).sum(axis=2).argmin(axis=1)  # in the cloud
     triangles = (convex.polygons(i) for i in range(convex.num_polygons))
     faces = np.array([[triangle[i] for i in range(3)] for triangle in triangles])
-    a, b, c = (corners[faces[:, i]] for i in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - corners.mean(axis=0)) < 0
+    a, b, c = (joggled[faces[:, i]] for i in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - joggled.mean(axis=0)) < 0
     faces[inward] = faces[inward][:, ::-1]
-    return corners, faces
+    return cloud, number[faces]
 
 
 # --- marks, and bodies without a shape ------------------------------------------------------------
