@@ -41,6 +41,7 @@ from ident.text import listed
 
 CODE = "changed within the log"
 FEWEST_BLOCKS = 3  # work: of each stretch
+AT_ONCE = 100  # work: causes whose gains are found together
 TIMES = 8  # work: in each of two blocks, at which the change is sought in the end
 COMPARED = 8  # work: causes whose times are sought
 ROUNDING_OF_VALUES = 1e-9  # numerics: of the largest number of a change
@@ -198,16 +199,28 @@ def change_within(first: Ranking) -> Change | None:
         )
     ]
     times = {(n, t): _since(contest, n, t) for n, t in (*begins.items(), *boundaries, *between)}
-    by_cause = [cause.gated(times[number, time]) for cause, number, time in where]
-    by_part = zip(*by_cause, strict=True)
-    gated = [np.concatenate([C.T for C in columns]).T for columns in by_part]
-    regression, new = contest.regression.bare.added(gated)
-    widths = [len(cause.names) for cause, _, _ in where]
-    groups = np.split(new, np.cumsum(widths)[:-1])
-    measured = regression.gains(groups)
-    gains = regression.explained(measured.by)
+    bare = contest.regression.bare
+    before = bare.losses.sum(axis=0)
+
+    def with_gated(
+        chosen: Sequence[tuple[Course, int, float]],
+    ) -> tuple[PartialRegression, list[Index]]:
+        """The rows with the columns of some causes from their times on, and which these are."""
+        by_cause = [cause.gated(times[number, time]) for cause, number, time in chosen]
+        by_part = zip(*by_cause, strict=True)
+        gated = [np.concatenate([C.T for C in columns]).T for columns in by_part]
+        regression, new = bare.added(gated)
+        widths = [len(cause.names) for cause, _, _ in chosen]
+        return regression, np.split(new, np.cumsum(widths)[:-1])
+
+    falls = list[Array]()
+    for start in range(0, len(where), AT_ONCE):  # all of them would be gigabytes
+        regression, groups = with_gated(where[start : start + AT_ONCE])
+        falls.append(regression.gains(groups).by)
+    by = np.concatenate(falls)
+    gains = bare.explained(by, before)
     best = int(gains.argmax())
-    share = float(regression.explained_by_coordinate(measured.by[best]).max())
+    share = float(bare.explained_by_coordinate(by[best], before).max())
     if share <= MAIN_CAUSE * BLURRED:
         return None
     # the times of the best ones, and the simplest of those that do as well
@@ -233,6 +246,7 @@ def change_within(first: Ranking) -> Change | None:
     if contest.regression.residual[0].shape[1] <= 1:
         contest = judging(contest)
     chance, gain = surprise(contest.decision.alpha), float(gains[best])
+    regression, groups = with_gated(where)
     regression = regression.with_targets([part.Y for part in contest.regression.parts])
     p = _chance(gain, regression, groups)
     if not credible(surprise(p), chance):

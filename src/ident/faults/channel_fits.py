@@ -31,6 +31,7 @@ from ident.mechanism.parameters import kinetic_energies
 
 FAR = 7  # work: shifts round the log by so many parts of it: torques of another time
 IN_MEMORY = 30_000_000  # work: numbers of all Gram matrices, a quarter of a gigabyte
+AT_ONCE = 3_000_000  # work: the same, with which one pass works
 LONGEST = 0.1  # range: s; a torque that is later still is another log's
 NODES = 12  # work: shifts on either side, from one sample up to LONGEST
 SMALL = 0.01  # tuned: relative error below which no channel is blamed, none is better
@@ -159,6 +160,11 @@ class ChannelEquations:
         )  # fmt: skip
 
     @property
+    def without_rows(self) -> ChannelEquations:
+        """The same without Gram matrices."""
+        return replace(self, gram=self.gram[:0].copy(), memo={})
+
+    @property
     def _by_rows(self) -> bool:
         """Whether the rows are held instead of their products."""
         return self.gram.shape[2] != self.gram.shape[3]
@@ -171,9 +177,9 @@ class ChannelEquations:
         return np.asarray(sum(grams.sum(axis=0) for _, grams in self._in_memory()))
 
     def _in_memory(self) -> Iterator[tuple[slice, Array]]:
-        """Yield blocks and their Gram matrices (blocks, d, …), as many as memory holds at once."""
+        """Yield blocks and their Gram matrices (blocks, d, …), some at once."""
         width = self.gram.shape[1] * self.gram.shape[3] ** 2
-        most = max(1, IN_MEMORY // width)
+        most = max(1, AT_ONCE // width)
         for start in range(0, len(self.gram), most):
             part = slice(start, start + most)
             x = self.gram[part]

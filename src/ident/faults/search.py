@@ -100,6 +100,14 @@ class FaultTrial:
         """Log density (blocks, d) of the torques of each block, fitted to the others."""
         return self.equations.left_out(self.fault, self.noise)
 
+    @property
+    def evaluated(self) -> FaultTrial:
+        """The trial with what it is compared by, without its rows, of which few fit in memory."""
+        bare = replace(self, equations=self.equations.without_rows)
+        compared = ("rows", "noise", "held_out_density")
+        vars(bare).update({name: getattr(self, name) for name in compared})
+        return bare
+
 
 @dataclass(frozen=True, eq=False)
 class FaultSearch:
@@ -328,16 +336,17 @@ class FaultSearch:
                 if len(attempt.equations.rows) == len(base):
                     _score(scores, attempt)
         possible = [fault for fault in faults if scores[fault.identity] > -np.inf]
-        closest = [*map(trial, nlargest(CLOSEST, possible, key=lambda x: scores[x.identity]))]
+        closest = nlargest(CLOSEST, possible, key=lambda x: scores[x.identity])
         if not closest:
             return None
-        best, *others = closest
+        best, others = trial(closest[0]), [trial(fault).evaluated for fault in closest[1:]]
         if best.fault.kind == "motors":  # of several matrices as good the simplest is named
             ratio = "motors", best.fault.number
             same = [x for x in others if (x.fault.kind, x.fault.number) == ratio]
             equal = [best, *rivals_of(best, same, best.ahead_of)]
-            best = min(equal, key=lambda x: faults.index(x.fault))
-            others = [other for other in closest if other is not best]
+            simplest = min(equal, key=lambda x: faults.index(x.fault))
+            others = [other for other in (best, *others) if other is not simplest]
+            best = best if simplest is best else trial(simplest.fault)
         if best.fault.kind == "time":
             at = CLOCKS.index(best.fault.number[0])
             ends = CLOCKS[max(at - 1, 0)], CLOCKS[min(at + 1, len(CLOCKS) - 1)]
