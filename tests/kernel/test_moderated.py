@@ -90,6 +90,27 @@ def test_an_unknown_of_which_rows_tell_nothing_changes_no_noise(last):
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
+def test_how_much_noise_a_prior_outweighs_widens_nothing():
+    """A share of each variance, so small noise beside a prior is noise all the same."""
+    wider = []
+    for size in (1.0, 1e-6):
+        information, fitted, white = _case(0, loud=3.0)
+        small = moderated_covariance(information, fitted, white * size)
+        wider.append(np.sqrt(np.diag(small) / np.diag(white) / size))
+    assert (wider[1] >= wider[0]).all()  # the same scatter of blocks is more of less noise
+
+
+def test_many_unknowns_of_rounding_change_no_lags():
+    def found(rounding):
+        information, fitted, white = _case(0)
+        T, k = information, len(white)
+        changed = white.copy()
+        changed[k - 1, k - 1] = rounding
+        return moderated_covariance(T, fitted, changed)[:-1, :-1]
+
+    np.testing.assert_allclose(found(1e-17), found(-1e-17), rtol=1e-12)
+
+
 def test_without_noise_there_is_none():
     information, fitted, white = _case(0)
     none = np.zeros_like(white)

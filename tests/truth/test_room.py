@@ -33,3 +33,19 @@ def test_a_fit_is_the_same_with_and_without_room(name, effects, monkeypatch):
     monkeypatch.setattr(Store, "LIMIT", 0)
     for one, other in zip(kept, numbers(), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_what_is_kept_in_any_case_is_bounded(monkeypatch):
+    """Rows of Γ for loads that a search asks for: the least of what a state keeps, and most."""
+    mechanism = robot("arm").with_effect("viscous").with_effect("load_friction")
+    log = plant(mechanism, motion_log("arm", 100.0, 4.0), seed=1).log
+    monkeypatch.setattr(Store, "LIMIT", 0)
+    most = []
+    for limit in (Store.OF_STATE, 100_000):
+        monkeypatch.setattr(Store, "OF_STATE", limit)
+        motion = complete(mechanism, log)
+        identify(mechanism, motion, estimator="least-squares")
+        (e,) = motion.experiments
+        most.append(sum(x.nbytes for _, arrays in e.store._arrays.values() for x in arrays))
+        assert most[-1] <= limit
+    assert most[0] > most[1] > 0

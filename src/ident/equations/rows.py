@@ -37,6 +37,7 @@ from ident.equations.terms import (
     Terms,
     effect_terms,
     is_plain,
+    series_step,
     smooth_columns,
     smooth_places,
     unbalanced,
@@ -227,7 +228,8 @@ def holding_torques(mechanism: Mechanism, e: State) -> np.ndarray:
 def _earlier(now: Samples, base: Samples, d: float, name: str) -> Samples:
     """Return samples of the state d [s] before, so that dry friction jumps there as it does where
     positions are read as much earlier, and forces are as near to those now as they are there; the
-    load of the joint `name` of a tree, which is smooth, is interpolated where it would take a pass.
+    load of the joint `name` of a tree is interpolated where it would take a pass, if series of this
+    motion may be made of fewer samples than there are.
     """
     e = now.e
     stored = base.memo.setdefault(EARLIER, {}) if base.same_motion(now) else {}
@@ -237,7 +239,8 @@ def _earlier(now: Samples, base: Samples, d: float, name: str) -> Samples:
         earlier = replace(now, e=e.at(now.mechanism, shifted.transpose(1, 0, 2)), memo={})
         stored[d] = linearized(earlier, base)
     made: Samples = stored[d]  # corrections of torques change no force of the model
-    if NEARBY not in made.memo and e.loop is None and e.wrench is None:
+    whole = e.loop is None and e.wrench is None and len(e.segments()) == 1
+    if NEARBY not in made.memo and whole and series_step(e, now.mechanism.model) > 1:
         load = now.predicted((name,))[1]
         made.memo.setdefault(("loads", (name,)), late(e.t, load, d))
     return replace(now, e=made.e, memo=made.memo)
@@ -830,13 +833,6 @@ def smooth_step(scene: Scene, cutoff: float | None) -> int:
     e.store.put(key, model, [np.array([step])], always=True)
     e.store.put(NODES, model, [np.array([step, tolerance])], always=True)
     return step
-
-
-def take_step(scene: Scene, other: Scene, cutoff: float | None) -> None:
-    """Make rows of a state from samples as far from each other as those of another one."""
-    for key in (("step", cutoff), NODES):
-        if (stored := other.e.store.get(key, other.mechanism.model)) is not None:
-            scene.e.store.put(key, scene.mechanism.model, stored, always=True)
 
 
 def row_supports(mechanism: Mechanism, columns: Columns, e: State) -> list[np.ndarray]:

@@ -17,16 +17,7 @@ import numpy as np
 from ident.effects import Effect, Signals
 from ident.equations.filter import Decimator, Product, multiplied, products
 from ident.equations.nearby import difference, linearized
-from ident.equations.rows import (
-    Rows,
-    Scene,
-    corrected,
-    perturbed,
-    rows,
-    slightly_further,
-    take_step,
-    twist_of,
-)
+from ident.equations.rows import Rows, Scene, corrected, perturbed, rows, slightly_further, twist_of
 from ident.equations.terms import Samples, residual
 from ident.equations.thinning import SplineProduct, multiplied_splines, spline_products
 from ident.equations.twists import twist_slopes
@@ -75,21 +66,15 @@ class Table(Rows):
     @classmethod
     def of(
         cls, mechanism: Mechanism, columns: Columns, motion: Motion, point: Point,
-        keep: bool = True, as_smooth: Table | None = None,
+        keep: bool = True,
     ) -> Table:  # fmt: skip
-        """Return the rows of a model at a working point.
-
-        Args:
-            keep: as `rows` takes it.
-            as_smooth: rows of the same logs, whose motion is as smooth.
+        """Return the rows of a model at a working point; `keep`: as `rows` takes it.
 
         Raises:
             MotionError: if no sample is usable, as where a delay may be longer than the log is.
         """
         cutoff = motion.band.cutoff
         scenes = tuple(Scene.of(mechanism, columns, e, point, cutoff) for e in motion.experiments)
-        for scene, other in zip(scenes, as_smooth.scenes if as_smooth else (), strict=False):
-            take_step(scene, other, cutoff)
         expected = sum(len(s.e) // Decimator.of(cutoff, s.e.rate).factor for s in scenes)
         every = max(1, -(-expected // TABLE))
         parts, number, scales = [], [], []

@@ -36,7 +36,7 @@ from ident.motion.state import State
 
 STEP = 1e-3  # numerics: of the range of a shape parameter, for differences
 SLIGHTLY = 1e-5  # numerics: [rad | m | per second] step along a coordinate, for differences
-# work: bytes of Γ at all samples of a state, or of one row of it, up to which it is kept unfiltered
+# work: bytes of Γ at all samples of a state, up to which it is kept unfiltered
 GAMMA_BYTES = 48_000_000
 MOST_BYTES = 100_000_000  # work: of derivatives that are kept with a state
 FEWEST = 30  # work: samples from which one pass of derivatives is faster than several of forces
@@ -127,7 +127,7 @@ class Samples:
         e, model, made = self.e, self.mechanism.model, self.memo[RIGID]
         key = "series", pi.tobytes()
         if key not in made:
-            step = _series_step(e, model)
+            step = series_step(e, model)
 
             def make(at: np.ndarray) -> np.ndarray:
                 return rigid_forces(model, e.q[at], e.v[at], e.a[at], pi)
@@ -411,7 +411,7 @@ class Samples:
         stored = e.store.get(key, model)
         if stored is None and times[0] >= OFTEN:
             span, n = row_spans(model)[index], len(e)
-            if 8 * n * (span.stop - span.start) > GAMMA_BYTES:
+            if not e.store.fits_always(8 * n * (span.stop - span.start)):
                 return None
             parts = (slice(i, min(i + CHUNK, n)) for i in range(0, n, CHUNK))
             pieces = [regressor(model, e.q[x], e.v[x], e.a[x])[:, index, span] for x in parts]
@@ -566,7 +566,7 @@ def _from_nodes(e: State, step: int, make: Callable[[np.ndarray], np.ndarray]) -
     return out
 
 
-def _series_step(e: State, model: pin.Model) -> int:
+def series_step(e: State, model: pin.Model) -> int:
     """Return the distance of nodes from which series of a state are made at all samples: that of
     its rows, if the accelerations, the roughest of the motion, show no difference; else 1.
     """

@@ -224,9 +224,7 @@ class ReducedRows(FitRows):
     def corrected(self, x: Array, causes: Sequence[CalibrationError], values: Array) -> FitRows:
         """Return the rows of corrected logs and mechanism."""
         mechanism, point = self._corrected(x, causes, values)
-        table = Table.of(
-            mechanism, Columns.of(mechanism), self.problem.motion, point, as_smooth=self.table
-        )
+        table = Table.of(mechanism, Columns.of(mechanism), self.problem.motion, point)
         return ReducedRows(self.problem, table)
 
     def jitter(self, x: Array, causes: Sequence[CalibrationError]) -> Array:

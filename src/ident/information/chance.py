@@ -48,7 +48,8 @@ LASTING = 0.8  # tuned: the most by which a block is believed to resemble the on
 FEWEST_EQUATIONS = 3.0  # level: equations a parameter below which values follow the noise
 FEWEST_SQUARES = 3.0  # level: ν below which the t-distribution's width means nothing
 MANY_SQUARES = 100.0  # level: ν beyond which it is no wider than a normal distribution
-OF_PRIOR = 1e-9  # numerics: share of a variance by noise, below which a prior alone decides
+# numerics: of the largest share that noise has in a variance: a smaller one is rounding
+OF_LARGEST = 1e-10
 SQUARES_APART = 1e-12  # numerics: of ν: a smaller step of its search is the last
 
 Times = Sequence[tuple[int, int]]  # (log, block)
@@ -93,14 +94,14 @@ def moderated_covariance(information: Information, estimate: Estimate, white: Ar
     Parameters of which the prior alone tells have w_i of rounding, and no part in this.
     """
     blocks, w = LeftOut.of(information, estimate, with_prior=True), np.diag(white)
-    by_rows = w > OF_PRIOR * estimate.solution.C.diagonal()
+    by_noise = w / estimate.solution.C.diagonal()
+    by_rows = by_noise > OF_LARGEST * by_noise.max(initial=0.0)
     if len(blocks.times) < 2 or not by_rows.any():
         return white
-    changes, shares = blocks.unbiased_changes
+    changes, shares = (x[:, by_rows] for x in blocks.unbiased_changes)
     total, nu = long_run(information.neighbours, changes, shares)
-    count = len(blocks.times)
-    w, nu = w[by_rows], nu[by_rows]
-    ratio = np.maximum(np.diag(total)[by_rows] * count / (count - 1) / w, np.finfo(float).tiny)
+    count, w = len(blocks.times), w[by_rows]
+    ratio = np.maximum(np.diag(total) * count / (count - 1) / w, np.finfo(float).tiny)
     e = np.log(ratio) - digamma(nu / 2) + np.log(nu / 2)
     common = max(float(np.exp(np.mean(e))), 1.0)
     nu_common = _squares_of_spread(float(np.var(e) - np.mean(trigamma(nu / 2))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, reduce
@@ -34,8 +35,18 @@ FEWEST_DUMMIES = 2  # range: bodies of the same numbers, which no machine has
 GENERAL_STEP = 0.05  # range: [rad | m] from the assembled configuration to one in general position
 SHORTEST = 1e-6  # numerics: [m] of a length of the drawing that may be wrong
 DEGREES = {"free": -1, "linear": 1, "cubic": 3, "quintic": 5}
-#: kinematics in use, by the identity of their model and closures, which they keep
-_compiled = WeakValueDictionary[tuple[int, int], Kinematics]()
+
+
+class KinematicsInUse(threading.local):
+    """A thread's kinematics by the identity of their model and closures, which they keep; what is
+    compiled writes to memory of its own, so that two threads never share one.
+    """
+
+    def __init__(self) -> None:
+        self.known = WeakValueDictionary[tuple[int, int], Kinematics]()
+
+
+_in_use = KinematicsInUse()
 
 
 @dataclass(frozen=True)
@@ -171,9 +182,9 @@ class Mechanism(Displayed):
         """Φ, J and J̇v as compiled functions, once for mechanisms that differ in effects alone."""
         tree = {joint.name: joint.index for joint in self.joints if joint.in_tree}
         key = id(self.model), id(self.closures)  # the entry keeps both alive
-        known = _compiled.get(key)
+        known = _in_use.known.get(key)
         if known is None or known.coordinates != tree:
-            known = _compiled[key] = Kinematics(self.model, self.closures, tree)
+            known = _in_use.known[key] = Kinematics(self.model, self.closures, tree)
         return known
 
     @cached_property

@@ -27,17 +27,20 @@ LEFT_OPEN = 1e-6  # numerics: [m | rad] largest equation of a sample, used at ot
 
 
 class Store:
-    """A cache of a state's slow arrays; those of all states stay below `LIMIT` bytes, but for those
-    by which others are made in another way: no result depends on how much room there is.
+    """A cache of a state's slow arrays; those of all states stay below `LIMIT` bytes, but for up to
+    `OF_STATE` bytes of a state by which others are made in another way: no result depends on how
+    much room others leave.
     """
 
     LIMIT: ClassVar[int] = 128_000_000
+    OF_STATE: ClassVar[int] = 64_000_000  # work: bytes that are kept whatever other states keep
     STATES: ClassVar[int] = 2  # work: that are kept: at a point, and a step of one shape from it
     _used: ClassVar[int] = 0
 
     def __init__(self) -> None:
         self._arrays: dict[object, tuple[object, Sequence[np.ndarray]]] = {}
         self._states: dict[object, tuple[object, State]] = {}
+        self._always = 0  # bytes that are kept in any case
 
     def get(self, key: object, owner: object) -> Any:
         """The entry of a key and this very owner; None if there is none."""
@@ -51,7 +54,12 @@ class Store:
         size = sum(x.nbytes for x in value)
         if (always or self.fits(size)) and key not in self._arrays:
             Store._used += size
+            self._always += always * size
             self._arrays[key] = owner, value
+
+    def fits_always(self, size: int) -> bool:
+        """Whether so many bytes more can be kept in any case."""
+        return self._always + size <= self.OF_STATE
 
     def state(self, key: object, owner: object) -> State | None:
         """Return the state that was made from this one by a key, of this very owner, or None."""
