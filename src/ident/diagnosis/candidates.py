@@ -77,6 +77,7 @@ def candidates_of(fit: Fit) -> list[Effect]:
     every = possible(fit.mechanism, fit.motion)
     free, resting = swinging_freely(fit), always_at_rest(fit)
     acted_on = any(np.any(e.tau) or np.any(e.wrench) for e in fit.motion.experiments)
+    both_ways = moving_both_ways(fit)
 
     def trivial(effect: Effect) -> bool:
         """Whether it may take all known forces off again, which a torque of zero does not ask."""
@@ -89,6 +90,7 @@ def candidates_of(fit: Fit) -> list[Effect]:
         for e in every
         if not (absorbed(fit.mechanism, e) or trivial(e))
         and not (e.local and e.joints and resting.issuperset(e.joints))
+        and not (e.by_direction and not both_ways.issuperset(e.joints))
         # what moves behind a joint of a loop is known of independent ones
         and not (
             fit.mechanism.closures
@@ -97,6 +99,16 @@ def candidates_of(fit: Fit) -> list[Effect]:
             and not {*e.joints} <= {*fit.motion.independent}
         )
     ]
+
+
+def moving_both_ways(fit: Fit) -> set[str]:
+    """Return the joints that move to and fro in some log."""
+    joints = set[str]()
+    for e in fit.motion.experiments:
+        speeds = e.yd[e.usable]
+        both = (speeds > e.still).any(axis=0) & (speeds < -e.still).any(axis=0)
+        joints |= {name for name, i in fit.mechanism.joint_index.items() if both[i]}
+    return joints
 
 
 def always_at_rest(fit: Fit) -> set[str]:

@@ -284,6 +284,7 @@ class Effect(ABC):
     slow: ClassVar[bool] = False  # it shows at low speed
     at_reversals: ClassVar[bool] = False  # its torque acts while its joint turns round
     jumps: ClassVar[bool] = False  # its torque jumps where the speed reverses
+    by_direction: ClassVar[bool] = False  # a difference: of one direction it is other effects
     descriptive: ClassVar[bool] = False  # a curve rather than a law: a formula may replace it
     of_position: ClassVar[bool] = False  # its torque depends on its joint's position alone
     waves: ClassVar[str] = ""  # of position: the shape parameter that is their number a radian

@@ -195,6 +195,7 @@ class DirectionFriction(Effect):
     # are these levels too, so that dFc is a constant, which `torque_offset` is by itself
 
     kind = "direction_friction"
+    by_direction = True
     noun = "friction that differs by direction"
     unknowns = (
         Unknown("dFc", ("N m", "N"), "half of the difference of the levels", acts="linear"),
