@@ -90,3 +90,18 @@ def test_a_play_without_load_for_a_while_changes_its_side(still):
     delta = with_play(STEP, turning, np.ones(len(turning)), 1e-4)
     assert (delta[: 30 + still] == 5e-5).all()
     assert (delta[35 + still :] == -5e-5).all()
+
+
+@pytest.mark.parametrize("damping", [60.0, 600.0])
+def test_a_link_that_creeps_forgets_as_slowly_as_it_does(damping):
+    """Its fast mode is over within a step, thousands of times; its slow one takes many."""
+    step, inertia, compliance = 0.002, 1e-4, 0.002
+    t = step * np.arange(400)
+    load = np.sin(2 * np.pi * t / 0.12)
+    carried = np.full(400, inertia), np.zeros(400), np.zeros(400)
+    found = sprung(step, load[:, None], carried, compliance, damping, start=np.zeros(1))[0][:, 0]
+    # D δ̇ + δ/c = L, as M is nothing beside D
+    rate, wave = 1 / (damping * compliance), 2 * np.pi / 0.12
+    a = 1 / (damping * (rate**2 + wave**2))
+    expected = a * (rate * np.sin(wave * t) - wave * np.cos(wave * t) + wave * np.exp(-rate * t))
+    assert np.abs(found - expected).max() < 0.03 * np.abs(expected).max()

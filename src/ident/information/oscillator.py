@@ -84,9 +84,10 @@ def sprung(
     cosine, sine = decay * np.cos(x), decay * np.sin(x) / root
     if not swings.all():
         creeps = ~swings
-        x, fading = np.minimum(x[creeps], MOST_TURNS), decay[creeps]
-        cosine[creeps] = fading * np.cosh(x)
-        sine[creeps] = fading * np.sinh(x) / root[creeps]
+        exponents = -step * np.stack([a - root, a + root])[:, creeps]
+        slow, fast = np.exp(np.clip(exponents, -MOST_TURNS, MOST_TURNS))
+        cosine[creeps] = 0.5 * (slow + fast)
+        sine[creeps] = 0.5 * (slow - fast) / root[creeps]
     # ε = p0 + p1 s + homogeneous, from its values at the beginning of a step
     p1 = slope / b
     p0 = g0 / b - 2 * a * slope / b**2
